@@ -1,0 +1,1 @@
+//! Inference of every controller in one written-down binary32 arithmetic.

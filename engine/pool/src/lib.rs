@@ -1,0 +1,1 @@
+//! The optimization tool's side: discovery, dispatch of episodes, results.

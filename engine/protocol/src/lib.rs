@@ -1,0 +1,1 @@
+//! Typed messages to bytes and back, topics, hashes, validation.

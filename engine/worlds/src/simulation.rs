@@ -1,0 +1,96 @@
+//! The trait that every simulation implements, and the scene by which it is shown.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// Problem-specific parameters, as they stand in a parameters message (D6.1, Schema 10).
+pub type Parameters = Map<String, Value>;
+
+/// What a simulation says of itself before it is configured.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Description {
+    /// The title used in discovery.
+    pub title: String,
+    /// Number of spatial dimensions.
+    pub dimensions: u32,
+    /// Largest number of agents, none for no limit.
+    pub max_agents: Option<u32>,
+    /// Numbers in one agent's sensor message.
+    pub sensors: usize,
+    /// Numbers in one agent's actuator message.
+    pub actuators: usize,
+}
+
+/// A parameter that cannot be used; says which, why and what would be right.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("parameter {name}: {reason}")]
+pub struct ParameterError {
+    /// The parameter's name as in the message.
+    pub name: String,
+    /// What is wrong and what is expected.
+    pub reason: String,
+}
+
+/// An environment that can be reset and stepped. One object runs one episode at a time, any number in turn.
+pub trait Simulation: Send {
+    /// What this simulation offers; the same at any time.
+    fn description(&self) -> Description;
+
+    /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.
+    ///
+    /// # Errors
+    /// A parameter of the wrong type or out of range; the simulation is then not to be stepped.
+    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError>;
+
+    /// The agents whose actuators the next step needs, ascending; none when the episode has ended.
+    fn acting(&self) -> &[u32];
+
+    /// Writes the sensors of one acting agent.
+    fn sense(&self, agent: u32, sensors: &mut [f32]);
+
+    /// Moves on by one step. `actuators` holds one row per acting agent, in the order of `acting`, each number in -1..=1.
+    fn step(&mut self, actuators: &[f32]);
+
+    /// Fitness of the episode so far; larger is better.
+    fn fitness(&self) -> f64;
+
+    /// What can be seen now; none if there is nothing to show.
+    fn scene(&self) -> Option<Scene> {
+        None
+    }
+
+    /// Milliseconds between two frames when shown.
+    fn step_size(&self) -> u64 {
+        250
+    }
+}
+
+/// A picture of a two-dimensional world: what stands where.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scene {
+    /// Extent in x, metres or cells.
+    pub width: f32,
+    /// Extent in y, metres or cells.
+    pub height: f32,
+    /// Steps done.
+    pub step: u32,
+    /// A line to show above.
+    pub message: String,
+    /// Everything there is, what lies below first.
+    pub bodies: Vec<Body>,
+}
+
+/// One thing in a scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Body {
+    /// What it is: agent, defender, goal, exit, blockade, ...
+    pub kind: &'static str,
+    /// Position in x.
+    pub x: f32,
+    /// Position in y.
+    pub y: f32,
+    /// How it fares: free, arrived, caught, or empty.
+    pub state: &'static str,
+    /// Radius, same unit as the position; 0 for a point.
+    pub radius: f32,
+}

@@ -1,0 +1,1 @@
+//! Simulation wrapper: a Simulation becomes a simulation server on the broker.
