@@ -1,0 +1,85 @@
+"""The table of commands, imported when asked for; a mistyped name is answered with the nearest."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from typing import Any
+
+import click
+
+COMMANDS = ("optimize", "simulate", "replay", "new", "broker", "serve", "servers", "runs", "schema")
+
+
+class Command(click.Command):
+    """A command whose help ends with an example."""
+
+    def __init__(self, *args: Any, example: str, **kwargs: Any) -> None:  # noqa: ANN401 - click's own signature
+        super().__init__(*args, **kwargs)
+        self.example = example
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the example as it is typed, unwrapped."""
+        formatter.write_paragraph()
+        formatter.write("Example:\n")
+        for line in self.example.splitlines():
+            formatter.write(f"  {line}\n")
+
+
+class Group(click.Group):
+    """A group of commands that answers a mistyped one with the nearest."""
+
+    def __init__(self, *args: Any, modules: Mapping[str, str], example: str, **kwargs: Any) -> None:  # noqa: ANN401
+        super().__init__(*args, **kwargs)
+        self.modules = dict(modules)
+        self.example = example
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of the table."""
+        return [*self.modules, *self.commands]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the command's module, which names its command `command`."""
+        if cmd_name not in self.modules:
+            return super().get_command(ctx, cmd_name)
+        command = import_module(self.modules[cmd_name]).command
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, or say which one was meant."""
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            raise click.UsageError(unknown("command", args[0], self.list_commands(ctx)), ctx)
+        return super().resolve_command(ctx, args)
+
+    format_epilog = Command.format_epilog
+
+
+def unknown(what: str, name: str, known: Iterable[str]) -> str:
+    """A sentence for a name that does not exist: what was meant perhaps, and what there is."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    meant = f"; did you mean '{near[0]}'?" if near else "."
+    return f"unknown {what} '{name}'{meant} There is: {', '.join(names)}."
+
+
+def _print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        from swarmwright import __version__
+
+        click.echo(f"swarmwright {__version__}")
+        context.exit()
+
+
+@click.group(
+    cls=Group,
+    modules={name: f"swarmwright.cli.{name}" for name in COMMANDS},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",
+)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
+)
+def program() -> None:
+    """Evolve controllers for swarms on many simulation servers through an MQTT broker."""

@@ -1,0 +1,101 @@
+"""Entry of the program: runs a command and turns whatever ends it into a message and an exit status."""
+
+import errno
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from swarmwright.cli._commands import program
+from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
+
+FAILED = 1
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit status.
+
+    arguments: without the program's name; the process's own when not given.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that cannot show a character shows a question mark rather than an error.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    try:
+        with terminate_like_interrupt():
+            status = _status(arguments)
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    except BrokenPipeError:
+        status = _reader_gone()
+    return status
+
+
+def _status(arguments: Sequence[str] | None) -> int:
+    try:
+        result = program.main(args=arguments, prog_name="swarmwright", standalone_mode=False)
+    except click.ClickException as error:
+        _show_usage_error(error)
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        _complain("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the last resort: a person never sees a traceback
+        if os.environ.get("SWARMWRIGHT_DEBUG"):
+            raise
+        return _show_error(error)
+    return result if isinstance(result, int) else 0
+
+
+def _show_usage_error(error: click.ClickException) -> None:
+    message = error.format_message()
+    if isinstance(error, click.UsageError) and error.ctx is not None:
+        help_command = f"{error.ctx.command_path} --help"
+        _complain(f"{message}\nTry '{help_command}'.")
+    else:
+        _complain(message)
+
+
+def _show_error(error: Exception) -> int:
+    """Say what went wrong; the exit status that goes with it."""
+    status = getattr(error, "exit_status", None)
+    if isinstance(status, int):
+        _complain(str(error))
+        return status
+    engine = sys.modules.get("swarmwright._engine")
+    if engine is not None and isinstance(error, engine.InputError):
+        _complain(str(error))
+        return click.UsageError.exit_code
+    if engine is not None and isinstance(error, engine.EngineError):
+        _complain(str(error))
+        return FAILED
+    if isinstance(error, OSError) and error.errno is not None:
+        where = f"{error.filename}: " if error.filename else ""
+        hint = "; free some space and run again" if error.errno == errno.ENOSPC else ""
+        _complain(f"{where}{error.strerror}{hint}")
+        return FAILED
+    _complain(
+        f"internal error: {type(error).__name__}: {error}\n"
+        "This is a fault of Swarmwright's. Please report it with what SWARMWRIGHT_DEBUG=1 shows."
+    )
+    return FAILED
+
+
+def _complain(message: str) -> None:
+    try:
+        sys.stderr.write(f"swarmwright: {message}\n")
+        sys.stderr.flush()
+    except OSError:
+        pass  # nobody reads; the exit status remains
+
+
+def _reader_gone() -> int:
+    """The reader of the output left (`| head`): be quiet, and keep Python from complaining at exit."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, sys.stdout.fileno())
+    os.close(sink)
+    return 0

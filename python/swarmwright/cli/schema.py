@@ -1,0 +1,24 @@
+"""`swarmwright schema`: the JSON Schema of experiment files."""
+
+import json
+
+import click
+
+from swarmwright.cli._commands import Command
+
+
+@click.command(
+    "schema",
+    cls=Command,
+    example="swarmwright schema > experiment.schema.json\n"
+    "# first line of my.yaml, read by editors with a YAML language server:\n"
+    "# yaml-language-server: $schema=experiment.schema.json",
+)
+def command() -> None:
+    """Print the JSON Schema of experiment files.
+
+    With it an editor completes keys, shows what they mean and marks mistakes.
+    """
+    from swarmwright import Experiment
+
+    click.echo(json.dumps(Experiment.json_schema(), indent=2, allow_nan=False))

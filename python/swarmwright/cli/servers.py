@@ -1,0 +1,91 @@
+"""`swarmwright servers`: who is there."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
+from swarmwright.cli._output import Output
+
+HEADINGS = ("id", "host/pid", "state", "for whom", "since", "simulations", "dimensions", "sensors", "actuators")
+COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
+
+
+@click.command("servers", cls=Command, example="swarmwright servers --broker mqtt://localhost:1883")
+@broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
+@prefix_option
+@click.option(
+    "--wait",
+    type=click.FloatRange(0.0, 3600.0),
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long to listen for answers.",
+)
+@json_option
+def command(broker: str, prefix: str, wait: float, as_json: bool) -> None:
+    """List the simulation servers on a broker.
+
+    What each offers, and whether it is ready, busy (and for whom) or lost.
+    """
+    from swarmwright import _engine
+
+    output = Output(as_json=as_json)
+    found = json.loads(_engine.servers(broker, prefix=prefix, wait=wait))
+    for server in found:
+        output.json(server)
+    if as_json:
+        return
+    if not found:
+        output.text(f"No simulation server on {broker}.")
+        output.text(f"Start one with: swarmwright serve minisim --broker {broker}")
+        return
+    rows = [row(server) for server in found]
+    if output.terminal:
+        _table(output, rows)
+    else:
+        for line in [HEADINGS, *rows]:
+            output.text("\t".join(line))
+
+
+def row(server: Mapping[str, Any]) -> tuple[str, ...]:
+    """What the table says of one server, a cell per heading; '-' where it does not say."""
+    capabilities = server.get("capabilities") or {}
+    extension = capabilities.get("swarmwright") or {}
+
+    def cell(*keys: str) -> str:
+        for source in (server, capabilities, extension):
+            for key in keys:
+                if source.get(key) is not None:
+                    return str(source[key])
+        return "-"
+
+    return (
+        cell("server"),
+        f"{cell('host')}/{cell('pid')}",
+        cell("state"),
+        cell("tool"),
+        cell("since"),
+        ", ".join(map(str, server.get("simulations") or ["-"])),
+        cell("dimensions"),
+        cell("sensors"),
+        cell("actuators"),
+    )
+
+
+def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD if output.unicode else box.ASCII, pad_edge=False)
+    for heading in HEADINGS:
+        right = heading in ("id", "dimensions", "sensors", "actuators")
+        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    for cells in rows:
+        state = cells[2]
+        table.add_row(*cells[:2], Text(state, style=COLORS.get(state, "")), *cells[3:])
+    output.console().print(table)
