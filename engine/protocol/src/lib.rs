@@ -1,1 +1,45 @@
 //! Typed messages to bytes and back, topics, hashes, validation.
+//!
+//! The contract itself is in `protocol/` at the root of the repository; the tests here replay its golden vectors.
+
+mod hash;
+mod messages;
+mod numbers;
+mod presence;
+mod readings;
+mod topics;
+
+pub use hash::EpisodeHasher;
+pub use messages::{
+    Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
+    ServerMessage,
+};
+pub use presence::{Presence, State};
+pub use readings::{Actuator, Fitness, Sensor};
+pub use topics::{Topic, TopicError, Topics};
+
+/// Larger payloads are refused unread.
+pub const MAX_PAYLOAD: usize = 1 << 20;
+
+/// Why a payload is no message of its topic.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// Larger than [`MAX_PAYLOAD`].
+    #[error("{0} bytes are more than the {MAX_PAYLOAD} that a message may have")]
+    TooLarge(usize),
+    /// No JSON, or JSON of another shape; where and what was expected.
+    #[error("{0}")]
+    Json(String),
+    /// A key that has to be there is not.
+    #[error("the required key \"{0}\" is missing")]
+    Missing(&'static str),
+    /// A value that has the right type and yet cannot be.
+    #[error("{0}")]
+    Value(String),
+}
+
+impl From<serde_json::Error> for DecodeError {
+    fn from(error: serde_json::Error) -> Self {
+        Self::Json(error.to_string())
+    }
+}

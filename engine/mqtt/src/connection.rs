@@ -1,0 +1,445 @@
+//! The event loop: one socket, one thread, reconnection.
+
+use std::io::ErrorKind;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use mio::{Events, Interest, Poll, Token};
+
+use crate::ConnectError;
+use crate::session::{Incoming, QoS, Received, Session, Subscription, Version};
+use crate::settings::Settings;
+use crate::transport::Transport;
+
+const SOCKET: Token = Token(0);
+const WAKER: Token = Token(1);
+const CHUNK: usize = 1 << 16;
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+
+/// Something that happened on the connection.
+#[derive(Debug)]
+pub enum Event {
+    /// Connected again and subscribed again; what was published meanwhile is lost.
+    Connected,
+    /// The connection broke; it is being tried again.
+    Disconnected {
+        /// Why.
+        reason: String,
+    },
+    /// A message came in.
+    Message(Incoming),
+}
+
+/// Ends a `poll` of another thread.
+#[derive(Clone)]
+pub struct Waker(Arc<mio::Waker>);
+
+impl Waker {
+    /// Makes the poll that waits, or the next one, return.
+    pub fn wake(&self) {
+        if let Err(error) = self.0.wake() {
+            log::error!("cannot wake the MQTT thread: {error}");
+        }
+    }
+}
+
+struct Link {
+    transport: Transport,
+    session: Session,
+    /// The socket may have more to read; cleared when a read says otherwise.
+    readable: bool,
+}
+
+/// A connection to a broker that comes back when it breaks.
+pub struct Connection {
+    settings: Settings,
+    subscriptions: Vec<Subscription>,
+    client_id: String,
+    poll: Poll,
+    waker: Waker,
+    mio_events: Events,
+    link: Option<Link>,
+    out: Vec<u8>,
+    retry_at: Instant,
+    pause: Duration,
+    chunk: Box<[u8]>,
+}
+
+impl Connection {
+    /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker knows no other.
+    ///
+    /// # Errors
+    /// No broker there, no MQTT there, credentials refused, a subscription denied, certificates that do not fit.
+    pub fn open(
+        settings: Settings,
+        subscriptions: Vec<Subscription>,
+    ) -> Result<Self, ConnectError> {
+        let system = |error: std::io::Error| ConnectError::NoBroker {
+            url: settings.url.to_string(),
+            reason: format!("the system offers no event queue: {error}"),
+        };
+        let poll = Poll::new().map_err(system)?;
+        let waker = Waker(Arc::new(
+            mio::Waker::new(poll.registry(), WAKER).map_err(system)?,
+        ));
+        let mut connection = Self {
+            client_id: format!("swarmwright-{:016x}", fastrand::u64(..)),
+            settings,
+            subscriptions,
+            poll,
+            waker,
+            mio_events: Events::with_capacity(8),
+            link: None,
+            out: Vec::new(),
+            retry_at: Instant::now(),
+            pause: FIRST_PAUSE,
+            chunk: vec![0; CHUNK].into_boxed_slice(),
+        };
+        connection.establish(&mut Vec::new())?;
+        Ok(connection)
+    }
+
+    /// A handle by which other threads end a `poll`.
+    #[must_use]
+    pub fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    /// The version of MQTT spoken; none while the connection is broken.
+    #[must_use]
+    pub fn version(&self) -> Option<Version> {
+        self.link.as_ref().map(|link| link.session.version())
+    }
+
+    /// The broker's address, for messages.
+    #[must_use]
+    pub fn url(&self) -> String {
+        self.settings.url.to_string()
+    }
+
+    /// Replaces the last will, from the next connection on.
+    pub fn set_will(&mut self, will: crate::Will) {
+        self.settings.will = Some(will);
+    }
+
+    /// Queues a message; `poll` or `flush` sends it. While the connection is broken it is dropped: the peers of a
+    /// broken connection start over (see the pool and the wrapper).
+    pub fn publish(
+        &mut self,
+        topic: &str,
+        payload: &[u8],
+        qos: QoS,
+        retain: bool,
+        expiry: Option<u32>,
+    ) {
+        let Some(link) = &mut self.link else { return };
+        if let Err(error) = link
+            .session
+            .publish(topic, payload, qos, retain, expiry, &mut self.out)
+        {
+            log::error!(
+                "cannot publish {} bytes on {topic:?}: {error:?}",
+                payload.len()
+            );
+        }
+    }
+
+    /// Sends what is queued and waits for messages until `until` or a wake-up, whichever comes first.
+    pub fn poll(&mut self, until: Instant, events: &mut Vec<Event>) {
+        self.reconnect(events);
+        if self.link.is_none() || !events.is_empty() {
+            self.wait(
+                if events.is_empty() {
+                    until.min(self.retry_at)
+                } else {
+                    Instant::now()
+                },
+                events,
+            );
+            return;
+        }
+        self.flush(events);
+        let readable = self.link.as_ref().is_some_and(|link| link.readable);
+        if !readable && events.is_empty() {
+            let timer = self
+                .link
+                .as_ref()
+                .and_then(|link| link.session.next_timer());
+            self.wait(timer.map_or(until, |timer| timer.min(until)), events);
+        }
+        self.read(events);
+        let now = Instant::now();
+        if let Some(link) = &mut self.link
+            && link.session.next_timer().is_some_and(|at| at <= now)
+        {
+            let mut closed = None;
+            link.session.tick(now, &mut self.out, &mut |received| {
+                if let Received::Closed(reason) = received {
+                    closed = Some(reason);
+                }
+            });
+            self.flush(events);
+            if let Some(reason) = closed {
+                self.broke(reason, events);
+            }
+        }
+    }
+
+    /// Says good-bye (no last will) and closes, after sending what is queued for at most `patience`.
+    pub fn close(mut self, patience: Duration) {
+        let deadline = Instant::now() + patience;
+        let mut events = Vec::new();
+        if let Some(link) = &mut self.link
+            && link.session.disconnect(&mut self.out).is_err()
+        {
+            return;
+        }
+        while self.link.is_some() && Instant::now() < deadline {
+            self.flush(&mut events);
+            if self.out.is_empty() {
+                break;
+            }
+            self.wait(
+                deadline.min(Instant::now() + Duration::from_millis(10)),
+                &mut events,
+            );
+        }
+    }
+
+    fn reconnect(&mut self, events: &mut Vec<Event>) {
+        if self.link.is_some() || Instant::now() < self.retry_at {
+            return;
+        }
+        match self.establish(events) {
+            Ok(()) => events.insert(0, Event::Connected),
+            Err(error) => {
+                log::debug!("{error}");
+                // Jitter, so that the servers of a cluster do not all come back in the same instant.
+                self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
+                self.pause = (self.pause * 2).min(LONGEST_PAUSE);
+            }
+        }
+    }
+
+    /// One attempt: handshakes, CONNECT, SUBSCRIBE, all acknowledged.
+    fn establish(&mut self, events: &mut Vec<Event>) -> Result<(), ConnectError> {
+        self.out.clear();
+        let mut link = match self.handshake(Version::V5, events) {
+            Ok(link) => link,
+            Err((error, false)) => return Err(error),
+            Err((_, true)) => self
+                .handshake(Version::V3, events)
+                .map_err(|(error, _)| error)?,
+        };
+        let failed = |error: std::io::Error| ConnectError::NoBroker {
+            url: self.settings.url.to_string(),
+            reason: error.to_string(),
+        };
+        link.transport.set_nonblocking().map_err(failed)?;
+        self.poll
+            .registry()
+            .register(
+                link.transport.socket(),
+                SOCKET,
+                Interest::READABLE | Interest::WRITABLE,
+            )
+            .map_err(failed)?;
+        self.link = Some(link);
+        self.pause = FIRST_PAUSE;
+        Ok(())
+    }
+
+    /// The flag of the error: whether an older version of MQTT is worth a try.
+    fn handshake(
+        &mut self,
+        version: Version,
+        events: &mut Vec<Event>,
+    ) -> Result<Link, (ConnectError, bool)> {
+        let url = self.settings.url.to_string();
+        let not_mqtt = |reason: String| {
+            (
+                ConnectError::NoMqtt {
+                    url: url.clone(),
+                    reason,
+                },
+                version == Version::V5,
+            )
+        };
+        let mut transport = Transport::connect(&self.settings).map_err(|error| (error, false))?;
+        let mut session = Session::new(version);
+        let wrong = |error| not_mqtt(format!("{error:?}"));
+        session
+            .connect(&self.settings, &self.client_id, &mut self.out)
+            .map_err(wrong)?;
+        let deadline = Instant::now() + self.settings.timeout;
+        let mut answers = Vec::new();
+        let mut accepted = false;
+        loop {
+            while !self.out.is_empty() {
+                let count = transport
+                    .write(&self.out)
+                    .map_err(|error| not_mqtt(error.to_string()))?;
+                self.out.drain(..count);
+            }
+            transport
+                .flush()
+                .map_err(|error| not_mqtt(error.to_string()))?;
+            if Instant::now() > deadline {
+                return Err(not_mqtt("no answer in time".to_owned()));
+            }
+            let count = match transport.read(&mut self.chunk) {
+                Ok(0) => return Err(not_mqtt("it closed the connection".to_owned())),
+                Ok(count) => count,
+                Err(error)
+                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
+                {
+                    return Err((not_mqtt("no answer in time".to_owned()).0, false));
+                }
+                Err(error) => return Err(not_mqtt(error.to_string())),
+            };
+            session.receive(&self.chunk[..count], &mut self.out, &mut |received| {
+                answers.push(received)
+            });
+            for answer in answers.drain(..) {
+                match answer {
+                    Received::Accepted => {
+                        accepted = true;
+                        if self.subscriptions.is_empty() {
+                            return Ok(Link {
+                                transport,
+                                session,
+                                readable: true,
+                            });
+                        }
+                        session
+                            .subscribe(&self.subscriptions, &mut self.out)
+                            .map_err(wrong)?;
+                    }
+                    Received::Refused(reason, retry) => {
+                        let who = self.settings.who();
+                        return Err((
+                            ConnectError::Refused {
+                                url: url.clone(),
+                                who,
+                                reason,
+                            },
+                            retry && version == Version::V5,
+                        ));
+                    }
+                    Received::Subscribed(granted) => {
+                        if let Some(index) = granted.iter().position(|granted| !granted) {
+                            let filter = self
+                                .subscriptions
+                                .get(index)
+                                .map_or_else(String::new, |s| s.filter.clone());
+                            return Err((
+                                ConnectError::Denied {
+                                    url: url.clone(),
+                                    who: self.settings.who(),
+                                    filter,
+                                },
+                                false,
+                            ));
+                        }
+                        return Ok(Link {
+                            transport,
+                            session,
+                            readable: true,
+                        });
+                    }
+                    Received::Publish(message) => events.push(Event::Message(message)),
+                    Received::Closed(reason) => {
+                        return Err((not_mqtt(reason).0, !accepted && version == Version::V5));
+                    }
+                }
+            }
+        }
+    }
+
+    fn wait(&mut self, until: Instant, events: &mut Vec<Event>) {
+        // Rounded up to the clock of epoll, so that a wait never ends just before its time and spins.
+        let timeout = until.saturating_duration_since(Instant::now());
+        let timeout = if timeout.is_zero() {
+            timeout
+        } else {
+            timeout + Duration::from_micros(999)
+        };
+        if let Err(error) = self.poll.poll(&mut self.mio_events, Some(timeout)) {
+            if error.kind() != ErrorKind::Interrupted {
+                self.broke(format!("the system's event queue failed: {error}"), events);
+            }
+            return;
+        }
+        for event in &self.mio_events {
+            if event.token() == SOCKET
+                && let Some(link) = &mut self.link
+            {
+                link.readable |= event.is_readable() || event.is_read_closed() || event.is_error();
+            }
+        }
+    }
+
+    fn flush(&mut self, events: &mut Vec<Event>) {
+        let Some(link) = &mut self.link else { return };
+        let mut sent = 0;
+        let result = loop {
+            if sent == self.out.len() {
+                break link.transport.flush();
+            }
+            match link.transport.write(&self.out[sent..]) {
+                Ok(count) => sent += count,
+                Err(error) => break Err(error),
+            }
+        };
+        self.out.drain(..sent);
+        match result {
+            // Full: the socket's becoming writable ends the next wait.
+            Err(error)
+                if !matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
+            {
+                self.broke(error.to_string(), events);
+            }
+            _ => {}
+        }
+    }
+
+    fn read(&mut self, events: &mut Vec<Event>) {
+        let Some(link) = self.link.as_mut().filter(|link| link.readable) else {
+            return;
+        };
+        let count = match link.transport.read(&mut self.chunk) {
+            Ok(0) => return self.broke("the broker closed the connection".to_owned(), events),
+            Ok(count) => count,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                link.readable = false;
+                return;
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => return,
+            Err(error) => return self.broke(error.to_string(), events),
+        };
+        link.readable = count == self.chunk.len() || !link.transport.short_read_is_all();
+        let mut closed = None;
+        link.session.receive(
+            &self.chunk[..count],
+            &mut self.out,
+            &mut |received| match received {
+                Received::Publish(message) => events.push(Event::Message(message)),
+                Received::Closed(reason) | Received::Refused(reason, _) => closed = Some(reason),
+                Received::Accepted | Received::Subscribed(_) => {}
+            },
+        );
+        if let Some(reason) = closed {
+            self.broke(reason, events);
+        }
+    }
+
+    fn broke(&mut self, reason: String, events: &mut Vec<Event>) {
+        if let Some(mut link) = self.link.take() {
+            let _ = self.poll.registry().deregister(link.transport.socket());
+            self.out.clear();
+            self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
+            events.push(Event::Disconnected { reason });
+        }
+    }
+}

@@ -1,0 +1,381 @@
+//! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and packets out. A thin face over `mqtt-protocol-core`.
+
+use std::time::{Duration, Instant};
+
+use mqtt_protocol_core::mqtt::common::Cursor;
+use mqtt_protocol_core::mqtt::connection::{Event as CoreEvent, TimerKind};
+use mqtt_protocol_core::mqtt::packet::{
+    MessageExpiryInterval, Packet, Property, Qos as CoreQos, SubEntry, SubOpts, v3_1_1, v5_0,
+};
+use mqtt_protocol_core::mqtt::prelude::*;
+use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode, MqttError};
+use mqtt_protocol_core::mqtt::{self, role};
+
+use crate::settings::Settings;
+
+/// Quality of service of a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum QoS {
+    /// At most once: as reliable as the TCP connection.
+    AtMostOnce,
+    /// At least once.
+    AtLeastOnce,
+}
+
+impl From<QoS> for CoreQos {
+    fn from(qos: QoS) -> Self {
+        match qos {
+            QoS::AtMostOnce => Self::AtMostOnce,
+            QoS::AtLeastOnce => Self::AtLeastOnce,
+        }
+    }
+}
+
+/// Version of MQTT that a connection speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Version {
+    /// MQTT 5.
+    V5,
+    /// MQTT 3.1.1, for brokers that know no other.
+    V3,
+}
+
+/// A topic filter to be subscribed at every connection.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Subscription {
+    /// Topic filter, wildcards allowed.
+    pub filter: String,
+    /// Highest quality of service wanted.
+    pub qos: QoS,
+}
+
+/// A message that came in.
+#[derive(Debug, Clone)]
+pub struct Incoming(Publish);
+
+#[derive(Debug, Clone)]
+enum Publish {
+    V5(v5_0::Publish),
+    V3(v3_1_1::Publish),
+}
+
+impl Incoming {
+    /// Topic name.
+    #[must_use]
+    pub fn topic(&self) -> &str {
+        match &self.0 {
+            Publish::V5(publish) => publish.topic_name(),
+            Publish::V3(publish) => publish.topic_name(),
+        }
+    }
+
+    /// Payload.
+    #[must_use]
+    pub fn payload(&self) -> &[u8] {
+        match &self.0 {
+            Publish::V5(publish) => publish.payload().as_slice(),
+            Publish::V3(publish) => publish.payload().as_slice(),
+        }
+    }
+
+    /// Whether the broker kept the message from before the subscription.
+    #[must_use]
+    pub fn retained(&self) -> bool {
+        match &self.0 {
+            Publish::V5(publish) => publish.retain(),
+            Publish::V3(publish) => publish.retain(),
+        }
+    }
+}
+
+/// What the broker sent, as far as it matters above.
+#[derive(Debug)]
+pub(crate) enum Received {
+    Accepted,
+    /// Refused with this reason; true if another version of MQTT may be accepted.
+    Refused(String, bool),
+    /// Subscribed, or not: one flag per filter.
+    Subscribed(Vec<bool>),
+    Publish(Incoming),
+    /// The connection is over.
+    Closed(String),
+}
+
+/// One MQTT connection's state.
+pub(crate) struct Session {
+    version: Version,
+    core: mqtt::Connection<role::Client>,
+    ping_at: Option<Instant>,
+    silent_at: Option<Instant>,
+}
+
+impl Session {
+    pub fn new(version: Version) -> Self {
+        let mut core = mqtt::Connection::new(match version {
+            Version::V5 => mqtt::Version::V5_0,
+            Version::V3 => mqtt::Version::V3_1_1,
+        });
+        core.set_auto_pub_response(true);
+        core.set_pingresp_recv_timeout(20_000);
+        Self {
+            version,
+            core,
+            ping_at: None,
+            silent_at: None,
+        }
+    }
+
+    pub fn version(&self) -> Version {
+        self.version
+    }
+
+    /// Puts the CONNECT packet into `out`.
+    pub fn connect(
+        &mut self,
+        settings: &Settings,
+        client_id: &str,
+        out: &mut Vec<u8>,
+    ) -> Result<(), MqttError> {
+        macro_rules! connect {
+            ($module:ident) => {{
+                let mut builder = $module::Connect::builder()
+                    .client_id(client_id)?
+                    .clean_start(true)
+                    .keep_alive(settings.keep_alive);
+                if let Some(username) = &settings.username {
+                    builder = builder.user_name(username)?;
+                    if let Some(password) = &settings.password {
+                        builder = builder.password(password.as_bytes().to_vec())?;
+                    }
+                }
+                if let Some(will) = &settings.will {
+                    builder = builder.will_message(
+                        &will.topic,
+                        will.payload.clone(),
+                        CoreQos::AtLeastOnce,
+                        true,
+                    )?;
+                }
+                builder
+            }};
+        }
+        let packet: Packet = match self.version {
+            Version::V5 => {
+                let mut builder = connect!(v5_0);
+                if let Some(will) = &settings.will {
+                    builder =
+                        builder.will_props(vec![MessageExpiryInterval::new(will.expiry)?.into()]);
+                }
+                builder.build()?.into()
+            }
+            Version::V3 => connect!(v3_1_1).build()?.into(),
+        };
+        self.send(packet, out)
+    }
+
+    pub fn subscribe(
+        &mut self,
+        subscriptions: &[Subscription],
+        out: &mut Vec<u8>,
+    ) -> Result<(), MqttError> {
+        let entries = subscriptions
+            .iter()
+            .map(|subscription| {
+                // What this client publishes itself is no news to it (MQTT 5).
+                let options = SubOpts::new()
+                    .set_qos(subscription.qos.into())
+                    .set_nl(self.version == Version::V5);
+                SubEntry::new(subscription.filter.as_str(), options)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let id = self.core.acquire_packet_id()?;
+        let packet: Packet = match self.version {
+            Version::V5 => v5_0::Subscribe::builder()
+                .packet_id(id)
+                .entries(entries)
+                .build()?
+                .into(),
+            Version::V3 => v3_1_1::Subscribe::builder()
+                .packet_id(id)
+                .entries(entries)
+                .build()?
+                .into(),
+        };
+        self.send(packet, out)
+    }
+
+    pub fn publish(
+        &mut self,
+        topic: &str,
+        payload: &[u8],
+        qos: QoS,
+        retain: bool,
+        expiry: Option<u32>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), MqttError> {
+        let id = match qos {
+            QoS::AtMostOnce => None,
+            QoS::AtLeastOnce => Some(self.core.acquire_packet_id()?),
+        };
+        macro_rules! publish {
+            ($module:ident) => {{
+                let builder = $module::Publish::builder()
+                    .topic_name(topic)?
+                    .qos(qos.into())
+                    .retain(retain)
+                    .payload(payload);
+                if let Some(id) = id {
+                    builder.packet_id(id)
+                } else {
+                    builder
+                }
+            }};
+        }
+        let packet: Packet = match self.version {
+            Version::V5 => {
+                let mut builder = publish!(v5_0);
+                if let Some(seconds) = expiry {
+                    builder =
+                        builder.props(vec![Property::from(MessageExpiryInterval::new(seconds)?)]);
+                }
+                builder.build()?.into()
+            }
+            Version::V3 => publish!(v3_1_1).build()?.into(),
+        };
+        self.send(packet, out)
+    }
+
+    pub fn disconnect(&mut self, out: &mut Vec<u8>) -> Result<(), MqttError> {
+        let packet: Packet = match self.version {
+            Version::V5 => v5_0::Disconnect::builder().build()?.into(),
+            Version::V3 => v3_1_1::Disconnect::builder().build()?.into(),
+        };
+        self.send(packet, out)
+    }
+
+    fn send(&mut self, packet: Packet, out: &mut Vec<u8>) -> Result<(), MqttError> {
+        let mut failed = None;
+        for event in self.core.send(packet) {
+            if let CoreEvent::NotifyError(error) = event {
+                failed = Some(error);
+            } else {
+                self.handle(event, out, &mut |_| {});
+            }
+        }
+        failed.map_or(Ok(()), Err)
+    }
+
+    /// Takes bytes from the broker; answers go to `out`, everything that matters above to `received`.
+    pub fn receive(
+        &mut self,
+        bytes: &[u8],
+        out: &mut Vec<u8>,
+        received: &mut impl FnMut(Received),
+    ) {
+        let mut cursor = Cursor::new(bytes);
+        while !cursor.remaining_slice().is_empty() {
+            for event in self.core.recv(&mut cursor) {
+                self.handle(event, out, received);
+            }
+        }
+    }
+
+    /// The next time at which `tick` is needed.
+    pub fn next_timer(&self) -> Option<Instant> {
+        [self.ping_at, self.silent_at].into_iter().flatten().min()
+    }
+
+    /// Fires the timers that are due.
+    pub fn tick(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
+        if self.silent_at.is_some_and(|at| at <= now) {
+            self.silent_at = None;
+            received(Received::Closed(
+                "the broker has not answered a ping for 20 s".to_owned(),
+            ));
+        } else if self.ping_at.is_some_and(|at| at <= now) {
+            self.ping_at = None;
+            for event in self.core.notify_timer_fired(TimerKind::PingreqSend) {
+                self.handle(event, out, received);
+            }
+        }
+    }
+
+    fn handle(&mut self, event: CoreEvent, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
+        match event {
+            CoreEvent::RequestSendPacket { packet, .. } => {
+                for buffer in packet.to_buffers() {
+                    out.extend_from_slice(&buffer);
+                }
+            }
+            CoreEvent::RequestTimerReset { kind, duration_ms } => {
+                if let Some(timer) = self.timer(kind) {
+                    *timer = Some(Instant::now() + Duration::from_millis(duration_ms));
+                }
+            }
+            CoreEvent::RequestTimerCancel(kind) => {
+                if let Some(timer) = self.timer(kind) {
+                    *timer = None;
+                }
+            }
+            CoreEvent::NotifyPacketReceived(packet) => match packet {
+                Packet::V5_0Publish(publish) => {
+                    received(Received::Publish(Incoming(Publish::V5(publish))))
+                }
+                Packet::V3_1_1Publish(publish) => {
+                    received(Received::Publish(Incoming(Publish::V3(publish))))
+                }
+                Packet::V5_0Connack(connack) => received(match connack.reason_code() {
+                    ConnectReasonCode::Success => Received::Accepted,
+                    code => Received::Refused(
+                        code.to_string(),
+                        matches!(code, ConnectReasonCode::UnsupportedProtocolVersion),
+                    ),
+                }),
+                Packet::V3_1_1Connack(connack) => received(match connack.return_code() {
+                    ConnectReturnCode::Accepted => Received::Accepted,
+                    code => Received::Refused(code.to_string(), false),
+                }),
+                Packet::V5_0Suback(suback) => {
+                    received(Received::Subscribed(
+                        suback
+                            .reason_codes()
+                            .into_iter()
+                            .map(|code| (code as u8) < 0x80)
+                            .collect(),
+                    ));
+                }
+                Packet::V3_1_1Suback(suback) => {
+                    received(Received::Subscribed(
+                        suback
+                            .return_codes()
+                            .into_iter()
+                            .map(|code| (code as u8) < 0x80)
+                            .collect(),
+                    ));
+                }
+                Packet::V5_0Disconnect(disconnect) => {
+                    received(Received::Closed(disconnect.reason_code().map_or_else(
+                        || "the broker disconnected".to_owned(),
+                        |code| code.to_string(),
+                    )))
+                }
+                _ => {}
+            },
+            CoreEvent::NotifyError(error) => {
+                received(Received::Closed(format!("MQTT protocol error: {error:?}")))
+            }
+            CoreEvent::RequestClose => {
+                received(Received::Closed("the MQTT protocol demands it".to_owned()))
+            }
+            CoreEvent::NotifyPacketIdReleased(_) => {}
+        }
+    }
+
+    fn timer(&mut self, kind: TimerKind) -> Option<&mut Option<Instant>> {
+        match kind {
+            TimerKind::PingreqSend => Some(&mut self.ping_at),
+            TimerKind::PingrespRecv => Some(&mut self.silent_at),
+            TimerKind::PingreqRecv => None,
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Where the broker is and who asks: URL, credentials, last will.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+use std::{env, fmt, fs};
+
+/// How the broker is reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scheme {
+    /// TCP.
+    Mqtt,
+    /// TLS.
+    Mqtts,
+    /// Websocket.
+    Ws,
+    /// Websocket over TLS.
+    Wss,
+}
+
+/// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BrokerUrl {
+    /// How the broker is reached.
+    pub scheme: Scheme,
+    /// Name or address, without brackets.
+    pub host: String,
+    /// TCP port.
+    pub port: u16,
+    /// Path of a websocket.
+    pub path: String,
+}
+
+/// Settings that cannot be used; says what would be right.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct SettingsError(String);
+
+impl FromStr for BrokerUrl {
+    type Err = SettingsError;
+
+    fn from_str(text: &str) -> Result<Self, SettingsError> {
+        let wrong = |reason: &str| {
+            let shown = text
+                .rsplit_once('@')
+                .map_or_else(|| text.to_owned(), |(_, rest)| format!("...@{rest}"));
+            SettingsError(format!("broker URL {shown:?}: {reason}"))
+        };
+        let text_with_scheme = if text.contains("://") {
+            text.to_owned()
+        } else {
+            format!("mqtt://{text}")
+        };
+        let (scheme, rest) = text_with_scheme.split_once("://").unwrap_or_default();
+        let (scheme, default_port) = match scheme.to_ascii_lowercase().as_str() {
+            "mqtt" | "tcp" => (Scheme::Mqtt, 1883),
+            "mqtts" | "ssl" | "tls" => (Scheme::Mqtts, 8883),
+            "ws" => (Scheme::Ws, 80),
+            "wss" => (Scheme::Wss, 443),
+            _ => {
+                return Err(wrong(
+                    "the scheme must be mqtt://, mqtts://, ws:// or wss://",
+                ));
+            }
+        };
+        let (authority, path) = rest
+            .split_once('/')
+            .map_or((rest, ""), |(authority, path)| (authority, path));
+        if authority.contains('@') {
+            return Err(wrong(
+                "credentials do not belong in a URL; set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD instead",
+            ));
+        }
+        let authority: http::uri::Authority = authority
+            .parse()
+            .map_err(|_| wrong("expected HOST or HOST:PORT behind the scheme"))?;
+        let has_port = authority.as_str().len() > authority.host().len();
+        let port = match authority.port_u16() {
+            Some(port) if port > 0 => port,
+            None if !has_port => default_port,
+            _ => return Err(wrong("the port must be a number from 1 to 65535")),
+        };
+        let host = authority
+            .host()
+            .trim_start_matches('[')
+            .trim_end_matches(']')
+            .to_owned();
+        if host.is_empty() {
+            return Err(wrong("the host is missing"));
+        }
+        let plain = matches!(scheme, Scheme::Mqtt | Scheme::Mqtts);
+        if plain && !path.is_empty() {
+            return Err(wrong(
+                "mqtt:// and mqtts:// take no path; use --prefix for a topic prefix",
+            ));
+        }
+        let path = if plain || !path.is_empty() {
+            format!("/{path}")
+        } else {
+            "/mqtt".to_owned()
+        };
+        Ok(Self {
+            scheme,
+            host,
+            port,
+            path,
+        })
+    }
+}
+
+impl fmt::Display for BrokerUrl {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        let scheme = match self.scheme {
+            Scheme::Mqtt => "mqtt",
+            Scheme::Mqtts => "mqtts",
+            Scheme::Ws => "ws",
+            Scheme::Wss => "wss",
+        };
+        let path = if self.path == "/" { "" } else { &self.path };
+        if self.host.contains(':') {
+            write!(formatter, "{scheme}://[{}]:{}{path}", self.host, self.port)
+        } else {
+            write!(formatter, "{scheme}://{}:{}{path}", self.host, self.port)
+        }
+    }
+}
+
+/// A retained message that the broker publishes when the connection breaks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Will {
+    /// Topic name.
+    pub topic: String,
+    /// Payload.
+    pub payload: Vec<u8>,
+    /// After how many seconds the broker forgets it (MQTT 5).
+    pub expiry: u32,
+}
+
+/// Everything that a connection needs to know.
+#[derive(Clone)]
+pub struct Settings {
+    /// Address of the broker.
+    pub url: BrokerUrl,
+    /// Account at the broker.
+    pub username: Option<String>,
+    /// Its password.
+    pub password: Option<String>,
+    /// Certificate authority, PEM; the system's when absent.
+    pub ca_file: Option<PathBuf>,
+    /// Published by the broker when this connection breaks.
+    pub will: Option<Will>,
+    /// Seconds between two signs of life.
+    pub keep_alive: u16,
+    /// How long one attempt to connect may take.
+    pub timeout: Duration,
+}
+
+impl Settings {
+    /// Settings with the credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
+    /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`.
+    ///
+    /// # Errors
+    /// The URL is none, the password file cannot be read, or a password comes without a user name.
+    pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
+        let variable = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
+        let username = variable("SWARMWRIGHT_USERNAME");
+        let password = match (
+            variable("SWARMWRIGHT_PASSWORD"),
+            variable("SWARMWRIGHT_PASSWORD_FILE"),
+        ) {
+            (Some(password), _) => Some(password),
+            (None, Some(file)) => Some(
+                fs::read_to_string(&file)
+                    .map_err(|error| {
+                        SettingsError(format!("SWARMWRIGHT_PASSWORD_FILE {file:?}: {error}"))
+                    })?
+                    .lines()
+                    .next()
+                    .unwrap_or_default()
+                    .to_owned(),
+            ),
+            (None, None) => None,
+        };
+        if password.is_some() && username.is_none() {
+            return Err(SettingsError(
+                "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither".to_owned(),
+            ));
+        }
+        let mut settings = Self::new(url.parse()?);
+        settings.username = username;
+        settings.password = password;
+        settings.ca_file = variable("SWARMWRIGHT_CA_FILE").map(PathBuf::from);
+        Ok(settings)
+    }
+
+    /// Settings without credentials.
+    #[must_use]
+    pub fn new(url: BrokerUrl) -> Self {
+        Self {
+            url,
+            username: None,
+            password: None,
+            ca_file: None,
+            will: None,
+            keep_alive: 30,
+            timeout: Duration::from_secs(5),
+        }
+    }
+
+    pub(crate) fn who(&self) -> String {
+        self.username.as_ref().map_or_else(
+            || "a client without a user name".to_owned(),
+            |name| format!("user {name:?}"),
+        )
+    }
+}
+
+impl fmt::Debug for Settings {
+    /// Leaves the password out.
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        formatter
+            .debug_struct("Settings")
+            .field("url", &self.url)
+            .field("username", &self.username)
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn urls_are_read_with_their_defaults() {
+        for (text, shown) in [
+            ("mqtt://localhost", "mqtt://localhost:1883"),
+            ("localhost:1884", "mqtt://localhost:1884"),
+            ("mqtts://broker.example", "mqtts://broker.example:8883"),
+            ("ws://localhost:9001", "ws://localhost:9001/mqtt"),
+            ("wss://localhost/a/b", "wss://localhost:443/a/b"),
+            ("mqtt://[::1]:1883", "mqtt://[::1]:1883"),
+        ] {
+            assert_eq!(text.parse::<BrokerUrl>().unwrap().to_string(), shown);
+        }
+    }
+
+    #[test]
+    fn urls_that_cannot_be_say_why_and_never_repeat_a_password() {
+        for (text, why) in [
+            ("http://localhost", "scheme"),
+            ("mqtt://", "HOST"),
+            ("mqtt://localhost:99999", "port"),
+            ("mqtt://localhost:0", "port"),
+            ("mqtt://localhost/lab", "--prefix"),
+            ("mqtt://me:secret@localhost", "SWARMWRIGHT_PASSWORD"),
+        ] {
+            let error = text.parse::<BrokerUrl>().unwrap_err().to_string();
+            assert!(error.contains(why), "{text}: {error}");
+            assert!(!error.contains("secret"), "{error}");
+        }
+    }
+}

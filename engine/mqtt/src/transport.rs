@@ -1,0 +1,241 @@
+//! The byte stream to the broker: TCP, TLS or websocket, all with `TCP_NODELAY`.
+//!
+//! Several small messages a step would otherwise meet Nagle's algorithm and delayed acknowledgements: 40 ms each.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{TcpStream as StdStream, ToSocketAddrs};
+use std::sync::Arc;
+
+use mio::net::TcpStream;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, ServerName};
+use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use socket2::SockRef;
+use tungstenite::WebSocket;
+
+use crate::ConnectError;
+use crate::settings::{Scheme, Settings};
+
+/// TCP or TLS.
+enum Channel {
+    Plain(TcpStream),
+    Tls(Box<StreamOwned<ClientConnection, TcpStream>>),
+}
+
+impl Channel {
+    fn socket(&mut self) -> &mut TcpStream {
+        match self {
+            Self::Plain(stream) => stream,
+            Self::Tls(stream) => &mut stream.sock,
+        }
+    }
+}
+
+impl Read for Channel {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(stream) => stream.read(buffer),
+            Self::Tls(stream) => stream.read(buffer),
+        }
+    }
+}
+
+impl Write for Channel {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(stream) => stream.write(bytes),
+            Self::Tls(stream) => stream.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Plain(stream) => stream.flush(),
+            Self::Tls(stream) => stream.flush(),
+        }
+    }
+}
+
+/// MQTT as binary websocket messages; their borders carry no meaning (MQTT 5, section 6).
+struct WebSocketStream {
+    socket: WebSocket<Channel>,
+    /// The part of the last message that did not fit the reader's buffer.
+    rest: tungstenite::Bytes,
+}
+
+impl WebSocketStream {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while self.rest.is_empty() {
+            match self.socket.read().map_err(to_io)? {
+                tungstenite::Message::Binary(bytes) => self.rest = bytes,
+                tungstenite::Message::Close(_) => return Ok(0),
+                _ => {}
+            }
+        }
+        let count = self.rest.len().min(buffer.len());
+        buffer[..count].copy_from_slice(&self.rest.split_to(count));
+        Ok(count)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // The websocket keeps what the socket does not take now; only its being full is a reason to wait.
+        match self
+            .socket
+            .write(tungstenite::Message::binary(bytes.to_vec()))
+        {
+            Ok(()) => Ok(bytes.len()),
+            Err(tungstenite::Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => {
+                Ok(bytes.len())
+            }
+            Err(error) => Err(to_io(error)),
+        }
+    }
+}
+
+fn to_io(error: tungstenite::Error) -> io::Error {
+    match error {
+        tungstenite::Error::Io(error) => error,
+        tungstenite::Error::ConnectionClosed | tungstenite::Error::AlreadyClosed => {
+            ErrorKind::ConnectionAborted.into()
+        }
+        other => io::Error::other(other),
+    }
+}
+
+enum Stream {
+    Raw(Channel),
+    WebSocket(Box<WebSocketStream>),
+}
+
+/// The byte stream to the broker.
+pub(crate) struct Transport(Stream);
+
+impl Transport {
+    /// Connects, with every handshake below MQTT done; the socket blocks, with the settings' time-out.
+    pub fn connect(settings: &Settings) -> Result<Self, ConnectError> {
+        let url = settings.url.to_string();
+        let stream = connect_tcp(settings).map_err(|error| ConnectError::NoBroker {
+            url: url.clone(),
+            reason: error.to_string(),
+        })?;
+        let secure = matches!(settings.url.scheme, Scheme::Mqtts | Scheme::Wss);
+        let channel = if secure {
+            tls(settings, stream)?
+        } else {
+            Channel::Plain(stream)
+        };
+        if matches!(settings.url.scheme, Scheme::Mqtt | Scheme::Mqtts) {
+            return Ok(Self(Stream::Raw(channel)));
+        }
+        let not_mqtt = |reason: String| ConnectError::NoMqtt {
+            url: url.clone(),
+            reason,
+        };
+        let request = tungstenite::ClientRequestBuilder::new(
+            url.parse().map_err(|error| not_mqtt(format!("{error}")))?,
+        )
+        .with_sub_protocol("mqtt");
+        let (socket, _) =
+            tungstenite::client(request, channel).map_err(|error| not_mqtt(error.to_string()))?;
+        Ok(Self(Stream::WebSocket(Box::new(WebSocketStream {
+            socket,
+            rest: tungstenite::Bytes::new(),
+        }))))
+    }
+
+    /// The socket, to be registered with the event loop.
+    pub fn socket(&mut self) -> &mut TcpStream {
+        match &mut self.0 {
+            Stream::Raw(channel) => channel.socket(),
+            Stream::WebSocket(stream) => stream.socket.get_mut().socket(),
+        }
+    }
+
+    /// From here on reads and writes return at once.
+    pub fn set_nonblocking(&mut self) -> io::Result<()> {
+        SockRef::from(&*self.socket()).set_nonblocking(true)
+    }
+
+    /// Whether a read that does not fill the buffer has emptied the socket.
+    pub fn short_read_is_all(&self) -> bool {
+        matches!(self.0, Stream::Raw(Channel::Plain(_)))
+    }
+
+    /// Reads what is there; 0 when the broker has closed.
+    pub fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match &mut self.0 {
+            Stream::Raw(channel) => channel.read(buffer),
+            Stream::WebSocket(stream) => stream.read(buffer),
+        }
+    }
+
+    /// Writes what the socket takes.
+    pub fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.0 {
+            Stream::Raw(channel) => channel.write(bytes),
+            Stream::WebSocket(stream) => stream.write(bytes),
+        }
+    }
+
+    /// Sends what lower layers hold back; `WouldBlock` when it has to be called again.
+    pub fn flush(&mut self) -> io::Result<()> {
+        match &mut self.0 {
+            Stream::Raw(channel) => channel.flush(),
+            Stream::WebSocket(stream) => stream.socket.flush().map_err(to_io),
+        }
+    }
+}
+
+fn connect_tcp(settings: &Settings) -> io::Result<TcpStream> {
+    let addresses = (settings.url.host.as_str(), settings.url.port).to_socket_addrs()?;
+    let mut last = io::Error::new(ErrorKind::NotFound, "the host name has no address");
+    for address in addresses {
+        match StdStream::connect_timeout(&address, settings.timeout) {
+            Ok(stream) => {
+                stream.set_nodelay(true)?;
+                stream.set_read_timeout(Some(settings.timeout))?;
+                stream.set_write_timeout(Some(settings.timeout))?;
+                return Ok(TcpStream::from_std(stream));
+            }
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+fn tls(settings: &Settings, stream: TcpStream) -> Result<Channel, ConnectError> {
+    let failed = |reason: String| ConnectError::Tls {
+        url: settings.url.to_string(),
+        reason,
+    };
+    let mut roots = RootCertStore::empty();
+    if let Some(file) = &settings.ca_file {
+        let unreadable =
+            |error: rustls::pki_types::pem::Error| failed(format!("{}: {error}", file.display()));
+        for certificate in CertificateDer::pem_file_iter(file).map_err(unreadable)? {
+            roots
+                .add(certificate.map_err(unreadable)?)
+                .map_err(|error| failed(error.to_string()))?;
+        }
+    } else {
+        roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
+    }
+    let name = ServerName::try_from(settings.url.host.clone())
+        .map_err(|error| failed(error.to_string()))?;
+    let config =
+        ClientConfig::builder_with_provider(Arc::new(rustls::crypto::ring::default_provider()))
+            .with_safe_default_protocol_versions()
+            .map_err(|error| failed(error.to_string()))?
+            .with_root_certificates(roots)
+            .with_no_client_auth();
+    let connection =
+        ClientConnection::new(Arc::new(config), name).map_err(|error| failed(error.to_string()))?;
+    let mut stream = StreamOwned::new(connection, stream);
+    while stream.conn.is_handshaking() {
+        stream
+            .conn
+            .complete_io(&mut stream.sock)
+            .map_err(|error| failed(error.to_string()))?;
+    }
+    Ok(Channel::Tls(Box::new(stream)))
+}

@@ -1,0 +1,389 @@
+//! The messages that open and close a run: discovery, server, parameters, control (D6.1, Schemas 1 to 4).
+//!
+//! They are rare, so they are read by way of a JSON tree, in which the last of repeated keys wins.
+
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+
+use crate::numbers::Id;
+use crate::{Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, Topic};
+
+/// Any message, by topic.
+#[derive(Debug, Clone, PartialEq)]
+#[expect(missing_docs, reason = "each variant is the message of that name")]
+pub enum Message {
+    Discovery(Discovery),
+    Server(ServerMessage),
+    Parameters(ParametersMessage),
+    Control(Control),
+    Sensor(Sensor),
+    Actuator(Actuator),
+    Fitness(Fitness),
+    Presence(Presence),
+}
+
+impl Message {
+    /// Reads the payload of a topic.
+    ///
+    /// # Errors
+    /// No JSON object, a required key missing, a value of the wrong type, a number out of range, too large.
+    pub fn decode(topic: Topic, payload: &[u8]) -> Result<Self, DecodeError> {
+        Ok(match topic {
+            Topic::Discovery => Self::Discovery(Discovery::decode(payload)?),
+            Topic::Server => Self::Server(ServerMessage::decode(payload)?),
+            Topic::Parameters => Self::Parameters(ParametersMessage::decode(payload)?),
+            Topic::Control => Self::Control(Control::decode(payload)?),
+            Topic::Sensor => Self::Sensor(Sensor::decode(payload)?),
+            Topic::Actuator => Self::Actuator(Actuator::decode(payload)?),
+            Topic::Fitness => Self::Fitness(Fitness::decode(payload)?),
+            Topic::Presence => Self::Presence(Presence::decode(payload)?),
+        })
+    }
+}
+
+/// What a server must be able to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Requirements {
+    /// Number of spatial dimensions, to be met exactly.
+    pub dimensions: f64,
+    /// Number of agents that the server must be able to simulate; none for no demand.
+    pub max_agents: Option<f64>,
+}
+
+/// Query of available simulation servers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Discovery {
+    /// Title of the simulation.
+    pub simulation: String,
+    /// Echoed by the servers that answer.
+    pub simulation_hash: String,
+    /// What a server must be able to do.
+    pub requirements: Requirements,
+    /// Extension: who asks, for people to read.
+    pub tool: Option<String>,
+}
+
+/// What a server can do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Capabilities {
+    /// Number of spatial dimensions.
+    pub dimensions: f64,
+    /// Largest number of agents; none for no limit.
+    pub max_agents: Option<f64>,
+    /// Extension: what a server built with Swarmwright's wrapper says of itself.
+    pub swarmwright: Option<Announcement>,
+}
+
+/// The extension part of a server's capabilities.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Announcement {
+    /// Version of the extension profile.
+    pub version: u64,
+    /// Ways of evaluating: stepwise, ...
+    pub modes: Vec<String>,
+    /// Numbers in a sensor message.
+    pub sensors: Option<usize>,
+    /// Numbers in an actuator message.
+    pub actuators: Option<usize>,
+    /// Random for each start of a server: tells two servers with one id apart.
+    pub instance: Option<String>,
+    /// Where the server runs.
+    pub host: Option<String>,
+    /// Its process id there.
+    pub pid: Option<u64>,
+}
+
+/// A server's answer to a discovery.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServerMessage {
+    /// The server's id.
+    pub server: u64,
+    /// The hash of the discovery that is answered.
+    pub simulation_hash: String,
+    /// Titles of the simulations that it offers.
+    pub simulations: Vec<String>,
+    /// What it can do.
+    pub capabilities: Capabilities,
+}
+
+/// Configuration of one server's simulation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParametersMessage {
+    /// The server addressed.
+    pub server: u64,
+    /// Tells the episode.
+    pub simulation_hash: String,
+    /// The problem-specific parameters.
+    pub parameters: Map<String, Value>,
+}
+
+/// Start or end of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Control {
+    /// The server addressed.
+    pub server: u64,
+    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    pub simulation: Option<String>,
+    /// Tells the episode.
+    pub simulation_hash: String,
+    /// Start (true, the default) or end.
+    pub run: bool,
+    /// Whether the server is to show the run.
+    pub visual: bool,
+    /// Extension: who asks, for people to read; keeps the server reserved between two episodes.
+    pub tool: Option<String>,
+}
+
+/// An object whose keys are taken out one by one.
+struct Keys(Map<String, Value>);
+
+impl Keys {
+    fn read(payload: &[u8]) -> Result<Self, DecodeError> {
+        if payload.len() > MAX_PAYLOAD {
+            return Err(DecodeError::TooLarge(payload.len()));
+        }
+        Ok(Self(serde_json::from_slice(payload)?))
+    }
+
+    fn optional<T: DeserializeOwned>(
+        &mut self,
+        key: &'static str,
+    ) -> Result<Option<T>, DecodeError> {
+        let Some(value) = self.0.remove(key) else {
+            return Ok(None);
+        };
+        serde_json::from_value(value)
+            .map(Some)
+            .map_err(|error| DecodeError::Value(format!("\"{key}\": {error}")))
+    }
+
+    fn required<T: DeserializeOwned>(&mut self, key: &'static str) -> Result<T, DecodeError> {
+        self.optional(key)?.ok_or(DecodeError::Missing(key))
+    }
+
+    fn id(&mut self, key: &'static str) -> Result<u64, DecodeError> {
+        self.required::<Id>(key).map(|id| id.0)
+    }
+
+    /// What is known of an extension; a peer's own use of its name is not an error.
+    fn lenient<T: DeserializeOwned>(&mut self, key: &'static str) -> Option<T> {
+        self.optional(key).ok().flatten()
+    }
+
+    /// `max_agents`, also in the spelling of the published server schema.
+    fn max_agents(&mut self) -> Result<Option<f64>, DecodeError> {
+        let published = self.optional("max agents")?;
+        Ok(self.optional("max_agents")?.or(published))
+    }
+}
+
+fn bytes(object: &Value) -> Vec<u8> {
+    object.to_string().into_bytes()
+}
+
+fn insert(object: &mut Value, key: &str, value: Option<impl Into<Value>>) {
+    if let (Some(object), Some(value)) = (object.as_object_mut(), value) {
+        object.insert(key.to_owned(), value.into());
+    }
+}
+
+impl Requirements {
+    fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
+        let mut keys = Keys(object);
+        Ok(Self {
+            dimensions: keys.required("dimensions")?,
+            max_agents: keys.max_agents()?,
+        })
+    }
+
+    fn to_value(&self) -> Value {
+        let mut object = json!({"dimensions": number(self.dimensions)});
+        insert(&mut object, "max_agents", self.max_agents.map(number));
+        object
+    }
+
+    /// Reads a JSON object such as `{"dimensions": 2}`.
+    ///
+    /// # Errors
+    /// No JSON object, `dimensions` missing, a value that is no number.
+    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        Self::from_object(Keys::read(payload)?.0)
+    }
+}
+
+/// Whole numbers without a trailing `.0`, as the published examples write them.
+fn number(value: f64) -> Value {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "only integers that binary64 holds exactly"
+    )]
+    if value.fract() == 0.0 && value.abs() < 9e15 {
+        Value::from(value as i64)
+    } else {
+        Value::from(value)
+    }
+}
+
+impl Discovery {
+    fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let mut keys = Keys::read(payload)?;
+        Ok(Self {
+            simulation: keys.required("simulation")?,
+            simulation_hash: keys.required("simulation_hash")?,
+            requirements: Requirements::from_object(keys.required("requirements")?)?,
+            tool: keys.lenient("tool"),
+        })
+    }
+
+    /// The payload.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let mut object = json!({
+            "simulation": self.simulation,
+            "simulation_hash": self.simulation_hash,
+            "requirements": self.requirements.to_value(),
+        });
+        insert(&mut object, "tool", self.tool.clone());
+        bytes(&object)
+    }
+}
+
+impl Capabilities {
+    /// Whether a server with these capabilities fulfils the requirements: the same number of dimensions, enough agents.
+    #[must_use]
+    #[expect(clippy::float_cmp, reason = "numbers of dimensions are small integers")]
+    pub fn fulfil(&self, requirements: &Requirements) -> bool {
+        let enough = match (self.max_agents, requirements.max_agents) {
+            (Some(offered), Some(required)) => offered >= required,
+            _ => true,
+        };
+        self.dimensions == requirements.dimensions && enough
+    }
+
+    pub(crate) fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
+        let mut keys = Keys(object);
+        Ok(Self {
+            dimensions: keys.required("dimensions")?,
+            max_agents: keys.max_agents()?,
+            swarmwright: keys
+                .lenient("swarmwright")
+                .and_then(Announcement::from_object),
+        })
+    }
+
+    /// The JSON object as it stands in messages.
+    #[must_use]
+    pub fn to_value(&self) -> Value {
+        let mut object = json!({"dimensions": number(self.dimensions)});
+        insert(&mut object, "max_agents", self.max_agents.map(number));
+        insert(
+            &mut object,
+            "swarmwright",
+            self.swarmwright.as_ref().map(Announcement::to_value),
+        );
+        object
+    }
+}
+
+impl Announcement {
+    fn from_object(object: Map<String, Value>) -> Option<Self> {
+        let mut keys = Keys(object);
+        Some(Self {
+            version: keys.id("version").ok()?,
+            modes: keys.lenient("modes").unwrap_or_default(),
+            sensors: keys.lenient("sensors"),
+            actuators: keys.lenient("actuators"),
+            instance: keys.lenient("instance"),
+            host: keys.lenient("host"),
+            pid: keys.lenient("pid"),
+        })
+    }
+
+    fn to_value(&self) -> Value {
+        let mut object = json!({"version": self.version, "modes": self.modes});
+        insert(&mut object, "sensors", self.sensors);
+        insert(&mut object, "actuators", self.actuators);
+        insert(&mut object, "instance", self.instance.clone());
+        insert(&mut object, "host", self.host.clone());
+        insert(&mut object, "pid", self.pid);
+        object
+    }
+}
+
+impl ServerMessage {
+    fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let mut keys = Keys::read(payload)?;
+        let simulations: Vec<String> = keys.required("simulations")?;
+        if simulations.is_empty() {
+            return Err(DecodeError::Value("\"simulations\" is empty".to_owned()));
+        }
+        Ok(Self {
+            server: keys.id("server")?,
+            simulation_hash: keys.required("simulation_hash")?,
+            simulations,
+            capabilities: Capabilities::from_object(keys.required("capabilities")?)?,
+        })
+    }
+
+    /// The payload.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        bytes(&json!({
+            "server": self.server,
+            "simulation_hash": self.simulation_hash,
+            "simulations": self.simulations,
+            "capabilities": self.capabilities.to_value(),
+        }))
+    }
+}
+
+impl ParametersMessage {
+    fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let mut keys = Keys::read(payload)?;
+        Ok(Self {
+            server: keys.id("server")?,
+            simulation_hash: keys.required("simulation_hash")?,
+            parameters: keys.0,
+        })
+    }
+
+    /// The payload; the parameters lie flat beside the two keys of the protocol.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let mut object = self.parameters.clone();
+        object.insert("server".to_owned(), self.server.into());
+        object.insert(
+            "simulation_hash".to_owned(),
+            self.simulation_hash.clone().into(),
+        );
+        bytes(&Value::Object(object))
+    }
+}
+
+impl Control {
+    fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let mut keys = Keys::read(payload)?;
+        Ok(Self {
+            server: keys.id("server")?,
+            simulation: keys.optional("simulation")?,
+            simulation_hash: keys.required("simulation_hash")?,
+            run: keys.optional("run")?.unwrap_or(true),
+            visual: keys.optional("visual")?.unwrap_or(false),
+            tool: keys.lenient("tool"),
+        })
+    }
+
+    /// The payload.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let mut object = json!({
+            "server": self.server,
+            "simulation_hash": self.simulation_hash,
+            "run": self.run,
+            "visual": self.visual,
+        });
+        insert(&mut object, "simulation", self.simulation.clone());
+        insert(&mut object, "tool", self.tool.clone());
+        bytes(&object)
+    }
+}

@@ -1,0 +1,94 @@
+//! Extension: presence, a retained message per server that says what it does now (DESIGN.md section 4).
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::{Capabilities, DecodeError, MAX_PAYLOAD};
+
+/// What a server does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// It answers discovery.
+    Ready,
+    /// It is taken by an optimization tool.
+    Busy,
+    /// Its connection broke: the last will.
+    Lost,
+}
+
+/// A server's retained presence message.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Presence {
+    /// The server's id.
+    pub server: u64,
+    /// What it does.
+    pub state: State,
+    /// Titles of the simulations that it offers.
+    pub simulations: Vec<String>,
+    /// What it can do, with the announcement of its host, process and instance.
+    pub capabilities: Capabilities,
+    /// Who holds it, when busy and known.
+    pub tool: Option<String>,
+    /// Since when, RFC 3339.
+    pub since: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Wire {
+    version: u64,
+    server: u64,
+    state: State,
+    simulations: Vec<String>,
+    capabilities: Map<String, Value>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tool: Option<String>,
+    since: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    host: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pid: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    instance: Option<String>,
+}
+
+impl Presence {
+    pub(crate) fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        if payload.len() > MAX_PAYLOAD {
+            return Err(DecodeError::TooLarge(payload.len()));
+        }
+        let wire: Wire = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;
+        Ok(Self {
+            server: wire.server,
+            state: wire.state,
+            simulations: wire.simulations,
+            capabilities: Capabilities::from_object(wire.capabilities)?,
+            tool: wire.tool,
+            since: wire.since,
+        })
+    }
+
+    /// The payload.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let announcement = self.capabilities.swarmwright.clone();
+        let capabilities = match self.capabilities.to_value() {
+            Value::Object(object) => object,
+            _ => Map::new(),
+        };
+        let wire = Wire {
+            version: 1,
+            server: self.server,
+            state: self.state,
+            simulations: self.simulations.clone(),
+            capabilities,
+            tool: self.tool.clone(),
+            since: self.since.clone(),
+            host: announcement.as_ref().and_then(|a| a.host.clone()),
+            pid: announcement.as_ref().and_then(|a| a.pid),
+            instance: announcement.and_then(|a| a.instance),
+        };
+        // Strings and integers cannot fail to serialize.
+        serde_json::to_vec(&wire).unwrap_or_default()
+    }
+}

@@ -1,0 +1,284 @@
+//! The three messages that cross the broker in every step or at the end of a run: sensor, actuator, fitness.
+//!
+//! They are read without an intermediate tree, since a run sends millions of them. Repeated keys: the last one wins;
+//! unknown keys are ignored.
+
+use std::fmt;
+
+use serde::Serialize;
+use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
+
+use crate::numbers::{Id, Real32, Real64};
+use crate::{DecodeError, MAX_PAYLOAD};
+
+/// Sensor readings of one agent (D6.1, Schema 5).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sensor {
+    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulation: Option<String>,
+    /// Tells the episode.
+    pub simulation_hash: String,
+    /// Index of the agent.
+    pub agent: u64,
+    /// The readings, at least one.
+    pub sensor: Vec<f32>,
+}
+
+/// Actuator commands of one agent (D6.1, Schema 6).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Actuator {
+    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulation: Option<String>,
+    /// Tells the episode.
+    pub simulation_hash: String,
+    /// Index of the agent.
+    pub agent: u64,
+    /// The commands, at least one, in -1..=1 once clamped.
+    pub actuator: Vec<f32>,
+}
+
+/// Fitness at the end of a run (D6.1, Schema 7).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Fitness {
+    /// Title of the simulation; the published schema requires it, its examples leave it out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulation: Option<String>,
+    /// Tells the episode.
+    pub simulation_hash: String,
+    /// The fitness, any sign and size; larger is better.
+    pub fitness: f64,
+}
+
+/// All keys of the three messages; which of them count depends on the topic.
+#[derive(Default)]
+struct Fields {
+    simulation: Option<String>,
+    simulation_hash: Option<String>,
+    agent: Option<u64>,
+    sensor: Option<Vec<f32>>,
+    actuator: Option<Vec<f32>>,
+    fitness: Option<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Sensor,
+    Actuator,
+    Fitness,
+}
+
+/// A key of interest, read without copying it.
+enum Key {
+    Simulation,
+    Hash,
+    Agent,
+    Sensor,
+    Actuator,
+    Fitness,
+    Other,
+}
+
+impl<'de> Deserialize<'de> for Key {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct KeyVisitor;
+        impl Visitor<'_> for KeyVisitor {
+            type Value = Key;
+            fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+                formatter.write_str("a key")
+            }
+            fn visit_str<E>(self, key: &str) -> Result<Key, E> {
+                Ok(match key {
+                    "simulation" => Key::Simulation,
+                    "simulation_hash" => Key::Hash,
+                    "agent" => Key::Agent,
+                    "sensor" => Key::Sensor,
+                    "actuator" => Key::Actuator,
+                    "fitness" => Key::Fitness,
+                    _ => Key::Other,
+                })
+            }
+        }
+        deserializer.deserialize_identifier(KeyVisitor)
+    }
+}
+
+fn read(payload: &[u8], kind: Kind) -> Result<Fields, DecodeError> {
+    struct FieldsVisitor(Kind);
+    impl<'de> Visitor<'de> for FieldsVisitor {
+        type Value = Fields;
+        fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+            formatter.write_str("an object")
+        }
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Fields, A::Error> {
+            let mut fields = Fields::default();
+            let vector = |values: Vec<Real32>| values.into_iter().map(|value| value.0).collect();
+            while let Some(key) = map.next_key()? {
+                match key {
+                    Key::Simulation => fields.simulation = Some(map.next_value()?),
+                    Key::Hash => fields.simulation_hash = Some(map.next_value()?),
+                    Key::Agent if self.0 != Kind::Fitness => {
+                        fields.agent = Some(map.next_value::<Id>()?.0)
+                    }
+                    Key::Sensor if self.0 == Kind::Sensor => {
+                        fields.sensor = Some(vector(map.next_value()?))
+                    }
+                    Key::Actuator if self.0 == Kind::Actuator => {
+                        fields.actuator = Some(vector(map.next_value()?))
+                    }
+                    Key::Fitness if self.0 == Kind::Fitness => {
+                        fields.fitness = Some(map.next_value::<Real64>()?.0)
+                    }
+                    _ => {
+                        map.next_value::<IgnoredAny>()?;
+                    }
+                }
+            }
+            Ok(fields)
+        }
+    }
+    if payload.len() > MAX_PAYLOAD {
+        return Err(DecodeError::TooLarge(payload.len()));
+    }
+    let mut deserializer = serde_json::Deserializer::from_slice(payload);
+    let fields = deserializer.deserialize_map(FieldsVisitor(kind))?;
+    deserializer.end()?;
+    Ok(fields)
+}
+
+fn filled(values: Option<Vec<f32>>, key: &'static str) -> Result<Vec<f32>, DecodeError> {
+    let values = values.ok_or(DecodeError::Missing(key))?;
+    if values.is_empty() {
+        Err(DecodeError::Value(format!("\"{key}\" is empty")))
+    } else {
+        Ok(values)
+    }
+}
+
+fn write<T: Serialize>(message: &T) -> Vec<u8> {
+    // Strings, integers and numbers cannot fail to serialize; a number that is not finite becomes null, which no peer accepts.
+    serde_json::to_vec(message).unwrap_or_default()
+}
+
+impl Sensor {
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// No JSON object, a required key missing, a value of the wrong type, no or non-finite numbers, too large.
+    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let fields = read(payload, Kind::Sensor)?;
+        Ok(Self {
+            simulation: fields.simulation,
+            simulation_hash: fields
+                .simulation_hash
+                .ok_or(DecodeError::Missing("simulation_hash"))?,
+            agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
+            sensor: filled(fields.sensor, "sensor")?,
+        })
+    }
+
+    /// The payload; numbers are the shortest decimals that read back as the same binary32.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        write(self)
+    }
+}
+
+impl Actuator {
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// No JSON object, a required key missing, a value of the wrong type, no or non-finite numbers, too large.
+    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let fields = read(payload, Kind::Actuator)?;
+        Ok(Self {
+            simulation: fields.simulation,
+            simulation_hash: fields
+                .simulation_hash
+                .ok_or(DecodeError::Missing("simulation_hash"))?,
+            agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
+            actuator: filled(fields.actuator, "actuator")?,
+        })
+    }
+
+    /// The payload; numbers are the shortest decimals that read back as the same binary32.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        write(self)
+    }
+}
+
+impl Fitness {
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// No JSON object, a required key missing, a value of the wrong type, a non-finite number, too large.
+    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let fields = read(payload, Kind::Fitness)?;
+        Ok(Self {
+            simulation: fields.simulation,
+            simulation_hash: fields
+                .simulation_hash
+                .ok_or(DecodeError::Missing("simulation_hash"))?,
+            fitness: fields.fitness.ok_or(DecodeError::Missing("fitness"))?,
+        })
+    }
+
+    /// The payload; the number is the shortest decimal that reads back as the same binary64.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        write(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn readings_survive_the_wire_to_the_bit(bits in prop::collection::vec(any::<u32>(), 1..20), agent in 0u64..1 << 63) {
+            let sensor: Vec<f32> = bits.into_iter().map(f32::from_bits).filter(|x| x.is_finite()).collect();
+            prop_assume!(!sensor.is_empty());
+            let sent = Sensor { simulation: Some("a\"\u{1f41d}".into()), simulation_hash: "00".into(), agent, sensor };
+            let read = Sensor::decode(&sent.encode()).unwrap();
+            prop_assert_eq!(sent.agent, read.agent);
+            let to_bits = |values: &[f32]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            prop_assert_eq!(to_bits(&sent.sensor), to_bits(&read.sensor));
+        }
+
+        #[test]
+        fn fitness_survives_the_wire_to_the_bit(bits in any::<u64>()) {
+            let fitness = f64::from_bits(bits);
+            prop_assume!(fitness.is_finite());
+            let sent = Fitness { simulation: None, simulation_hash: "00".into(), fitness };
+            prop_assert_eq!(Fitness::decode(&sent.encode()).unwrap().fitness.to_bits(), bits);
+        }
+
+        #[test]
+        fn junk_is_refused_and_never_panics(junk in prop::collection::vec(any::<u8>(), 0..200)) {
+            let _ = (Sensor::decode(&junk), Actuator::decode(&junk), Fitness::decode(&junk));
+        }
+    }
+
+    #[test]
+    fn decimals_become_the_nearest_binary32_not_the_nearest_of_the_nearest_binary64() {
+        // Rounded to binary64 first, this decimal falls on the middle between two binary32 and goes the wrong way.
+        let text =
+            br#"{"simulation_hash":"0","agent":0,"actuator":[1.00000017881393432617187499999]}"#;
+        assert_eq!(
+            Actuator::decode(text).unwrap().actuator[0].to_bits(),
+            0x3f80_0001
+        );
+    }
+
+    #[test]
+    fn numbers_beyond_binary32_are_refused() {
+        let text = br#"{"simulation_hash":"0","agent":0,"actuator":[1e39]}"#;
+        assert!(Actuator::decode(text).is_err());
+        assert!(Sensor::decode(&vec![b' '; MAX_PAYLOAD + 1]).is_err());
+    }
+}

@@ -1,0 +1,163 @@
+//! The seven topics of D6.1 (Table 3) and those of the extensions, under an optional prefix.
+
+/// What a message is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Topic {
+    /// Query of available simulation servers.
+    Discovery,
+    /// A server's answer to a discovery.
+    Server,
+    /// Configuration of a simulation.
+    Parameters,
+    /// Start or end of a run.
+    Control,
+    /// Sensor readings of one agent.
+    Sensor,
+    /// Actuator commands of one agent.
+    Actuator,
+    /// Fitness of a candidate at the end of a run.
+    Fitness,
+    /// Extension: what a server does now, retained.
+    Presence,
+}
+
+impl Topic {
+    /// The seven topics of D6.1.
+    pub const SEED: [Self; 7] = [
+        Self::Discovery,
+        Self::Server,
+        Self::Parameters,
+        Self::Control,
+        Self::Sensor,
+        Self::Actuator,
+        Self::Fitness,
+    ];
+
+    /// The topic's flat name, without prefix.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Discovery => "discovery",
+            Self::Server => "server",
+            Self::Parameters => "parameters",
+            Self::Control => "control",
+            Self::Sensor => "sensor",
+            Self::Actuator => "actuator",
+            Self::Fitness => "fitness",
+            Self::Presence => PRESENCE,
+        }
+    }
+
+    fn from_name(name: &str) -> Option<Self> {
+        Some(match name {
+            "discovery" => Self::Discovery,
+            "server" => Self::Server,
+            "parameters" => Self::Parameters,
+            "control" => Self::Control,
+            "sensor" => Self::Sensor,
+            "actuator" => Self::Actuator,
+            "fitness" => Self::Fitness,
+            _ if name
+                .strip_prefix(PRESENCE)?
+                .strip_prefix('/')?
+                .parse::<u64>()
+                .is_ok() =>
+            {
+                Self::Presence
+            }
+            _ => return None,
+        })
+    }
+}
+
+const PRESENCE: &str = "swarmwright/v1/presence";
+
+/// A prefix that cannot stand before a topic.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("topic prefix {0:?}: {1}")]
+pub struct TopicError(String, &'static str);
+
+/// Topic names under one prefix.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Topics {
+    prefix: String,
+}
+
+impl Topics {
+    /// `prefix` is put before every topic with a slash between; empty for none.
+    ///
+    /// # Errors
+    /// Wildcards, NUL, a leading slash or `$`, or more than 1,000 bytes.
+    pub fn new(prefix: &str) -> Result<Self, TopicError> {
+        let prefix = prefix.strip_suffix('/').unwrap_or(prefix);
+        let wrong = |reason| Err(TopicError(prefix.to_owned(), reason));
+        if prefix.contains(['+', '#', '\0']) {
+            return wrong(
+                "+, # and NUL have a meaning of their own in MQTT; use letters, digits, - and /",
+            );
+        }
+        if prefix.starts_with(['/', '$']) {
+            return wrong("must not begin with / or $");
+        }
+        if prefix.len() > 1000 {
+            return wrong("is longer than 1,000 bytes");
+        }
+        Ok(Self {
+            prefix: if prefix.is_empty() {
+                String::new()
+            } else {
+                format!("{prefix}/")
+            },
+        })
+    }
+
+    /// The full name of one of the seven topics, or of the root of an extension's topics.
+    #[must_use]
+    pub fn name(&self, topic: Topic) -> String {
+        format!("{}{}", self.prefix, topic.name())
+    }
+
+    /// The topic that holds one server's presence.
+    #[must_use]
+    pub fn presence(&self, server: u64) -> String {
+        format!("{}{PRESENCE}/{server}", self.prefix)
+    }
+
+    /// The filter that all presence messages pass.
+    #[must_use]
+    pub fn presence_filter(&self) -> String {
+        format!("{}{PRESENCE}/+", self.prefix)
+    }
+
+    /// What a topic name means; none if it is not ours.
+    #[must_use]
+    pub fn parse(&self, name: &str) -> Option<Topic> {
+        Topic::from_name(name.strip_prefix(self.prefix.as_str())?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_read_back_with_and_without_prefix() {
+        for prefix in ["", "lab", "lab/", "a/b"] {
+            let topics = Topics::new(prefix).unwrap();
+            for topic in Topic::SEED {
+                assert_eq!(topics.parse(&topics.name(topic)), Some(topic));
+            }
+            assert_eq!(topics.parse(&topics.presence(7)), Some(Topic::Presence));
+        }
+        assert_eq!(Topics::new("lab").unwrap().parse("sensor"), None);
+        assert_eq!(Topics::default().parse("lab/sensor"), None);
+        assert_eq!(Topics::default().parse("swarmwright/v1/presence/x"), None);
+    }
+
+    #[test]
+    fn prefixes_that_cannot_stand_are_refused() {
+        for prefix in ["a/+", "#", "/a", "$SYS", "a\0b"] {
+            assert!(Topics::new(prefix).is_err(), "{prefix:?}");
+        }
+    }
+}
