@@ -1,0 +1,69 @@
+"""Swarmwright evolves controllers for swarms of robots on many simulation servers through an MQTT broker.
+
+    import swarmwright
+
+    experiment = swarmwright.Experiment.load("experiments/minisim.yaml")
+    run = swarmwright.optimize(experiment)
+    print(run.best.fitness, run.path)
+
+Names are imported when they are first used, so that `import swarmwright` costs next to nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from swarmwright._errors import InputError, RunError, SwarmwrightError
+
+if TYPE_CHECKING:
+    from swarmwright import templates
+    from swarmwright._controller import Controller
+    from swarmwright._evaluate import evaluate, simulate
+    from swarmwright._experiment import Experiment
+    from swarmwright._optimize import Generation, optimize
+    from swarmwright._run import Run
+
+    __version__: str
+
+__all__ = [
+    "Controller",
+    "Experiment",
+    "Generation",
+    "InputError",
+    "Run",
+    "RunError",
+    "SwarmwrightError",
+    "__version__",
+    "evaluate",
+    "optimize",
+    "simulate",
+    "templates",
+]
+
+_LAZY = {
+    "Controller": "_controller",
+    "Experiment": "_experiment",
+    "Generation": "_optimize",
+    "Run": "_run",
+    "evaluate": "_evaluate",
+    "optimize": "_optimize",
+    "simulate": "_evaluate",
+}
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("swarmwright")
+    elif name == "templates":
+        value = import_module("swarmwright.templates")
+    elif name in _LAZY:
+        value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)
+    else:
+        raise AttributeError(f"module 'swarmwright' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

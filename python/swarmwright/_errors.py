@@ -1,0 +1,37 @@
+"""The errors that Swarmwright shows to people: complete in themselves, each with the exit status it leads to."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar
+
+
+class SwarmwrightError(Exception):
+    """Base of all errors of Swarmwright. The message says what is wrong, where, and how to mend it."""
+
+    exit_status: ClassVar[int] = 1
+    """What a command line tool that ends with this error exits with."""
+
+
+class InputError(SwarmwrightError):
+    """What was given is wrong: an experiment, a controller, genomes, an address. Exit status 2."""
+
+    exit_status: ClassVar[int] = 2
+
+
+class RunError(SwarmwrightError):
+    """The run failed although the input was right: no broker, no server, all candidates failed. Exit status 1."""
+
+    exit_status: ClassVar[int] = 1
+
+
+@contextmanager
+def engine_errors(where: str = "") -> Iterator[None]:
+    """Turn the compiled engine's errors into InputError and RunError; `where` is put before an input error's message."""
+    from swarmwright import _engine
+
+    try:
+        yield
+    except _engine.InputError as error:
+        raise InputError(f"{where}{error}") from error
+    except _engine.EngineError as error:
+        raise RunError(str(error)) from error

@@ -1,0 +1,15 @@
+"""Typed options: the one source of validation, JSON Schema and reference pages."""
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Options(BaseModel):
+    """Base of every section of an experiment file.
+
+    Unknown keys are errors; nothing is converted silently ("50" is no number, 1.5 no integer); numbers are finite; every
+    field has a default where one makes sense and a description, which goes to the schema and the reference page.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, validate_default=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )

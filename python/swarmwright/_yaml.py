@@ -1,0 +1,178 @@
+"""YAML 1.2 with line numbers: every problem of a file at once, each with its line."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from swarmwright._errors import InputError
+
+Path_ = tuple[str | int, ...]
+"""Where a value stands: keys and list indices from the top."""
+
+_LARGEST = 1_000_000  # values in a file; aliases of aliases can make a short file endless
+_TAG = "tag:yaml.org,2002:"
+
+
+@dataclass
+class Source:
+    """What a file says and where it says it."""
+
+    name: str
+    """How the file was named by its user."""
+    values: Any = None
+    lines: dict[Path_, int] = field(default_factory=dict)
+    """Line, from 1, of each key and list item."""
+    problems: list[tuple[Path_, int, str]] = field(default_factory=list)
+    """What is wrong with the file as YAML: where, line, what."""
+
+    def place(self, path: Path_) -> str:
+        """Return "file:line: a.b.c: " for the value at `path`, or for the nearest thing above it that has a line."""
+        dotted = dotted_path(path)
+        above = path
+        while above and above not in self.lines:
+            above = above[:-1]
+        line = self.lines.get(above)
+        where = f"{self.name}:{line}: " if line is not None else f"{self.name}: " if self.name else ""
+        return f"{where}{dotted}: " if dotted else where
+
+
+def dotted_path(path: Path_) -> str:
+    """Return `("a", "b", 0)` as "a.b[0]"."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def read(path: Path) -> Source:
+    """Read a YAML file of one document.
+
+    Raises InputError when the file cannot be read or is no YAML; duplicate keys and such are collected in `problems`.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder, not an experiment file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start} is no part of a character)") from error
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str) -> Source:
+    """Parse YAML text; `name` is what it is called in messages."""
+    source = Source(name)
+    try:
+        node = YAML(typ="safe", pure=True).compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
+        raise InputError(f"{place}is no YAML: {error.problem or error.context}") from error
+    except (YAMLError, ValueError) as error:
+        raise InputError(f"{name}: is no YAML: {error}") from error
+    except RecursionError:
+        raise InputError(f"{name}: is nested too deeply") from None
+    if node is not None:
+        source.values = _Builder(source).build(node, ())
+    return source
+
+
+class _Builder:
+    """Turns the node graph into plain values; tags are never executed."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._open: list[Node] = []
+        self._count = 0
+
+    def build(self, node: Node, path: Path_) -> Any:  # noqa: ANN401 - any YAML value
+        self._count += 1
+        if self._count > _LARGEST:
+            raise InputError(f"{self._source.name}: holds more than {_LARGEST} values")
+        if len(self._open) > 100:
+            raise InputError(f"{self._source.name}: is nested too deeply")
+        if any(node is above for above in self._open):
+            return self._problem(node, path, "an alias refers to a value that contains it")
+        self._source.lines.setdefault(path, node.start_mark.line + 1)
+        self._open.append(node)
+        try:
+            if isinstance(node, MappingNode):
+                return self._mapping(node, path)
+            if isinstance(node, SequenceNode):
+                return [self.build(item, (*path, index)) for index, item in enumerate(node.value)]
+            return self._scalar(node, path)
+        finally:
+            self._open.pop()
+
+    def _mapping(self, node: MappingNode, path: Path_) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, ScalarNode):
+                self._problem(key_node, path, "a key must be a word, not a list or a mapping")
+                continue
+            key = str(key_node.value)
+            inner = (*path, key)
+            if key in result:
+                first = self._source.lines[inner]
+                self._problem(key_node, inner, f"the key stands twice in one mapping (first in line {first})")
+                continue
+            self._source.lines[inner] = key_node.start_mark.line + 1
+            result[key] = self.build(value_node, inner)
+        return result
+
+    def _scalar(self, node: Node, path: Path_) -> Any:  # noqa: ANN401 - any YAML scalar
+        text: str = node.value
+        kind = str(node.tag).removeprefix(_TAG)
+        if kind == "null":
+            return None
+        if kind == "bool":
+            return text.lower() in {"true", "yes", "on"}
+        try:
+            if kind == "int":
+                return _integer(text)
+            if kind == "float":
+                return _number(text)
+        except ValueError:
+            return self._problem(node, path, f"{text!r} is no number")
+        if kind in {"str", "timestamp", "value", "merge"}:
+            return text
+        return self._problem(node, path, f"the tag {node.tag} has no meaning here")
+
+    def _problem(self, node: Node, path: Path_, message: str) -> None:
+        self._source.problems.append((path, node.start_mark.line + 1, message))
+
+
+def _integer(text: str) -> int:
+    digits = text.replace("_", "").lower()
+    if digits.lstrip("+-")[:2] in {"0x", "0o", "0b"}:
+        return int(digits, 0)
+    return int(digits, 10)
+
+
+def _number(text: str) -> float:
+    special = {".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf, ".nan": math.nan}
+    lowered = text.replace("_", "").lower()
+    return special[lowered] if lowered in special else float(lowered)
+
+
+def dump(values: Mapping[str, Any]) -> str:
+    """Return a mapping of plain values as YAML, keys in the order given, short lists on one line."""
+    from io import StringIO
+
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.allow_unicode = True
+    yaml.width = 110
+    text = StringIO()
+    yaml.dump(dict(values), text)
+    return text.getvalue()

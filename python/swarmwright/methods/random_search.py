@@ -1,0 +1,46 @@
+"""Random search: the yardstick that every other method must beat."""
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from swarmwright.methods._base import Method, MethodOptions, stacked
+from swarmwright.rankings._base import Fitness
+from swarmwright.representations._base import Genomes, Representation
+
+
+class RandomSearchOptions(MethodOptions):
+    """Independent random genomes; nothing is learned from their fitness."""
+
+    kind: Literal["random_search"] = "random_search"
+    population: int = Field(default=50, ge=1, le=10_000_000)
+    """Genomes in each generation."""
+
+
+class RandomSearch(Method):
+    """Each generation is a fresh sample of the representation's initial distribution."""
+
+    kind: ClassVar[str] = "random_search"
+    options_model = RandomSearchOptions
+    options: RandomSearchOptions
+
+    def __init__(self, options: RandomSearchOptions, representation: Representation, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self._fitness: Fitness = np.empty(0)
+
+    @property
+    def budget(self) -> int:
+        """Number of evaluations of the whole run."""
+        return self.options.population * self.options.generations
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Fitness of the last sample."""
+        return self._fitness
+
+    def _ask(self) -> Genomes:
+        return stacked([self.initial(candidate) for candidate in range(self.options.population)])
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - nothing is learned
+        self._fitness = fitness

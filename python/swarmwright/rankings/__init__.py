@@ -1,0 +1,14 @@
+"""How episodes become the order of candidates: one file and one line below for each ranking."""
+
+from swarmwright._registry import Registry
+from swarmwright.rankings._base import Ranking, RankingOptions
+
+__all__ = ["RANKINGS", "Ranking", "RankingOptions"]
+
+RANKINGS: Registry[Ranking] = Registry(
+    "ranking",
+    "swarmwright.rankings",
+    {"absolute": "swarmwright.rankings.absolute:Absolute"},
+    "swarmwright.rankings:Ranking",
+)
+"""All rankings, by the `kind` of an experiment's `ranking`."""

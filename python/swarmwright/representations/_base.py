@@ -1,0 +1,72 @@
+"""What every representation does."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright._options import Options
+from swarmwright._random import Stream
+
+Genome = NDArray[np.float32]
+"""One genome: float32, shape (genome_size,)."""
+Genomes = NDArray[np.float32]
+"""Several genomes: float32, shape (candidates, genome_size)."""
+
+
+class Representation(ABC):
+    """A genome is a flat row of float32 numbers; a representation knows what controller it stands for.
+
+    It gives a genome its meaning (`specification`, what the engine and every simulation server understand) and its
+    genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`), how two are combined
+    (`crossover`) and how different two are (`distance`). Methods work on genomes through these alone, so any method
+    evolves any representation. Operators are pure: they return new arrays and take their randomness from the stream
+    they are given.
+
+    Args:
+        options: this representation's section of the experiment.
+        sensors: numbers an agent senses each step, at least 1.
+        actuators: numbers an agent is steered by each step, at least 1.
+
+    """
+
+    kind: ClassVar[str]
+    """Name in experiment files."""
+    options_model: ClassVar[type[Options]]
+    """Typed options, with `kind` among them."""
+
+    def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
+        self.options = options
+        self.sensors = sensors
+        self.actuators = actuators
+
+    @property
+    @abstractmethod
+    def genome_size(self) -> int:
+        """Number of genes."""
+
+    @abstractmethod
+    def specification(self, genome: Genome) -> dict[str, Any]:
+        """Return the controller as plain values, see protocol/schemas/controller.schema.json."""
+
+    @abstractmethod
+    def initial(self, stream: Stream) -> Genome:
+        """Return a random genome to start from."""
+
+    @abstractmethod
+    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
+        """Return a copy in which each gene is changed with `probability`; `severity` scales the change."""
+
+    @abstractmethod
+    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
+        """Return a copy of `mother` with a part of `father`."""
+
+    @abstractmethod
+    def distance(self, one: Genome, other: Genome) -> float:
+        """Return how different two genomes are: 0 for equal ones, symmetric."""
+
+
+def shortest(genome: Genome) -> list[float]:
+    """Return float32 numbers as the Python floats whose shortest decimals read back as the same float32."""
+    return [float(text) for text in genome.astype(np.float32).astype(str)]

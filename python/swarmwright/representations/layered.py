@@ -1,0 +1,57 @@
+"""Layered networks: feed-forward, no state."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from swarmwright.representations._base import Genome, shortest
+from swarmwright.representations._network import NetworkOptions, NodeNetwork
+
+Size = Annotated[int, Field(ge=1, le=10_000)]
+
+OUTPUT_RANGE = {
+    "tanh": [-1.0, 1.0],
+    "relu": [-1.0, 1.0],
+    "linear": [-1.0, 1.0],
+    "clamp": [0.0, 1.0],
+    "sigmoid": [0.0, 1.0],
+}
+"""What a node's output is mapped from to become an actuator in -1..1."""
+
+
+class LayeredOptions(NetworkOptions):
+    """A feed-forward network: every node of a layer sees all nodes of the layer before."""
+
+    kind: Literal["layered"] = "layered"
+    hidden: list[Size] = Field(default=[8], max_length=100)
+    """Nodes in each hidden layer; an empty list connects the sensors to the actuators directly."""
+    activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] = "tanh"
+    """Function of every node. tanh, relu and linear give actuators as they are (limited to -1..1); clamp (to 0..1)
+    and sigmoid are mapped from 0..1 to -1..1."""
+
+
+class Layered(NodeNetwork):
+    """Feed-forward network, sensors in, actuators out. Genes: layer after layer, node after node, bias first."""
+
+    kind: ClassVar[str] = "layered"
+    options_model = LayeredOptions
+    options: LayeredOptions
+
+    def node_sizes(self) -> Sequence[int]:
+        """Return the size of the layer before, for each node."""
+        layers = [self.sensors, *self.options.hidden, self.actuators]
+        return [before for before, here in zip(layers, layers[1:], strict=False) for _ in range(here)]
+
+    def specification(self, genome: Genome) -> dict[str, Any]:
+        """Return the controller as plain values."""
+        return {
+            "version": 1,
+            "kind": self.kind,
+            "sensors": self.sensors,
+            "actuators": self.actuators,
+            "hidden": list(self.options.hidden),
+            "activation": self.options.activation,
+            "output_range": OUTPUT_RANGE[self.options.activation],
+            "weights": shortest(genome),
+        }
