@@ -3,6 +3,17 @@
 Exit status: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted with results kept.
 """
 
-from swarmwright.cli._main import run
+from collections.abc import Sequence
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit status.
+
+    arguments: without the program's name; the process's own when not given.
+    """
+    from swarmwright.cli._main import run
+
+    return run(arguments)
+
 
 __all__ = ["run"]

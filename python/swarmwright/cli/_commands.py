@@ -79,7 +79,12 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
     example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",
 )
 @click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show the version.",
 )
 def program() -> None:
     """Evolve controllers for swarms on many simulation servers through an MQTT broker."""

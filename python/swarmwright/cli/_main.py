@@ -44,7 +44,8 @@ def _status(arguments: Sequence[str] | None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         raise
-    except Exception as error:  # noqa: BLE001 - the last resort: a person never sees a traceback
+    except Exception as error:
+        # The last resort: a person never sees a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
             raise
         return _show_error(error)

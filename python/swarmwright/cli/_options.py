@@ -13,14 +13,14 @@ DEFAULT_BROKER = "mqtt://localhost:1883"
 BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
 
 CREDENTIALS = (
-    "Credentials come from the environment: SWARMWRIGHT_USERNAME, and SWARMWRIGHT_PASSWORD or the path of a file "
-    "in SWARMWRIGHT_PASSWORD_FILE."
+    "Credentials come from the environment: SWARMWRIGHT_USERNAME, and SWARMWRIGHT_PASSWORD or the path of "
+    "a file in SWARMWRIGHT_PASSWORD_FILE."
 )
 
 Decorator = Callable[[Any], Any]
 
 
-class BrokerUrl(click.ParamType):
+class BrokerUrl(click.ParamType[str]):
     """Address of a broker. The engine checks it; here only a password is turned away."""
 
     name = "url"
@@ -37,7 +37,7 @@ class BrokerUrl(click.ParamType):
         return value
 
 
-class ExistingPath(click.ParamType):
+class ExistingPath(click.ParamType[Path]):
     """A file or folder that is there; a mistyped one is answered with its nearest neighbour.
 
     folder: whether a folder is wanted rather than a file; None takes either.
@@ -71,12 +71,14 @@ def _nearest(path: Path) -> str:
     return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 
-class ServerCount(click.ParamType):
+class ServerCount(click.ParamType[str | int]):
     """`auto`, `local` or a number of servers."""
 
     name = "auto|local|K"
 
-    def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> str | int:
+    def convert(
+        self, value: str | int, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | int:
         """The word or the number."""
         if value in ("auto", "local"):
             return value
@@ -106,7 +108,10 @@ def broker_option(*, default: str | None, text: str) -> Decorator:
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 
 prefix_option: Decorator = click.option(
-    "--prefix", default="", metavar="PREFIX", help="Topics stand under this prefix, such as 'lab/'. Default: none."
+    "--prefix",
+    default="",
+    metavar="PREFIX",
+    help="Topics stand under this prefix, such as 'lab/'. Default: none.",
 )
 
 

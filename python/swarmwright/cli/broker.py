@@ -23,8 +23,12 @@ Port = click.IntRange(0, 65535)
 @click.option("--port", type=Port, default=1883, show_default=True, help="TCP port; 0 takes any free one.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--websocket-port", type=Port, metavar="PORT", help="Also listen for MQTT over websockets.")
-@click.option("--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users are let in.")
-@click.option("--certificate", type=ExistingPath(), metavar="FILE", help="Listen with TLS; certificate chain, PEM.")
+@click.option(
+    "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users are let in."
+)
+@click.option(
+    "--certificate", type=ExistingPath(), metavar="FILE", help="Listen with TLS; certificate chain, PEM."
+)
 @click.option("--key", type=ExistingPath(), metavar="FILE", help="The certificate's private key, PEM.")
 @json_option
 def command(
@@ -38,16 +42,16 @@ def command(
 ) -> int:
     """Run the MQTT broker until Ctrl-C.
 
-    Everybody who can reach the broker may use it, unless there is a password file. Therefore it listens to this
-    machine only, and to other machines with a password file.
+    Everybody who can reach the broker may use it, unless there is a password file. Therefore it listens to
+    this machine only, and to other machines with a password file.
     """
     if (certificate is None) != (key is None):
         missing = "--key" if key is None else "--certificate"
         raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
     if users is None and not _loopback(host):
         raise click.UsageError(
-            f"'{host}' can be reached from other machines, and without a password everybody there could use the "
-            "broker. Give --users FILE, or listen on 127.0.0.1."
+            f"'{host}' can be reached from other machines, and without a password everybody there could use "
+            "the broker. Give --users FILE, or listen on 127.0.0.1."
         )
     from swarmwright import _engine
 

@@ -21,8 +21,8 @@ def command() -> None:
 def export(run: Path, file: Path, as_json: bool) -> None:
     """Write the record of RUN as a table, a line per evaluation.
 
-    Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each episode,
-    then the genome.
+    Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each
+    episode, then the genome.
     """
     from swarmwright import Run
 

@@ -10,7 +10,17 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output
 
-HEADINGS = ("id", "host/pid", "state", "for whom", "since", "simulations", "dimensions", "sensors", "actuators")
+HEADINGS = (
+    "id",
+    "host/pid",
+    "state",
+    "for whom",
+    "since",
+    "simulations",
+    "dimensions",
+    "sensors",
+    "actuators",
+)
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 
 

@@ -1,0 +1,175 @@
+"""How an optimization's progress is shown: a bar on a terminal, plain lines when piped, JSON for machines."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Protocol
+
+from swarmwright.cli._output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderResult
+
+    from swarmwright import Generation
+
+PATIENCE = 2.0
+"""Seconds without a result after which it is said what is waited for."""
+
+
+class Progress(Protocol):
+    """Shows how far an optimization is."""
+
+    def generation(self, generation: "Generation") -> None:
+        """A generation has been evaluated."""
+
+    def evaluating(self, done: int, total: int, waiting_for: str) -> None:
+        """Within a generation: called some ten times a second."""
+
+
+class Stall:
+    """Notices that no result has come for a while."""
+
+    def __init__(self) -> None:
+        self._done: tuple[int, int] | None = None
+        self._since = time.monotonic()
+        self._said = 0.0
+
+    def seconds(self, done: int, total: int) -> float:
+        """Seconds since the numbers changed last."""
+        now = time.monotonic()
+        if (done, total) != self._done:
+            self._done, self._since, self._said = (done, total), now, 0.0
+        return now - self._since
+
+    def worth_a_line(self, done: int, total: int) -> float | None:
+        """The seconds, after PATIENCE and at every doubling of it; else None."""
+        seconds = self.seconds(done, total)
+        if seconds < max(PATIENCE, 2 * self._said):
+            return None
+        self._said = seconds
+        return seconds
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as people read them: 8 s, 3 min 05 s, 2 h 07 min."""
+    if seconds is None:
+        return "?"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02} min"
+
+
+class JsonProgress:
+    """An object per generation."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+
+    def generation(self, generation: "Generation") -> None:
+        """Print every number that there is of the generation."""
+        self._output.json({item.name: getattr(generation, item.name) for item in fields(generation)})
+
+    def evaluating(self, done: int, total: int, waiting_for: str) -> None:
+        """Nothing: a script waits for lines."""
+
+
+class PlainProgress:
+    """A line per generation."""
+
+    def __init__(self, output: Output, total: int) -> None:
+        self._output = output
+        self._total = total
+        self._stall = Stall()
+
+    def generation(self, generation: "Generation") -> None:
+        """Print a line."""
+        self._output.text(
+            f"generation {generation.generation + 1}/{self._total}  best {generation.best_so_far:.6g}  "
+            f"mean {generation.mean:.6g}  {generation.evaluations} evaluations "
+            f"({generation.evaluations_per_second:.0f}/s)  {duration(generation.seconds_left)} left"
+        )
+
+    def evaluating(self, done: int, total: int, waiting_for: str) -> None:
+        """Print a line when it takes long."""
+        seconds = self._stall.worth_a_line(done, total)
+        if seconds is not None:
+            self._output.text(f"{done} of {total} evaluated; waiting for {seconds:.0f} s{_for(waiting_for)}")
+
+
+class BarProgress:
+    """A bar and the numbers of the last generation, redrawn in place by `rich`."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._last: Generation | None = None
+        self._part = 0.0
+        self._waiting = "looking for servers"
+        self._stall = Stall()
+
+    def generation(self, generation: "Generation") -> None:
+        """Note the numbers; the next redraw shows them."""
+        self._last, self._part, self._waiting = generation, 0.0, ""
+
+    def evaluating(self, done: int, total: int, waiting_for: str) -> None:
+        """Note how far the generation is, and what is waited for."""
+        self._part = done / total if total else 0.0
+        seconds = self._stall.seconds(done, total)
+        self._waiting = f"waiting for {seconds:.0f} s{_for(waiting_for)}" if seconds >= PATIENCE else ""
+
+    def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
+        """Two lines that fit any width, and a third when something is waited for."""
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        last = self._last
+        finished = 0 if last is None else last.generation + 1
+        left = "" if last is None else f"{duration(last.seconds_left)} left"
+        line = Table.grid(padding=(0, 1), expand=True)
+        line.add_column(no_wrap=True)
+        line.add_column(ratio=1)
+        line.add_column(no_wrap=True)
+        line.add_row(
+            Text(f"generation {finished}/{self._total}"),
+            ProgressBar(total=max(self._total, 1), completed=min(finished + self._part, self._total)),
+            Text(left),
+        )
+        yield line
+        if last is not None:
+            numbers = Text(no_wrap=True, overflow="ellipsis")
+            numbers.append("best ").append(f"{last.best_so_far:.6g}", style="bold green")
+            numbers.append(f"  mean {last.mean:.6g}  {last.evaluations} evaluations")
+            numbers.append(f"  {last.evaluations_per_second:.0f}/s", style="cyan")
+            yield numbers
+        if self._waiting:
+            yield Text(self._waiting, style="yellow", no_wrap=True, overflow="ellipsis")
+
+
+def _for(waiting_for: str) -> str:
+    return f" for {waiting_for}" if waiting_for else ""
+
+
+@contextmanager
+def progress(output: Output, total: int) -> Iterator[Progress]:
+    """The fitting way to show progress, for the time of a `with` block.
+
+    total: number of generations.
+    """
+    if output.as_json:
+        yield JsonProgress(output)
+    elif not output.terminal:
+        yield PlainProgress(output, total)
+    else:
+        from rich.live import Live
+
+        bar = BarProgress(total)
+        with Live(_renderable(bar), console=output.console(), refresh_per_second=8):
+            yield bar
+
+
+def _renderable(bar: BarProgress) -> Any:  # noqa: ANN401 - rich's renderables have no common type
+    return bar

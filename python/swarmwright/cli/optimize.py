@@ -1,0 +1,130 @@
+"""`swarmwright optimize`: evolve a controller."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import (
+    ExistingPath,
+    ServerCount,
+    broker_option,
+    experiment_broker,
+    json_option,
+)
+from swarmwright.cli._output import Output
+from swarmwright.cli._signals import INTERRUPTED
+
+if TYPE_CHECKING:
+    from swarmwright import Generation, Run
+    from swarmwright.cli._progress import Progress
+
+FILES = {
+    "best.json": "the best controller",
+    "fitness.png": "fitness over generations, a plot",
+    "generations.csv": "fitness over generations, a table",
+    "record.csv": "every evaluation",
+    "journal.jsonl": "which server did what, when",
+    "experiment.yaml": "the experiment with every default written out",
+}
+
+
+@click.command(
+    "optimize", cls=Command, example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2"
+)
+@click.argument("file", type=ExistingPath(), metavar="FILE")
+@broker_option(default=None, text="Use the servers on this broker. Default: start a broker and servers here.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), metavar="S", help="Seed of the run. Default: the file's."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Folder for the results. Default: a new one in runs/.",
+)
+@click.option(
+    "--servers",
+    type=ServerCount(),
+    metavar="K",
+    help="Servers to start here; 'local' needs neither them nor a broker.",
+)
+@json_option
+def command(
+    file: Path,
+    broker: str | None,
+    seed: int | None,
+    out: Path | None,
+    servers: str | int | None,
+    as_json: bool,
+) -> int:
+    """Evolve a controller as the experiment FILE says.
+
+    Ctrl-C ends it early and keeps the results so far.
+    """
+    from swarmwright import Experiment, optimize
+    from swarmwright.cli._progress import progress
+
+    output = Output(as_json=as_json)
+    experiment = Experiment.load(file)
+    wanted = servers if servers is not None else experiment.servers
+    broker = experiment_broker(broker, experiment.broker, wanted)
+    reader = Reader()
+    with progress(output, experiment.generations) as shown:
+        run = optimize(
+            experiment,
+            on_generation=lambda generation: reader.show(shown, generation),
+            on_progress=shown.evaluating,
+            broker=broker,
+            servers=servers,
+            seed=seed,
+            out=out,
+        )
+    if not reader.gone:
+        _conclude(output, run)
+    return INTERRUPTED if run.interrupted else 0
+
+
+class Reader:
+    """Whoever reads the output; once gone (`| head`), the run ends with its results kept."""
+
+    def __init__(self) -> None:
+        self.gone = False
+
+    def show(self, progress: "Progress", generation: "Generation") -> bool:
+        """Show a generation; whether to go on."""
+        try:
+            progress.generation(generation)
+        except BrokenPipeError:
+            self.gone = True
+        return not self.gone
+
+
+def _conclude(output: Output, run: "Run") -> None:
+    best = run.best
+    output.json(
+        {
+            "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
+            "evaluations": run.evaluations,
+            "generations": run.generations,
+            "seconds": run.seconds,
+            "run": str(run.path),
+        }
+    )
+    if run.interrupted:
+        output.text("Interrupted; the results so far are kept.")
+    rate = run.evaluations / run.seconds if run.seconds > 0 else 0.0
+    output.text(
+        f"Best fitness {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})."
+    )
+    output.text(f"{run.evaluations} evaluations in {run.seconds:.1f} s ({rate:.0f} a second).")
+    output.text()
+    output.text(f"Everything is in {run.path}:")
+    for name, meaning in FILES.items():
+        if (run.path / name).exists():
+            output.text(f"  {name:<16} {meaning}")
+    output.text()
+    output.text("See the best controller at work:")
+    output.text(f"  swarmwright replay {run.path}")
+    output.text(f"  swarmwright replay {run.path} --save best.gif")

@@ -1,0 +1,131 @@
+"""`swarmwright serve`: simulation servers."""
+
+import json
+import secrets
+import signal
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from swarmwright.cli._commands import Command, unknown
+from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
+from swarmwright.cli._output import Output
+from swarmwright.cli._signals import Terminated
+from swarmwright.cli._supervisor import Ended, Event, Supervisor
+
+LARGEST_ID = 2**31 - 1
+
+
+@click.command(
+    "serve", cls=Command, example="swarmwright serve minisim --broker mqtt://localhost:1883 --count 4"
+)
+@click.argument("simulation", metavar="SIMULATION")
+@broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
+@click.option(
+    "--id",
+    "first",
+    type=click.IntRange(0, LARGEST_ID),
+    metavar="N",
+    help="Id of the first server; the others count on from it. Default: random.",
+)
+@click.option(
+    "--count", type=click.IntRange(1, 1024), default=1, show_default=True, metavar="K", help="How many."
+)
+@prefix_option
+@json_option
+def command(simulation: str, broker: str, first: int | None, count: int, prefix: str, as_json: bool) -> int:
+    """Offer a built-in SIMULATION on a broker until Ctrl-C.
+
+    Every server is a process of its own and serves one optimization tool at a time.
+    """
+    from swarmwright import _engine
+
+    known = _engine.simulations()
+    if simulation not in known:
+        raise click.UsageError(unknown("simulation", simulation, known))
+    if first is None:
+        first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
+    elif first + count - 1 > LARGEST_ID:
+        raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
+    settings = [
+        {"title": simulation, "broker": broker, "id": first + i, "prefix": prefix} for i in range(count)
+    ]
+    reporter = Reporter(Output(as_json=as_json), simulation, broker)
+    try:
+        with Supervisor(settings) as servers:
+            for item in servers.news():
+                reporter.tell(item)
+    except Terminated:
+        pass  # SIGTERM is how a service is asked to end
+    return reporter.status
+
+
+class Reporter:
+    """Tells a person or a script what happens to the servers.
+
+    status: the exit status that what happened so far amounts to.
+    """
+
+    def __init__(self, output: Output, simulation: str, broker: str) -> None:
+        self.status = 0
+        self._output = output
+        self._offer = f"{simulation} on {broker}"
+        self._last: dict[int, str] = {}
+        self._errors: dict[int, str] = {}
+
+    def tell(self, item: Event | Ended) -> None:
+        """Report one piece of news."""
+        if isinstance(item, Ended):
+            self._ended(item)
+            return
+        if item.report.get("event") == "error":
+            self._errors[item.server] = str(item.report.get("message"))
+            return
+        self._output.json({"server": item.server, "pid": item.pid, **item.report})
+        line = self._sentence(item.server, item.pid, item.report)
+        if line != self._last.get(item.server):
+            self._output.text(line)
+            self._last[item.server] = line
+
+    def _sentence(self, server: int, pid: int, report: Mapping[str, Any]) -> str:
+        event = report.get("event")
+        detail = report.get("message") or report.get("reason") or ""
+        if event == "ready":
+            return f"server {server} (process {pid}) is ready: {self._offer}"
+        if event == "busy":
+            return f"server {server} is busy for {report.get('tool') or 'an optimization tool'}"
+        if event == "lost":
+            return f"server {server} has lost the broker{': ' if detail else ''}{detail}"
+        rest = detail or json.dumps({key: value for key, value in report.items() if key != "event"})
+        return f"server {server}: {event}: {rest}"
+
+    def _ended(self, item: Ended) -> None:
+        error = self._errors.get(item.server)
+        self.status = max(self.status, 2 if item.status == 2 and error else 1)
+        self._output.json(
+            {
+                "event": "ended",
+                "server": item.server,
+                "pid": item.pid,
+                "status": item.status,
+                "message": error or item.last_words,
+            }
+        )
+        if error:
+            click.echo(f"swarmwright: server {item.server}: {error}", err=True)
+            return
+        how = f"was killed by {signal_name(-item.status)}" if item.status < 0 else f"ended with {item.status}"
+        click.echo(f"swarmwright: server {item.server} (process {item.pid}) {how}", err=True)
+        if item.last_words:
+            click.echo(
+                "its last words:\n" + "\n".join(f"  {w}" for w in item.last_words.splitlines()), err=True
+            )
+
+
+def signal_name(number: int) -> str:
+    """The name of a signal: 9 -> 'SIGKILL'."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

@@ -1,0 +1,37 @@
+"""`swarmwright simulate`: one run without optimization."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import ExistingPath, broker_option, experiment_broker, json_option
+from swarmwright.cli._output import Output
+
+
+@click.command("simulate", cls=Command, example="swarmwright simulate experiments/minisim.yaml --visual")
+@click.argument("file", type=ExistingPath(), metavar="FILE")
+@click.option(
+    "--controller",
+    type=ExistingPath(folder=None),
+    metavar="C",
+    help="A controller (best.json) or a run folder. Default: a random one.",
+)
+@broker_option(default=None, text="Use a server on this broker. Default: start a broker and a server here.")
+@click.option("--visual", is_flag=True, help="Ask the server to draw the run, a frame every step.")
+@json_option
+def command(file: Path, controller: Path | None, broker: str | None, visual: bool, as_json: bool) -> None:
+    """Run the simulation of an experiment FILE once, without optimization."""
+    from swarmwright import Experiment, simulate
+    from swarmwright.cli._controllers import load_controller
+
+    if visual and as_json:
+        raise click.UsageError("--visual draws where --json prints; give one of them.")
+    output = Output(as_json=as_json)
+    experiment = Experiment.load(file)
+    loaded = None if controller is None else load_controller(controller)
+    broker = experiment_broker(broker, experiment.broker, experiment.servers)
+    fitness = simulate(experiment, loaded, broker=broker, visual=visual)
+    output.json({"fitness": fitness, "controller": None if controller is None else str(controller)})
+    whose = "a random controller" if controller is None else str(controller)
+    output.text(f"Fitness {fitness:.6g} with {whose}.")

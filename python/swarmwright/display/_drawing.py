@@ -1,0 +1,221 @@
+"""Draws scenes with matplotlib: the map, what stands on it, and the way that everything came."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarmwright.display._episode import Recording
+from swarmwright.display._look import (
+    AGENT_COLORS,
+    BLUE,
+    BORDER,
+    FIELD,
+    GRID,
+    INK,
+    PAPER,
+    RED,
+    agent_size,
+    label,
+    look,
+    mixed,
+)
+from swarmwright.display._scene import Body, Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.artist import Artist
+    from numpy.typing import NDArray
+    from PIL.Image import Image
+
+MOVING = ("agent", "defender")
+TRAIL_STEPS = 12
+"""Length of a trail in an animation, in steps."""
+
+WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
+"""Inches: of the picture, and around the map for numbers, title and legend."""
+
+
+class Picture:
+    """A figure on which scene after scene of one recording is drawn.
+
+    dpi: pixels an inch; a picture is 7 inches wide.
+    """
+
+    def __init__(self, recording: Recording, *, dpi: int) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._recording = recording
+        self._size = agent_size(recording.scenes[0])
+        self._paths = _paths(recording.scenes)
+        first = recording.scenes[0]
+        # The map fills the width; the height follows within what can be looked at.
+        inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
+        height = inside + TOP + BOTTOM
+        self.figure = Figure(figsize=(WIDTH, height), dpi=dpi, facecolor=PAPER)
+        self._canvas = FigureCanvasAgg(self.figure)
+        box = (LEFT / WIDTH, BOTTOM / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
+        self._axes = self.figure.add_axes(box)
+        self._frame(first)
+        self._legend()
+        self._ground: Any = None  # what never changes, drawn once
+
+    def image(self, scene: Scene, time: float) -> "Image":
+        """The scene as an RGB image, trails fading behind. time: in steps."""
+        from PIL import Image
+
+        if self._ground is None:
+            self._canvas.draw()  # type: ignore[no-untyped-call]
+            self._ground = self._canvas.copy_from_bbox(self.figure.bbox)  # type: ignore[no-untyped-call]
+        self._canvas.restore_region(self._ground)  # type: ignore[no-untyped-call]
+        artists = self.draw(scene, time, trail=TRAIL_STEPS)
+        for artist in sorted(artists, key=lambda a: a.get_zorder()):
+            self.figure.draw_artist(artist)
+        pixels = np.asarray(self._canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]
+        for artist in artists:
+            artist.remove()
+        return Image.fromarray(pixels)
+
+    def draw(self, scene: Scene, time: float, *, trail: int | None = None) -> "list[Artist]":
+        """Put a scene on the figure; what was put there.
+
+        time: in steps, between two scenes when it is a fraction.
+        trail: length of trails in steps; None: all the way.
+        """
+        steps = len(self._recording.scenes) - 1
+        text = f"step {scene.step} of {steps}   fitness {self._recording.fitness + 0.0:.3g}"  # no -0
+        artists: list[Artist] = [
+            self._axes.text(
+                1,
+                1.0,
+                text,
+                transform=self._axes.transAxes,
+                ha="right",
+                va="bottom",
+                fontsize=11,
+                color=BORDER,
+            )
+        ]
+        artists += self._trails(scene, time, trail)
+        groups: dict[str, list[Body]] = {}
+        for body in scene.bodies:
+            groups.setdefault(label(body), []).append(body)
+        for bodies in groups.values():
+            artists += self._group(bodies)
+        return artists
+
+    def _frame(self, scene: Scene) -> None:
+        from matplotlib.patches import Rectangle
+
+        axes = self._axes
+        margin = 0.012 * max(scene.width, scene.height)
+        axes.set_xlim(-margin, scene.width + margin)
+        axes.set_ylim(-margin, scene.height + margin)
+        axes.set_aspect("equal")
+        axes.patch.set_visible(False)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        field = Rectangle((0, 0), scene.width, scene.height, facecolor=FIELD, edgecolor="none", zorder=0)
+        border = Rectangle(
+            (0, 0), scene.width, scene.height, fill=False, edgecolor=BORDER, linewidth=1.6, zorder=1.9
+        )
+        axes.add_patch(field)
+        axes.add_patch(border)
+        axes.tick_params(length=0, labelsize=9, colors=BORDER)
+        axes.set_axisbelow(True)
+        axes.grid(color=GRID, linewidth=0.6, clip_path=field)
+        # The message is somebody's text: a dollar sign in it is no formula.
+        axes.text(
+            0, 1.0, _cut(scene.message, 44), transform=axes.transAxes, ha="left", va="bottom", fontsize=13,
+            color=INK, parse_math=False,
+        )  # fmt: skip
+
+    def _legend(self) -> None:
+        """Everything that the recording shows at any time, so that the legend stands still."""
+        from matplotlib.lines import Line2D
+
+        seen = {label(body): body for scene in self._recording.scenes for body in scene.bodies}
+        handles = []
+        for name, body in seen.items():
+            color, marker, _, _ = look(body.kind, body.state, self._size)
+            size = 12 if marker == "*" else 9
+            handles.append(
+                Line2D(
+                    [],
+                    [],
+                    color=color,
+                    marker=marker,
+                    linestyle="",
+                    markersize=size,
+                    markeredgecolor=PAPER,
+                    label=name,
+                )
+            )
+        self.figure.legend(
+            handles=handles, loc="lower center", ncols=max(len(handles), 1), frameon=False, fontsize=10,
+            handletextpad=0.2, columnspacing=1.4, borderaxespad=0.2,
+        )  # fmt: skip
+
+    def _trails(self, scene: Scene, time: float, trail: int | None) -> "list[Artist]":
+        from matplotlib.collections import LineCollection
+
+        newest = int(time)
+        oldest = 0 if trail is None else max(0, newest - trail)
+        pieces: list[NDArray[np.float64]] = []
+        colors: list[str] = []
+        for index, way in self._paths.items():
+            body = scene.bodies[index]
+            passed = np.vstack([way[oldest : newest + 1], [[body.x, body.y]]])
+            color = RED if body.kind == "defender" else AGENT_COLORS.get(body.state, BLUE)
+            shades = (
+                np.full(len(passed) - 1, 0.65) if trail is None else np.linspace(0.1, 0.65, len(passed) - 1)
+            )
+            pieces.extend(np.stack([passed[:-1], passed[1:]], axis=1))
+            # Opaque: where pieces overlap at their round ends, transparent ones would show dots.
+            colors.extend(mixed(color, FIELD, float(shade)) for shade in shades)
+        if not pieces:
+            return []
+        lines = LineCollection(pieces, colors=colors, linewidths=1.8, capstyle="round", zorder=2)
+        return [self._axes.add_collection(lines)]
+
+    def _group(self, bodies: list[Body]) -> "list[Artist]":
+        from matplotlib.collections import EllipseCollection
+        from matplotlib.colors import to_rgba
+
+        axes = self._axes
+        positions = np.array([(body.x, body.y) for body in bodies])
+        diameters = np.array([2 * body.radius for body in bodies])
+        color, marker, size, layer = look(bodies[0].kind, bodies[0].state, self._size)
+        artists: list[Artist] = []
+        if diameters.any() and bodies[0].kind != "agent":
+            discs = EllipseCollection(
+                diameters, diameters, np.zeros(len(bodies)), units="xy", offsets=positions,
+                offset_transform=axes.transData, facecolors=to_rgba(color, 0.13), edgecolors=color,
+                linewidths=1.0, zorder=1.5,
+            )  # fmt: skip
+            artists.append(axes.add_collection(discs))
+        points = axes.scatter(
+            positions[:, 0], positions[:, 1], s=size, c=color, marker=marker, edgecolors=PAPER,
+            linewidths=0.8, zorder=layer,
+        )  # fmt: skip
+        return [*artists, points]
+
+
+def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
+    """Positions over time, (scenes, 2), of every moving body; none when bodies come and go."""
+    first = scenes[0].bodies
+    if any(len(scene.bodies) != len(first) for scene in scenes):
+        return {}
+    return {
+        index: np.array(
+            [(scene.bodies[index].x, scene.bodies[index].y) for scene in scenes], dtype=np.float64
+        )
+        for index, body in enumerate(first)
+        if body.kind in MOVING
+    }
+
+
+def _cut(text: str, length: int) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= length else line[: length - 1] + "…"

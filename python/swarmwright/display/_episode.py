@@ -1,0 +1,52 @@
+"""Episodes as the display sees them."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from swarmwright.display._scene import Scene
+
+
+class Playable(Protocol):
+    """An episode that can be watched while it is stepped, such as `swarmwright._engine.Episode`."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the episode has ended."""
+
+    @property
+    def fitness(self) -> float:
+        """Fitness so far; larger is better."""
+
+    @property
+    def step_size(self) -> float:
+        """Seconds between two frames when shown."""
+
+    def step(self) -> None:
+        """Move on by one step."""
+
+    def scene(self) -> str:
+        """The scene as JSON, see `Scene.parse`."""
+
+    def text(self, columns: int, color: bool) -> str:
+        """The scene as text of at most `columns` characters a line."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A whole episode: the scene before the first step and after each.
+
+    fitness: at the end. step_size: seconds between two scenes when shown.
+    """
+
+    scenes: tuple[Scene, ...]
+    fitness: float
+    step_size: float
+
+
+def record(episode: Playable) -> Recording:
+    """Step an episode to its end and keep every scene."""
+    scenes = [Scene.parse(episode.scene())]
+    while not episode.done:
+        episode.step()
+        scenes.append(Scene.parse(episode.scene()))
+    return Recording(tuple(scenes), episode.fitness, episode.step_size)
