@@ -1,0 +1,112 @@
+# make demo    set up what is missing and evolve the example
+# make test    every test
+# make lint    every check that needs no run
+# make bench   measure, into build/bench.json
+# make clean   remove what was built (results in runs/ stay)
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.ONESHELL:
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-engine test-python lint lint-engine lint-python lint-protocol bench docs clean
+
+VENV := .venv
+BIN := $(CURDIR)/$(VENV)/bin
+export VIRTUAL_ENV := $(CURDIR)/$(VENV)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+unexport PYTHONHOME
+
+CARGO := cargo
+MANIFEST := --manifest-path engine/Cargo.toml
+ENGINE := $(shell find engine -name target -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
+
+# Installs Debian packages where that is allowed, else says which ones are missing.
+define install
+	as=""
+	if [ "$$(id -u)" != 0 ]; then as="sudo -n"; fi
+	if ! command -v apt-get > /dev/null || ! $$as true 2> /dev/null; then
+		echo "Please install: $(1)" >&2
+		exit 1
+	fi
+	$$as apt-get update -qq
+	$$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(1) > /dev/null
+endef
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.engine
+	@$(BIN)/swarmwright optimize experiments/minisim.yaml --servers 2
+
+test: test-engine test-python
+
+test-engine:
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	$(CARGO) test $(MANIFEST) --workspace --no-fail-fast --quiet
+
+test-python: $(VENV)/.engine $(VENV)/.dev
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	$(BIN)/python -m pytest
+
+lint: lint-engine lint-python lint-protocol
+
+lint-engine:
+	$(CARGO) fmt $(MANIFEST) --all --check
+	$(CARGO) clippy $(MANIFEST) --workspace --all-targets --quiet -- -D warnings
+
+lint-python: $(VENV)/.engine $(VENV)/.dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/stubtest swarmwright._engine --mypy-config-file pyproject.toml
+
+lint-protocol: protocol/node_modules/.package-lock.json
+	node protocol/validate.mjs
+
+protocol/node_modules/.package-lock.json: protocol/package.json protocol/package-lock.json
+	@command -v npm > /dev/null || { $(call install,nodejs npm); }
+	npm ci --prefix protocol --no-audit --no-fund --loglevel=error
+	touch $@
+
+bench: $(VENV)/.engine $(VENV)/.dev
+	@mkdir -p build
+	$(BIN)/python -m benchmarks build/bench.json
+
+clean:
+	rm -rf build engine/target $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -f python/swarmwright/_engine*.so
+
+# A virtual environment of the newest Python that is there, 3.11 at least.
+$(VENV)/.created:
+	@for python in $${PYTHON:-} python3 python3.14 python3.13 python3.12 python3.11; do
+		if "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2> /dev/null; then
+			"$$python" -c 'import ensurepip' 2> /dev/null || { $(call install,python3-venv); }
+			"$$python" -m venv $(VENV)
+			touch $@
+			exit 0
+		fi
+	done
+	echo "Python 3.11 or newer is needed; PYTHON=/path/to/python make ... names one." >&2
+	exit 1
+
+# What the engine is built with.
+$(VENV)/.tools: $(VENV)/.created pyproject.toml
+	@command -v $(CARGO) > /dev/null || {
+		echo "Rust is needed to build the engine: https://rustup.rs installs it." >&2
+		exit 1
+	}
+	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
+	touch $@
+
+# What tests and checks need.
+$(VENV)/.dev: $(VENV)/.engine pyproject.toml
+	$(BIN)/python -m pip install --quiet --group dev
+	touch $@
+
+# The engine, compiled into the package, and the package's dependencies.
+$(VENV)/.engine: $(VENV)/.tools $(ENGINE)
+	@mkdir -p build
+	$(BIN)/maturin develop --release
+	touch $@
