@@ -1,1 +1,21 @@
-//! Simulation wrapper: a Simulation becomes a simulation server on the broker.
+//! Simulation wrapper (D6.1 5.2.2): a [`Simulation`] becomes a simulation server on the broker.
+//!
+//! ```no_run
+//! # fn my_simulation() -> Box<dyn swarmwright_wrapper::Simulation> { unimplemented!() }
+//! use swarmwright_wrapper::{Options, SimulationServer};
+//!
+//! let mut server = SimulationServer::connect(vec![my_simulation()], Options::new(7, "mqtt://localhost")?)?;
+//! server.run(|event| println!("{event}"), || true);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//! What the server does with each message is decided in [`machine`], which knows neither sockets nor clocks.
+
+mod identity;
+pub mod machine;
+mod run;
+mod server;
+
+pub use identity::Identity;
+pub use machine::{Action, Machine, Notice};
+pub use server::{Options, ServeError, SimulationServer};
+pub use swarmwright_worlds::{Body, Description, ParameterError, Parameters, Scene, Simulation};

@@ -1,0 +1,48 @@
+//! Who a server is: its id, and what tells it from another one with the same id.
+
+use swarmwright_protocol::{Announcement, Capabilities};
+use swarmwright_worlds::Description;
+
+/// A server's id and the process behind it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Identity {
+    /// The id in the protocol.
+    pub id: u64,
+    /// Random for each start.
+    pub instance: String,
+    /// Name of the machine.
+    pub host: String,
+    /// Process id there.
+    pub pid: u64,
+}
+
+impl Identity {
+    /// This process, under the given id.
+    #[must_use]
+    pub fn new(id: u64) -> Self {
+        Self {
+            id,
+            instance: format!("{:016x}", fastrand::u64(..)),
+            host: gethostname::gethostname().to_string_lossy().into_owned(),
+            pid: u64::from(std::process::id()),
+        }
+    }
+
+    /// What this server says of its ability to run a simulation.
+    #[must_use]
+    pub fn capabilities(&self, simulation: &Description) -> Capabilities {
+        Capabilities {
+            dimensions: f64::from(simulation.dimensions),
+            max_agents: simulation.max_agents.map(f64::from),
+            swarmwright: Some(Announcement {
+                version: 1,
+                modes: vec!["stepwise".to_owned()],
+                sensors: Some(simulation.sensors),
+                actuators: Some(simulation.actuators),
+                instance: Some(self.instance.clone()),
+                host: Some(self.host.clone()),
+                pid: Some(self.pid),
+            }),
+        }
+    }
+}

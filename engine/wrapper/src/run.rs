@@ -1,0 +1,237 @@
+//! One run of a simulation: who has to act, whose actuators are there, what is missing.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{Actuator, Fitness, Sensor};
+use swarmwright_worlds::{Parameters, Simulation};
+
+/// An episode that is being stepped.
+pub(crate) struct Run {
+    pub hash: String,
+    pub title: String,
+    pub tool: Option<String>,
+    pub visual: bool,
+    /// Index of the simulation among those that the server offers.
+    pub simulation: usize,
+    /// Steps completed.
+    pub steps: u64,
+    /// When the step under way began to wait for actuators.
+    pub waiting_since: Instant,
+    /// Whether somebody was told of the waiting.
+    pub told: bool,
+    /// When the sensors go out, if the run is being shown.
+    pub resume_at: Option<Instant>,
+    acting: Vec<u32>,
+    arrived: Vec<bool>,
+    missing: usize,
+    actuators: Vec<f32>,
+    per_agent: usize,
+    sensors: Vec<f32>,
+}
+
+/// What to do after an event of a run.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Outcome {
+    /// Nothing yet: other actuators are missing.
+    Wait,
+    /// The simulation has moved on and waits for new actuators.
+    Stepped,
+    /// The episode has ended.
+    Finished(Fitness),
+    /// The simulation failed; the reason.
+    Failed(String),
+}
+
+/// Runs the simulation's code; its panics become an error, so that one candidate cannot end the server.
+fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(call)).map_err(|cause| {
+        let text = cause
+            .downcast_ref::<&str>()
+            .map(ToString::to_string)
+            .or_else(|| cause.downcast_ref::<String>().cloned());
+        format!(
+            "the simulation panicked: {}",
+            text.unwrap_or_else(|| "no reason given".to_owned())
+        )
+    })
+}
+
+impl Run {
+    /// Resets the simulation.
+    pub fn start(
+        simulation: &mut dyn Simulation,
+        parameters: &Parameters,
+        template: Self,
+    ) -> Result<Self, String> {
+        guarded(|| simulation.reset(parameters))?.map_err(|error| error.to_string())?;
+        Ok(template)
+    }
+
+    pub fn template(
+        hash: String,
+        title: String,
+        tool: Option<String>,
+        visual: bool,
+        simulation: usize,
+        now: Instant,
+    ) -> Self {
+        Self {
+            hash,
+            title,
+            tool,
+            visual,
+            simulation,
+            steps: 0,
+            waiting_since: now,
+            told: false,
+            resume_at: None,
+            acting: Vec::new(),
+            arrived: Vec::new(),
+            missing: 0,
+            actuators: Vec::new(),
+            per_agent: 0,
+            sensors: Vec::new(),
+        }
+    }
+
+    /// Sends the sensors of all acting agents, or ends the episode when there are none.
+    pub fn sense(
+        &mut self,
+        simulation: &mut dyn Simulation,
+        now: Instant,
+        mut send: impl FnMut(Sensor),
+    ) -> Outcome {
+        let description = simulation.description();
+        self.per_agent = description.actuators;
+        self.sensors.resize(description.sensors, 0.0);
+        self.waiting_since = now;
+        self.told = false;
+        let acting = guarded(|| simulation.acting().to_vec());
+        match acting {
+            Ok(acting) => self.acting = acting,
+            Err(reason) => return Outcome::Failed(reason),
+        }
+        if self.acting.is_empty() {
+            return match guarded(|| simulation.fitness()) {
+                Ok(fitness) if fitness.is_finite() => Outcome::Finished(Fitness {
+                    simulation: Some(self.title.clone()),
+                    simulation_hash: self.hash.clone(),
+                    fitness,
+                }),
+                Ok(fitness) => Outcome::Failed(format!(
+                    "the simulation's fitness is {fitness}, not a finite number"
+                )),
+                Err(reason) => Outcome::Failed(reason),
+            };
+        }
+        self.missing = self.acting.len();
+        self.arrived.clear();
+        self.arrived.resize(self.missing, false);
+        self.actuators.clear();
+        self.actuators.resize(self.missing * self.per_agent, 0.0);
+        for &agent in &self.acting {
+            if let Err(reason) = guarded(|| simulation.sense(agent, &mut self.sensors)) {
+                return Outcome::Failed(reason);
+            }
+            if let Some(index) = self.sensors.iter().position(|value| !value.is_finite()) {
+                let value = self.sensors[index];
+                return Outcome::Failed(format!(
+                    "sensor {index} of agent {agent} is {value}, not a finite number"
+                ));
+            }
+            send(Sensor {
+                simulation: Some(self.title.clone()),
+                simulation_hash: self.hash.clone(),
+                agent: u64::from(agent),
+                sensor: self.sensors.clone(),
+            });
+        }
+        Outcome::Stepped
+    }
+
+    /// Takes one agent's actuators.
+    ///
+    /// # Errors
+    /// An agent that is not asked, or the wrong number of actuators: the message is refused, the run goes on waiting.
+    pub fn actuate(
+        &mut self,
+        simulation: &mut dyn Simulation,
+        message: &Actuator,
+    ) -> Result<Outcome, String> {
+        let agent = message.agent;
+        let Some(slot) = u32::try_from(agent)
+            .ok()
+            .and_then(|agent| self.acting.binary_search(&agent).ok())
+        else {
+            return Err(format!(
+                "agent {agent} is not among those asked for actuators"
+            ));
+        };
+        if message.actuator.len() != self.per_agent {
+            let (given, expected) = (message.actuator.len(), self.per_agent);
+            return Err(format!(
+                "{given} actuators for agent {agent}, expected {expected}"
+            ));
+        }
+        if self.resume_at.is_some() || std::mem::replace(&mut self.arrived[slot], true) {
+            return Err(format!("the actuators of agent {agent} came a second time"));
+        }
+        for (to, from) in self.actuators[slot * self.per_agent..]
+            .iter_mut()
+            .zip(&message.actuator)
+        {
+            *to = from.clamp(-1.0, 1.0);
+        }
+        self.missing -= 1;
+        if self.missing > 0 {
+            return Ok(Outcome::Wait);
+        }
+        self.steps += 1;
+        Ok(match guarded(|| simulation.step(&self.actuators)) {
+            Ok(()) => Outcome::Stepped,
+            Err(reason) => Outcome::Failed(reason),
+        })
+    }
+
+    /// Who is missing and for how long, in words.
+    pub fn waiting_for(&self, now: Instant) -> String {
+        let missing: Vec<u32> = self
+            .acting
+            .iter()
+            .zip(&self.arrived)
+            .filter(|(_, arrived)| !**arrived)
+            .map(|(&agent, _)| agent)
+            .collect();
+        let seconds = now
+            .saturating_duration_since(self.waiting_since)
+            .as_secs_f64();
+        let shown = missing
+            .iter()
+            .take(8)
+            .map(u32::to_string)
+            .collect::<Vec<_>>()
+            .join(", ");
+        let more = if missing.len() > 8 {
+            format!(" and {} more", missing.len() - 8)
+        } else {
+            String::new()
+        };
+        let tool = self
+            .tool
+            .as_deref()
+            .unwrap_or("an optimization tool without a name");
+        format!(
+            "{tool} has not sent the actuators of agent {shown}{more} in step {} for {seconds:.1} s",
+            self.steps
+        )
+    }
+
+    pub fn waited(&self, now: Instant) -> Duration {
+        if self.resume_at.is_some() {
+            Duration::ZERO
+        } else {
+            now.saturating_duration_since(self.waiting_since)
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! The server's shell: connection, clock, the machine's actions carried out.
+
+use std::time::{Duration, Instant, SystemTime};
+
+use swarmwright_mqtt::{
+    ConnectError, Connection, Event, QoS, Settings, SettingsError, Subscription, Will,
+};
+use swarmwright_protocol::{Message, State, Topic, TopicError, Topics};
+use swarmwright_worlds::{Scene, Simulation};
+
+use crate::Identity;
+use crate::machine::{Action, Machine, Notice};
+
+/// For how long the broker keeps the news that a server was lost.
+const LOST_EXPIRY: u32 = 3600;
+/// For how long a server that starts listens for another with its id.
+const LISTEN: Duration = Duration::from_millis(100);
+
+/// How a server is to be run.
+pub struct Options {
+    /// The server's id.
+    pub id: u64,
+    /// Where the broker is.
+    pub settings: Settings,
+    /// Topic prefix, empty for none.
+    pub prefix: String,
+    /// How long a step may wait for actuators before the run is given up.
+    pub step_timeout: Duration,
+    /// Called with every frame of a run that is to be shown.
+    pub on_frame: Option<Box<dyn FnMut(&Scene) + Send>>,
+}
+
+impl Options {
+    /// The defaults, with the credentials of the environment.
+    ///
+    /// # Errors
+    /// The URL is none, or the credentials cannot be used.
+    pub fn new(id: u64, url: &str) -> Result<Self, SettingsError> {
+        Ok(Self {
+            id,
+            settings: Settings::from_environment(url)?,
+            prefix: String::new(),
+            step_timeout: Duration::from_secs(60),
+            on_frame: None,
+        })
+    }
+}
+
+/// Why a server cannot be offered.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// No connection to the broker.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// A prefix that cannot stand before a topic.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// Another server uses the id.
+    #[error(
+        "the id {id} is taken by a server on {host}, process {pid}; choose another with --id \
+         (or, if that server is gone for good: mosquitto_pub -r -n -t {topic})"
+    )]
+    IdTaken {
+        /// The id.
+        id: u64,
+        /// Where the other server runs.
+        host: String,
+        /// Its process id there.
+        pid: u64,
+        /// Its presence topic.
+        topic: String,
+    },
+    /// There is nothing to offer.
+    #[error("a server needs at least one simulation")]
+    NoSimulation,
+}
+
+/// A simulation server on the broker.
+pub struct SimulationServer {
+    machine: Machine,
+    connection: Connection,
+    topics: Topics,
+    id: u64,
+    on_frame: Option<Box<dyn FnMut(&Scene) + Send>>,
+    events: Vec<Event>,
+}
+
+impl SimulationServer {
+    /// Connects and offers the simulations.
+    ///
+    /// # Errors
+    /// No broker, credentials refused, the id taken, no simulation.
+    pub fn connect(
+        simulations: Vec<Box<dyn Simulation>>,
+        options: Options,
+    ) -> Result<Self, ServeError> {
+        if simulations.is_empty() {
+            return Err(ServeError::NoSimulation);
+        }
+        let topics = Topics::new(&options.prefix)?;
+        let identity = Identity::new(options.id);
+        let mut machine = Machine::new(
+            identity.clone(),
+            simulations,
+            topics.clone(),
+            options.step_timeout,
+        );
+        let mut settings = options.settings;
+        settings.will = Some(Will {
+            topic: topics.presence(options.id),
+            payload: machine.presence(State::Lost, stamp()).encode(),
+            expiry: LOST_EXPIRY,
+        });
+        let at = |topic, qos| Subscription {
+            filter: topics.name(topic),
+            qos,
+        };
+        let subscriptions = vec![
+            at(Topic::Discovery, QoS::AtMostOnce),
+            at(Topic::Parameters, QoS::AtMostOnce),
+            at(Topic::Control, QoS::AtMostOnce),
+            at(Topic::Actuator, QoS::AtMostOnce),
+            Subscription {
+                filter: topics.presence(options.id),
+                qos: QoS::AtLeastOnce,
+            },
+        ];
+        let mut connection = Connection::open(settings, subscriptions)?;
+        find_rival(&mut connection, &topics, &identity)?;
+        machine.publish_presence(stamp());
+        let mut server = Self {
+            machine,
+            connection,
+            topics,
+            id: options.id,
+            on_frame: options.on_frame,
+            events: Vec::new(),
+        };
+        server.act(&mut |_| {});
+        Ok(server)
+    }
+
+    /// Serves until `keep_going`, asked at least every 0.1 s, says no; then leaves the broker in good order.
+    pub fn run(mut self, mut on_notice: impl FnMut(&Notice), mut keep_going: impl FnMut() -> bool) {
+        on_notice(&Notice::Ready);
+        let mut asked = Instant::now();
+        loop {
+            let now = Instant::now();
+            if now.duration_since(asked) >= Duration::from_millis(100) {
+                asked = now;
+                if !keep_going() {
+                    break;
+                }
+            }
+            let until = self
+                .machine
+                .next_tick()
+                .map_or(asked + Duration::from_millis(100), |at| {
+                    at.min(asked + Duration::from_millis(100))
+                });
+            self.poll(until, &mut on_notice);
+        }
+        self.connection.publish(
+            &self.topics.presence(self.id),
+            &[],
+            QoS::AtLeastOnce,
+            true,
+            None,
+        );
+        self.connection.close(Duration::from_secs(1));
+    }
+
+    fn poll(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
+        self.connection.poll(until, &mut self.events);
+        let now = Instant::now();
+        for event in self.events.drain(..) {
+            match event {
+                Event::Message(message) => {
+                    self.machine.receive(
+                        message.topic(),
+                        message.payload(),
+                        message.retained(),
+                        now,
+                    );
+                }
+                Event::Connected => self.machine.publish_presence(stamp()),
+                Event::Disconnected { reason } => self.machine.disconnected(&reason, now),
+            }
+        }
+        if self.machine.next_tick().is_some_and(|at| at <= now) {
+            self.machine.tick(now, stamp);
+        }
+        self.act(on_notice);
+    }
+
+    fn act(&mut self, on_notice: &mut impl FnMut(&Notice)) {
+        for action in self.machine.actions() {
+            match action {
+                Action::Publish(Topic::Presence, payload) => {
+                    self.connection.publish(
+                        &self.topics.presence(self.id),
+                        &payload,
+                        QoS::AtLeastOnce,
+                        true,
+                        None,
+                    );
+                }
+                Action::Publish(topic, payload) => {
+                    self.connection.publish(
+                        &self.topics.name(topic),
+                        &payload,
+                        QoS::AtMostOnce,
+                        false,
+                        None,
+                    );
+                }
+                Action::Notice(notice) => on_notice(&notice),
+                Action::Frame(scene) => {
+                    if let Some(on_frame) = &mut self.on_frame {
+                        on_frame(&scene);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn stamp() -> String {
+    humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
+}
+
+/// Listens for a moment for the presence of a living server with the same id.
+fn find_rival(
+    connection: &mut Connection,
+    topics: &Topics,
+    identity: &Identity,
+) -> Result<(), ServeError> {
+    let deadline = Instant::now() + LISTEN;
+    let mut events = Vec::new();
+    while Instant::now() < deadline {
+        connection.poll(deadline, &mut events);
+        for event in events.drain(..) {
+            let Event::Message(message) = event else {
+                continue;
+            };
+            if topics.parse(message.topic()) != Some(Topic::Presence) {
+                continue;
+            }
+            let Ok(Message::Presence(presence)) =
+                Message::decode(Topic::Presence, message.payload())
+            else {
+                continue;
+            };
+            let other =
+                presence
+                    .capabilities
+                    .swarmwright
+                    .unwrap_or(swarmwright_protocol::Announcement {
+                        version: 1,
+                        modes: Vec::new(),
+                        sensors: None,
+                        actuators: None,
+                        instance: None,
+                        host: None,
+                        pid: None,
+                    });
+            let host = other.host.unwrap_or_else(|| "an unknown host".to_owned());
+            let pid = other.pid.unwrap_or_default();
+            // A broker that was killed keeps the presence of servers that died with it; on this host that can be seen.
+            let gone =
+                host == identity.host && !std::path::Path::new(&format!("/proc/{pid}")).exists();
+            if presence.server == identity.id && presence.state != State::Lost && !gone {
+                return Err(ServeError::IdTaken {
+                    id: identity.id,
+                    host,
+                    pid,
+                    topic: topics.presence(identity.id),
+                });
+            }
+        }
+    }
+    Ok(())
+}
