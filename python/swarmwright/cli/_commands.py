@@ -1,11 +1,12 @@
 """The table of commands, imported when asked for; a mistyped name is answered with the nearest."""
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 import click
+
+from swarmwright._suggest import unknown
 
 COMMANDS = ("optimize", "simulate", "replay", "new", "broker", "serve", "servers", "runs", "schema")
 
@@ -54,14 +55,6 @@ class Group(click.Group):
         return super().resolve_command(ctx, args)
 
     format_epilog = Command.format_epilog
-
-
-def unknown(what: str, name: str, known: Iterable[str]) -> str:
-    """A sentence for a name that does not exist: what was meant perhaps, and what there is."""
-    names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    meant = f"; did you mean '{near[0]}'?" if near else "."
-    return f"unknown {what} '{name}'{meant} There is: {', '.join(names)}."
 
 
 def _print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:

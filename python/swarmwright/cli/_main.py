@@ -36,6 +36,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _status(arguments: Sequence[str] | None) -> int:
     try:
         result = program.main(args=arguments, prog_name="swarmwright", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return error.exit_code
     except click.ClickException as error:
         _show_usage_error(error)
         return error.exit_code

@@ -1,39 +1,44 @@
 """Options and arguments that several commands share."""
 
-import difflib
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import click
 
+from swarmwright._address import broker_problem, prefix_problem
+from swarmwright._suggest import did_you_mean
+
 DEFAULT_BROKER = "mqtt://localhost:1883"
 BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
-
-CREDENTIALS = (
-    "Credentials come from the environment: SWARMWRIGHT_USERNAME, and SWARMWRIGHT_PASSWORD or the path of "
-    "a file in SWARMWRIGHT_PASSWORD_FILE."
-)
 
 Decorator = Callable[[Any], Any]
 
 
 class BrokerUrl(click.ParamType[str]):
-    """Address of a broker. The engine checks it; here only a password is turned away."""
+    """Address of a broker; no password, for everybody on the machine may read the list of processes."""
 
     name = "url"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Refuse user and password, which every user of the machine could read in the list of processes."""
-        try:
-            parts = urlsplit(value)
-            _ = parts.port
-        except ValueError as error:
-            self.fail(f"'{value}' is no URL of a broker ({error}); an example: {DEFAULT_BROKER}.", param, ctx)
-        if parts.username is not None or parts.password is not None:
-            self.fail(f"user and password do not belong into the URL. {CREDENTIALS}", param, ctx)
+        """The address as it is, when nothing is wrong with it."""
+        problem = broker_problem(value)
+        if problem:
+            self.fail(f"the broker's address {problem}.", param, ctx)
+        return value
+
+
+class Prefix(click.ParamType[str]):
+    """What topics begin with."""
+
+    name = "prefix"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The prefix as it is, when nothing is wrong with it."""
+        problem = prefix_problem(value)
+        if problem:
+            self.fail(f"'{value}' {problem}.", param, ctx)
         return value
 
 
@@ -67,8 +72,7 @@ def _nearest(path: Path) -> str:
         neighbours = [entry.name for entry in path.parent.iterdir()]
     except OSError:
         return f" (nor does its folder '{path.parent}')" if not path.parent.exists() else ""
-    near = difflib.get_close_matches(path.name, neighbours, n=1)
-    return f"; did you mean '{path.parent / near[0]}'?" if near else ""
+    return did_you_mean(path.name, neighbours).removesuffix("?")
 
 
 class ServerCount(click.ParamType[str | int]):
@@ -109,9 +113,10 @@ json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="P
 
 prefix_option: Decorator = click.option(
     "--prefix",
+    type=Prefix(),
     default="",
-    metavar="PREFIX",
-    help="Topics stand under this prefix, such as 'lab/'. Default: none.",
+    metavar="P",
+    help="Topics stand under this, such as lab/1. Default: none.",
 )
 
 

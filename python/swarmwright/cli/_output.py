@@ -22,6 +22,18 @@ def finite(value: object) -> object:
     return value
 
 
+def show_warnings() -> None:
+    """Show what the library warns of on standard error, a line each."""
+    import logging
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            # Looked up each time: while a progress bar is shown, standard error is redirected above it.
+            print(f"swarmwright: {record.getMessage()}", file=sys.stderr, flush=True)
+
+    logging.getLogger("swarmwright").addHandler(Handler(logging.WARNING))
+
+
 class Output:
     """Standard output of one command.
 

@@ -2,7 +2,8 @@
 
 import click
 
-from swarmwright.cli._commands import Command, unknown
+from swarmwright._suggest import unknown
+from swarmwright.cli._commands import Command
 
 TEMPLATES = ("minisim",)
 

@@ -13,7 +13,7 @@ from swarmwright.cli._options import (
     experiment_broker,
     json_option,
 )
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ FILES = {
 @click.argument("file", type=ExistingPath(), metavar="FILE")
 @broker_option(default=None, text="Use the servers on this broker. Default: start a broker and servers here.")
 @click.option(
-    "--seed", type=click.IntRange(0, 2**63 - 1), metavar="S", help="Seed of the run. Default: the file's."
+    "--seed", type=click.IntRange(min=0), metavar="S", help="Seed of the run. Default: the file's."
 )
 @click.option(
     "--out",
@@ -48,7 +48,7 @@ FILES = {
     "--servers",
     type=ServerCount(),
     metavar="K",
-    help="Servers to start here; 'local' needs neither them nor a broker.",
+    help="Servers to start; 'local' evaluates in this process, without broker.",
 )
 @json_option
 def command(
@@ -67,11 +67,12 @@ def command(
     from swarmwright.cli._progress import progress
 
     output = Output(as_json=as_json)
+    show_warnings()
     experiment = Experiment.load(file)
     wanted = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, wanted)
     reader = Reader()
-    with progress(output, experiment.generations) as shown:
+    with progress(output, experiment.method.generations) as shown:
         run = optimize(
             experiment,
             on_generation=lambda generation: reader.show(shown, generation),

@@ -60,8 +60,7 @@ def command(
     """
     if picture is not None:
         _check_picture(picture)
-    from swarmwright import Run, _engine
-    from swarmwright.cli._controllers import load_controller
+    from swarmwright import Controller, Run, _engine
 
     output = Output(as_json=as_json)
     opened = Run.open(run)
@@ -72,10 +71,9 @@ def command(
             f"{run}: the simulation '{title}' is not built in, so it cannot be shown here. Its servers can: "
             f"swarmwright simulate {run / 'experiment.yaml'} --controller {run} --visual"
         )
-    chosen = opened.best.controller if controller is None else load_controller(controller)
-    parameters = dict(experiment.parameters)
-    parameters["seed"] = int(parameters.get("seed", 0)) + episode
-    played = _engine.Episode(title, json.dumps(parameters), chosen.specification)
+    chosen = opened.best.controller if controller is None else Controller.load(controller)
+    parameters: dict[str, object] = {**experiment.parameters, "seed": experiment.first_seed + episode}
+    played = _engine.Episode(title, json.dumps(parameters), chosen.json)
     if picture is not None:
         _save(output, played, picture, speed)
     elif as_json:

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from swarmwright.cli._commands import Command, unknown
+from swarmwright._suggest import unknown
+from swarmwright.cli._commands import Command
 from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated

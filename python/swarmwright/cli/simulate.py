@@ -6,7 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath, broker_option, experiment_broker, json_option
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, show_warnings
 
 
 @click.command("simulate", cls=Command, example="swarmwright simulate experiments/minisim.yaml --visual")
@@ -22,14 +22,14 @@ from swarmwright.cli._output import Output
 @json_option
 def command(file: Path, controller: Path | None, broker: str | None, visual: bool, as_json: bool) -> None:
     """Run the simulation of an experiment FILE once, without optimization."""
-    from swarmwright import Experiment, simulate
-    from swarmwright.cli._controllers import load_controller
+    from swarmwright import Controller, Experiment, simulate
 
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
     output = Output(as_json=as_json)
+    show_warnings()
     experiment = Experiment.load(file)
-    loaded = None if controller is None else load_controller(controller)
+    loaded = None if controller is None else Controller.load(controller)
     broker = experiment_broker(broker, experiment.broker, experiment.servers)
     fitness = simulate(experiment, loaded, broker=broker, visual=visual)
     output.json({"fitness": fitness, "controller": None if controller is None else str(controller)})

@@ -1,0 +1,148 @@
+"""What all Python tests share: the program as a process, brokers, and a place to work in."""
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROGRAM = (sys.executable, "-P", "-m", "swarmwright")
+
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+def environment(extra: Mapping[str, str] | None = None) -> dict[str, str]:
+    """This process's environment without what would change the program's behaviour."""
+    hidden = ("SWARMWRIGHT_", "NO_COLOR", "FORCE_COLOR", "COLUMNS", "LINES", "PYTHONWARNINGS")
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(hidden)}
+    return {**kept, "PYTHONIOENCODING": "utf-8", "TERM": "xterm-256color", **(extra or {})}
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Run:
+    """Runs `swarmwright ARGUMENTS` to its end, in a temporary folder."""
+
+    def run(
+        *arguments: str | Path, env: Mapping[str, str] | None = None, timeout: float = 50, cwd: Path = tmp_path
+    ) -> "subprocess.CompletedProcess[str]":
+        result = subprocess.run(
+            [*PROGRAM, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            stdin=subprocess.DEVNULL,
+            env=environment(env),
+            timeout=timeout,
+            cwd=cwd,
+            check=False,
+        )
+        assert "Traceback" not in result.stderr + result.stdout, result.stderr
+        return result
+
+    return run
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Starts `swarmwright ARGUMENTS` beside the test and stops it when the test is over."""
+    running: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: str | Path, env: Mapping[str, str] | None = None) -> "subprocess.Popen[str]":
+        process = subprocess.Popen(
+            [*PROGRAM, *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            env=environment(env),
+            cwd=tmp_path,
+        )
+        running.append(process)
+        return process
+
+    yield begin
+    for process in running:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        with contextlib.suppress(ValueError):  # the test read it to its end
+            process.communicate(timeout=10)
+
+
+def free_port() -> int:
+    """A TCP port of loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.fixture
+def unused_port() -> int:
+    """A TCP port of loopback that nobody listens on."""
+    return free_port()
+
+
+def _mosquitto(folder: Path) -> Iterator[str]:
+    binary = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+    assert binary, "mosquitto is missing; `make test` installs it"
+    port = free_port()
+    configuration = folder / "mosquitto.conf"
+    user = "user root\n" if os.getuid() == 0 else ""
+    configuration.write_text(f"{user}listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
+    process = subprocess.Popen([binary, "-c", str(configuration)], stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 10
+        while True:
+            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
+                break
+            assert process.poll() is None, "mosquitto ended"
+            assert time.monotonic() < deadline, "mosquitto does not answer"
+            time.sleep(0.02)
+        yield f"mqtt://127.0.0.1:{port}"
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+@pytest.fixture
+def mosquitto(tmp_path: Path) -> Iterator[str]:
+    """URL of a Mosquitto on a free port, for one test."""
+    yield from _mosquitto(tmp_path)
+
+
+@pytest.fixture
+def embedded_broker() -> Iterator[str]:
+    """URL of an embedded broker on a free port, for one test."""
+    from swarmwright import _engine
+
+    broker = _engine.Broker()
+    yield broker.url
+    broker.stop()
+
+
+@pytest.fixture(params=["embedded", "mosquitto"])
+def any_broker(request: pytest.FixtureRequest) -> str:
+    """URL of a broker; the test runs once with the embedded one and once with Mosquitto."""
+    name = "embedded_broker" if request.param == "embedded" else "mosquitto"
+    url: str = request.getfixturevalue(name)
+    return url
