@@ -1,0 +1,62 @@
+"""What the tests of the contract share: its schemas as validators, its vectors as JSON."""
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pytest
+from jsonschema import Draft202012Validator, FormatChecker
+
+PROTOCOL = Path(__file__).parents[2] / "protocol"
+TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
+
+Validators = Callable[[str], Draft202012Validator]
+Value: TypeAlias = Any  # JSON of whatever shape
+
+
+@functools.cache
+def _validator(name: str) -> Draft202012Validator:
+    schema = json.loads((PROTOCOL / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8"))
+    return Draft202012Validator(schema, format_checker=FormatChecker(["date-time"]))
+
+
+@pytest.fixture(scope="session")
+def protocol() -> Path:
+    """The folder of the contract."""
+    return PROTOCOL
+
+
+@pytest.fixture(scope="session")
+def validators() -> Validators:
+    """The validator of `discovery`, `published/discovery`, ... by name."""
+    return _validator
+
+
+def vectors(name: str) -> Value:
+    """The JSON of a file under protocol/vectors."""
+    return json.loads((PROTOCOL / "vectors" / name).read_text(encoding="utf-8"))
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run once per topic, message vector, hash vector, conversation."""
+    if "topic" in metafunc.fixturenames:
+        metafunc.parametrize("topic", TOPICS)
+    messages = vectors("messages.json")
+    seed = [message for message in messages if message["accept"] and message["topic"] in TOPICS]
+    for fixture, chosen in {
+        "message": messages,
+        "accepted": seed,
+        "numbered": [message for message in messages if "binary32" in message],
+        "hashed": vectors("hashes.json"),
+    }.items():
+        if fixture in metafunc.fixturenames:
+            metafunc.parametrize(fixture, chosen, ids=[vector["name"] for vector in chosen])
+    if "conversation" in metafunc.fixturenames:
+        paths = sorted((PROTOCOL / "vectors" / "conversations").glob("*.json"))
+        metafunc.parametrize(
+            "conversation",
+            [json.loads(path.read_text(encoding="utf-8")) for path in paths],
+            ids=[path.stem for path in paths],
+        )

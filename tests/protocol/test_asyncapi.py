@@ -1,0 +1,71 @@
+"""The AsyncAPI document: its files are there, both roles are whole, its examples fit.
+
+AsyncAPI's own parser runs in `make lint`.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pytest
+from jsonschema import Draft202012Validator
+from ruamel.yaml import YAML
+
+Validators = Callable[[str], Draft202012Validator]
+Value: TypeAlias = Any  # JSON of whatever shape
+TOOL = {"discovery", "parameters", "control", "actuator"}
+SERVER = {"server", "sensor", "fitness", "presence"}
+
+
+@pytest.fixture(scope="module")
+def document(protocol: Path) -> Value:
+    """The document as plain data."""
+    return YAML(typ="safe").load(protocol / "asyncapi.yaml")
+
+
+def test_each_message_refers_to_its_schema(document: Value, protocol: Path) -> None:
+    messages = document["components"]["messages"]
+    assert set(messages) == TOOL | SERVER | {"farewell"}
+    for name in TOOL | SERVER:
+        assert messages[name]["payload"]["$ref"] == f"./schemas/{name}.schema.json"
+        assert (protocol / messages[name]["payload"]["$ref"]).is_file()
+
+
+def test_examples_fit_their_schemas(document: Value, validators: Validators) -> None:
+    for name in TOOL | SERVER:
+        examples = document["components"]["messages"][name]["examples"]
+        assert examples
+        for example in examples:
+            validators(name).validate(example["payload"])
+
+
+def test_addresses_are_the_topics(document: Value) -> None:
+    addresses = {name: channel["address"] for name, channel in document["channels"].items()}
+    expected = {name: f"{{prefix}}{name}" for name in (TOOL | SERVER) - {"presence"}}
+    assert addresses == {**expected, "presence": "{prefix}swarmwright/v1/presence/{server}"}
+    assert document["components"]["parameters"]["prefix"]["default"] == ""
+
+
+@pytest.mark.parametrize(
+    ("role", "sends", "receives"),
+    [("optimization tool", TOOL, SERVER), ("simulation server", SERVER, TOOL)],
+)
+def test_what_one_role_sends_the_other_receives(
+    document: Value, role: str, sends: set[str], receives: set[str]
+) -> None:
+    channels: dict[str, set[str]] = {"send": set(), "receive": set()}
+    for operation in document["operations"].values():
+        if [tag["name"] for tag in operation["tags"]] == [role]:
+            channels[operation["action"]].add(operation["channel"]["$ref"].removeprefix("#/channels/"))
+    assert channels == {"send": sends, "receive": receives}
+
+
+def test_presence_alone_is_retained(document: Value) -> None:
+    bindings = document["components"]["operationBindings"]
+    assert {name: (b["mqtt"]["qos"], b["mqtt"]["retain"]) for name, b in bindings.items()} == {
+        "conversation": (0, False),
+        "presence": (1, True),
+    }
+    for operation in document["operations"].values():
+        kind = "presence" if operation["channel"]["$ref"].endswith("/presence") else "conversation"
+        assert operation["bindings"]["$ref"].endswith(f"/{kind}")
