@@ -38,7 +38,10 @@ def program(tmp_path: Path) -> Run:
     """Runs `swarmwright ARGUMENTS` to its end, in a temporary folder."""
 
     def run(
-        *arguments: str | Path, env: Mapping[str, str] | None = None, timeout: float = 50, cwd: Path = tmp_path
+        *arguments: str | Path,
+        env: Mapping[str, str] | None = None,
+        timeout: float = 50,
+        cwd: Path = tmp_path,
     ) -> "subprocess.CompletedProcess[str]":
         result = subprocess.run(
             [*PROGRAM, *map(str, arguments)],

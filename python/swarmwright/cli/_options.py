@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -75,7 +75,10 @@ def _nearest(path: Path) -> str:
     return did_you_mean(path.name, neighbours).removesuffix("?")
 
 
-class ServerCount(click.ParamType[str | int]):
+Servers = int | Literal["auto", "local"]
+
+
+class ServerCount(click.ParamType[Servers]):
     """`auto`, `local` or a number of servers."""
 
     name = "auto|local|K"
@@ -84,8 +87,10 @@ class ServerCount(click.ParamType[str | int]):
         self, value: str | int, param: click.Parameter | None, ctx: click.Context | None
     ) -> str | int:
         """The word or the number."""
-        if value in ("auto", "local"):
-            return value
+        if value == "auto":
+            return "auto"
+        if value == "local":
+            return "local"
         try:
             number = int(value)
         except ValueError:

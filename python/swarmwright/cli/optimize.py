@@ -9,11 +9,13 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
     ServerCount,
+    Servers,
     broker_option,
     experiment_broker,
     json_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._progress import duration, progress
 from swarmwright.cli._signals import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -35,9 +37,7 @@ FILES = {
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
 @broker_option(default=None, text="Use the servers on this broker. Default: start a broker and servers here.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), metavar="S", help="Seed of the run. Default: the file's."
-)
+@click.option("--seed", type=click.IntRange(min=0), metavar="S", help="Seed of the run. Default: the file's.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -56,7 +56,7 @@ def command(
     broker: str | None,
     seed: int | None,
     out: Path | None,
-    servers: str | int | None,
+    servers: Servers | None,
     as_json: bool,
 ) -> int:
     """Evolve a controller as the experiment FILE says.
@@ -64,7 +64,6 @@ def command(
     Ctrl-C ends it early and keeps the results so far.
     """
     from swarmwright import Experiment, optimize
-    from swarmwright.cli._progress import progress
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -84,7 +83,7 @@ def command(
         )
     if not reader.gone:
         _conclude(output, run)
-    return INTERRUPTED if run.interrupted else 0
+    return INTERRUPTED if run.interrupted or reader.gone else 0
 
 
 class Reader:
@@ -103,6 +102,12 @@ class Reader:
 
 
 def _conclude(output: Output, run: "Run") -> None:
+    """Say what came out, where everything is, and what to do next."""
+    if not run.generations:
+        output.text(
+            f"Interrupted before the first generation was evaluated; {run.path} holds the experiment."
+        )
+        return
     best = run.best
     output.json(
         {
@@ -115,11 +120,11 @@ def _conclude(output: Output, run: "Run") -> None:
     )
     if run.interrupted:
         output.text("Interrupted; the results so far are kept.")
-    rate = run.evaluations / run.seconds if run.seconds > 0 else 0.0
+    rate = run.evaluations / max(run.seconds, 1e-3)
     output.text(
-        f"Best fitness {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})."
+        f"Best fitness {best.fitness + 0.0:.6g} (generation {best.generation}, candidate {best.candidate})."
     )
-    output.text(f"{run.evaluations} evaluations in {run.seconds:.1f} s ({rate:.0f} a second).")
+    output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
     for name, meaning in FILES.items():

@@ -1,6 +1,7 @@
 """Episodes as pictures: an animated GIF, or a still of all trajectories as PNG."""
 
 import io
+import warnings
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -27,12 +28,15 @@ def save(recording: Recording, path: Path, *, speed: float = 1.0) -> None:
     Raises ValueError for another ending, OSError where nothing can be written.
     """
     ending = path.suffix.lower()
-    if ending == ".gif":
-        _save_animation(recording, path, speed)
-    elif ending == ".png":
-        _save_still(recording, path)
-    else:
+    if ending not in FORMATS:
         raise ValueError(f"'{path}': pictures end with {' or '.join(FORMATS)}.")
+    with warnings.catch_warnings():
+        # A message in a script that the font lacks is shown as boxes.
+        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+        if ending == ".gif":
+            _save_animation(recording, path, speed)
+        else:
+            _save_still(recording, path)
 
 
 def _save_still(recording: Recording, path: Path) -> None:

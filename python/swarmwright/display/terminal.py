@@ -12,7 +12,22 @@ CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
 NARROWEST = 16
 """Columns below which a frame is no longer made smaller to fit the terminal's height."""
 
-ASCII = str.maketrans("─━═│┃║┌┐└┘╭╮╰╯├┤┬┴┼·•●○◆◇■□▲▼★☆×✕✗…", "---|||++++++++++++..oo**##AV**xxx.")
+ASCII = str.maketrans(
+    {
+        **dict.fromkeys("─━═", "-"),
+        **dict.fromkeys("│┃║", "|"),
+        **dict.fromkeys("┌┐└┘╭╮╰╯├┤┬┴┼╔╗╚╝", "+"),
+        **dict.fromkeys("·•", "."),
+        **dict.fromkeys("●○", "o"),
+        **dict.fromkeys("★☆◆◇", "*"),
+        **dict.fromkeys("■□█▓▒░", "#"),
+        **dict.fromkeys("▲△", "A"),
+        **dict.fromkeys("▼▽", "V"),
+        **dict.fromkeys("×✕✗✖", "x"),
+        **dict.fromkeys("–—", "-"),
+        "…": "~",
+    }
+)
 
 
 def play(

@@ -1,0 +1,54 @@
+"""An episode whose course is known: the agent crosses the map in a straight line and arrives."""
+
+import json
+
+import pytest
+
+WIDTH, HEIGHT, STEPS = 13.0, 7.0, 12
+
+
+class Crossing:
+    """Implements `swarmwright.display.Playable`; the agent is at x = step + 0.5."""
+
+    def __init__(self, message: str = "Hello", lines: int = 3) -> None:
+        self.now = 0
+        self.message = message
+        self.lines = lines
+        self.step_size = 0.25
+
+    @property
+    def done(self) -> bool:
+        return self.now == STEPS
+
+    @property
+    def fitness(self) -> float:
+        return -float(STEPS - self.now)
+
+    def step(self) -> None:
+        self.now += 1
+
+    def scene(self) -> str:
+        agent = {
+            "kind": "agent",
+            "x": self.now + 0.5,
+            "y": 3.5,
+            "state": "arrived" if self.done else "free",
+            "radius": 0.0,
+        }
+        defender = {"kind": "defender", "x": 8.0, "y": 6.0, "state": "", "radius": 0.5}
+        goal = {"kind": "goal", "x": 12.5, "y": 3.5, "state": "", "radius": 0.5}
+        bodies = [goal, defender, agent]
+        return json.dumps(
+            {"width": WIDTH, "height": HEIGHT, "step": self.now, "message": self.message, "bodies": bodies}
+        )
+
+    def text(self, columns: int, color: bool) -> str:
+        """`lines` lines at 80 columns, proportionally fewer when narrower."""
+        head = f"{self.message} · step {self.now}"
+        body = "●" if not color else "\x1b[32m●\x1b[0m"
+        return "\n".join([head[:columns]] + [body] * max(1, self.lines * columns // 80 - 1))
+
+
+@pytest.fixture
+def crossing() -> Crossing:
+    return Crossing()
