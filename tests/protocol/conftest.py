@@ -39,6 +39,12 @@ def vectors(name: str) -> Value:
     return json.loads((PROTOCOL / "vectors" / name).read_text(encoding="utf-8"))
 
 
+@pytest.fixture(scope="session")
+def topics() -> Value:
+    """The topic vectors."""
+    return vectors("topics.json")
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run once per topic, message vector, hash vector, conversation."""
     if "topic" in metafunc.fixturenames:
