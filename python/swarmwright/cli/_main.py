@@ -35,7 +35,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _status(arguments: Sequence[str] | None) -> int:
     try:
-        result = program.main(args=arguments, prog_name="swarmwright", standalone_mode=False)
+        result = _invoke(sys.argv[1:] if arguments is None else list(arguments))
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         return error.exit_code
@@ -53,6 +53,17 @@ def _status(arguments: Sequence[str] | None) -> int:
             raise
         return _show_error(error)
     return result if isinstance(result, int) else 0
+
+
+def _invoke(arguments: list[str]) -> object:
+    if "_SWARMWRIGHT_COMPLETE" in os.environ:  # a shell asks for completions
+        return program.main(args=arguments, prog_name="swarmwright")
+    # Not `program.main`, which makes 1 of a reader that left.
+    try:
+        with program.make_context("swarmwright", arguments) as context:
+            return program.invoke(context)
+    except click.exceptions.Exit as ending:
+        return ending.exit_code
 
 
 def _show_usage_error(error: click.ClickException) -> None:

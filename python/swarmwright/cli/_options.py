@@ -83,9 +83,7 @@ class ServerCount(click.ParamType[Servers]):
 
     name = "auto|local|K"
 
-    def convert(
-        self, value: str | int, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str | int:
+    def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> Servers:
         """The word or the number."""
         if value == "auto":
             return "auto"

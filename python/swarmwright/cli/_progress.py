@@ -1,5 +1,6 @@
 """How an optimization's progress is shown: a bar on a terminal, plain lines when piped, JSON for machines."""
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,9 +52,9 @@ class Stall:
         return seconds
 
 
-def duration(seconds: float | None) -> str:
+def duration(seconds: float) -> str:
     """Seconds as people read them: 8 s, 3 min 05 s, 2 h 07 min."""
-    if seconds is None:
+    if not math.isfinite(seconds):
         return "?"
     whole = round(seconds)
     if whole < 60:

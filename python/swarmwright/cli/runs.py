@@ -24,10 +24,10 @@ def export(run: Path, file: Path, as_json: bool) -> None:
     Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each
     episode, then the genome.
     """
-    from swarmwright import Run
-
     if not file.parent.is_dir():
         raise click.UsageError(f"'{file}': there is no folder '{file.parent}'; create it first.")
+    from swarmwright import Run
+
     Run.open(run).export(file)
     output = Output(as_json=as_json)
     output.text(f"The record is in {file}")

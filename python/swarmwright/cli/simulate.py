@@ -22,10 +22,10 @@ from swarmwright.cli._output import Output, show_warnings
 @json_option
 def command(file: Path, controller: Path | None, broker: str | None, visual: bool, as_json: bool) -> None:
     """Run the simulation of an experiment FILE once, without optimization."""
-    from swarmwright import Controller, Experiment, simulate
-
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
+    from swarmwright import Controller, Experiment, simulate
+
     output = Output(as_json=as_json)
     show_warnings()
     experiment = Experiment.load(file)

@@ -1,0 +1,100 @@
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright.cli._output import Output, finite
+from swarmwright.cli._progress import Stall, duration
+from swarmwright.cli.servers import HEADINGS, row
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner) | st.tuples(inner, inner),
+)
+
+
+@given(value=values)
+def test_everything_finite_is_kept_and_nothing_else_reaches_json(value: object) -> None:
+    text = json.dumps(finite(value), allow_nan=False)
+    assert "NaN" not in text or isinstance(value, str) or "NaN" in str(value)
+    assert finite(json.loads(text)) == json.loads(text)
+
+
+def test_no_numbers_become_null(capsys: pytest.CaptureFixture[str]) -> None:
+    Output(as_json=True).json({"a": [math.nan, 1.5], "b": {"c": -math.inf}})
+    assert json.loads(capsys.readouterr().out) == {"a": [None, 1.5], "b": {"c": None}}
+
+
+def test_text_and_json_are_never_mixed(capsys: pytest.CaptureFixture[str]) -> None:
+    for as_json in (False, True):
+        output = Output(as_json=as_json)
+        output.text("for people")
+        output.json({"for": "machines"})
+        assert capsys.readouterr().out == ('{"for": "machines"}\n' if as_json else "for people\n")
+
+
+def test_a_pipe_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    output = Output()
+    assert not output.terminal
+    assert not output.color
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.4, "0 s"),
+        (59.4, "59 s"),
+        (59.6, "1 min 00 s"),
+        (185, "3 min 05 s"),
+        (7620, "2 h 07 min"),
+        (math.nan, "?"),
+    ],
+)
+def test_durations(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_a_stall_is_told_after_two_seconds_and_then_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    stall = Stall()
+    told = []
+    for tenth in range(400):
+        now = tenth / 10
+        if stall.worth_a_line(3, 10) is not None:
+            told.append(round(now, 1))
+    assert told == [2.0, 4.0, 8.0, 16.0, 32.0]
+    assert stall.worth_a_line(4, 10) is None, "something came"
+
+
+def test_a_server_that_says_little_still_has_a_row() -> None:
+    assert row({"server": 3, "state": "ready"}) == ("3", "-/-", "ready", *["-"] * 6)
+
+
+def test_a_server_that_says_everything() -> None:
+    cells = row(
+        {
+            "server": 3,
+            "state": "busy",
+            "tool": "me@here/1",
+            "since": "2024-01-01T00:00:00Z",
+            "host": "h",
+            "pid": 7,
+            "simulations": ["minisim", "other"],
+            "capabilities": {"dimensions": 2, "swarmwright": {"version": 1, "sensors": 4, "actuators": 1}},
+        }
+    )
+    assert dict(zip(HEADINGS, cells, strict=True)) == {
+        "id": "3",
+        "host/pid": "h/7",
+        "state": "busy",
+        "for whom": "me@here/1",
+        "since": "2024-01-01T00:00:00Z",
+        "simulations": "minisim, other",
+        "dimensions": "2",
+        "sensors": "4",
+        "actuators": "1",
+    }

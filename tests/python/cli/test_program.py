@@ -1,0 +1,136 @@
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright.cli._commands import COMMANDS
+from swarmwright.cli._commands import program as click_program
+
+
+def every_command() -> list[tuple[str, ...]]:
+    """Names of all commands, those of groups too."""
+    names: list[tuple[str, ...]] = [()]
+    for name in COMMANDS:
+        names.append((name,))
+        command: Any = click_program.get_command(None, name)  # type: ignore[arg-type]
+        names.extend((name, inner) for inner in getattr(command, "commands", {}))
+    return names
+
+
+@pytest.mark.parametrize("names", every_command(), ids=" ".join)
+def test_help_ends_with_an_example_that_is_accepted(program: Any, names: tuple[str, ...]) -> None:
+    shown = program(*names, "--help")
+    assert shown.returncode == 0
+    *_, examples = shown.stdout.partition("Example:\n")
+    lines = [
+        line.strip() for line in examples.splitlines() if line.strip() and not line.strip().startswith("#")
+    ]
+    assert lines, "no example"
+    for line in lines:
+        words = line.split(">")[0].split()
+        assert words[0] == "swarmwright"
+        command: Any = click_program
+        rest = words[1:]
+        while hasattr(command, "get_command"):
+            command = command.get_command(None, rest.pop(0))
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in rest if word.startswith("-")} <= known
+
+
+def test_help_is_quick() -> None:
+    def seconds() -> float:
+        start = time.perf_counter()
+        subprocess.run(
+            [sys.executable, "-P", "-m", "swarmwright", "--help"],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            timeout=20,
+        )
+        return time.perf_counter() - start
+
+    # The machine may be busy with something else; the best of some tries is what the program itself takes.
+    assert min(seconds() for _ in range(8)) < 0.3
+
+
+def test_help_loads_neither_engine_nor_numpy() -> None:
+    code = (
+        "import sys; from swarmwright.cli import run; run(['--help']);"
+        "print(sorted({'numpy', 'matplotlib', 'pydantic', 'rich', 'swarmwright._engine'} & set(sys.modules)))"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=20
+    )
+    assert shown.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "answers"),
+    [
+        (["optimse"], ["unknown command 'optimse'", "did you mean 'optimize'?"]),
+        (["runs", "exprt"], ["unknown command 'exprt'", "did you mean 'export'?"]),
+        (["servers", "--brokr", "x"], ["--brokr", "--broker"]),
+        (["optimize"], ["Missing argument 'FILE'"]),
+        (["optimize", "exprmnt.yaml"], ["'exprmnt.yaml' does not exist", "did you mean 'experiment.yaml'"]),
+        (["optimize", "nowhere/x.yaml"], ["does not exist", "nor does its folder 'nowhere'"]),
+        (["optimize", "."], ["'.' is a folder where a file is expected"]),
+        (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is neither a number"]),
+        (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
+        (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
+        (["replay", "experiment.yaml"], ["is a file where a folder is expected"]),
+        (["replay", ".", "--save", "x.mp4"], [".gif or .png"]),
+        (["replay", ".", "--save", "no/x.gif"], ["there is no folder 'no'"]),
+        (["replay", ".", "--speed", "0"], ["--speed"]),
+        (["simulate", "experiment.yaml", "--visual", "--json"], ["--visual", "--json"]),
+        (["servers", "--broker", "localhost"], ["must begin with one of", "mqtt://"]),
+        (["servers", "--broker", "mqtt://me:secret@host"], ["SWARMWRIGHT_PASSWORD"]),
+        (["servers", "--prefix", "lab/#"], ["--prefix", "'#'"]),
+        (["new", "minisym"], ["unknown template 'minisym'", "did you mean 'minisim'?"]),
+        (["broker", "--port", "70000"], ["70000 is not in the range"]),
+        (["broker", "--host", "0.0.0.0"], ["can be reached from other machines", "--users"]),
+        (["broker", "--host", "::"], ["can be reached from other machines"]),
+        (["broker", "--host", "no.such.host.invalid"], ["no address of this machine"]),
+        (["broker", "--certificate", "experiment.yaml"], ["--key is missing"]),
+        (["serve", "minisim", "--count", "0"], ["--count"]),
+        (["runs", "export", ".", "no/x.csv"], ["there is no folder 'no'"]),
+    ],
+)
+def test_mistakes_are_named_with_a_way_out(
+    program: Any, tmp_path: Path, arguments: list[str], answers: list[str]
+) -> None:
+    (tmp_path / "experiment.yaml").write_text("simulation: minisim\n")
+    result = program(*arguments)
+    assert result.returncode == 2
+    assert not result.stdout
+    assert result.stderr.startswith("swarmwright: ")
+    for answer in answers:
+        assert answer in result.stderr
+    assert "--help'" in result.stderr, "where to read on"
+    assert "secret" not in result.stderr
+
+
+def test_without_arguments_the_help_is_shown(program: Any) -> None:
+    result = program()
+    assert result.returncode == 2
+    assert "Commands:" in result.stderr
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        result = subprocess.run(
+            [sys.executable, "-P", "-m", "swarmwright", "schema"],
+            stdout=writing,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+    finally:
+        os.close(writing)
+    assert result.stderr == ""
+    assert result.returncode == 0
