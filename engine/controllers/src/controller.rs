@@ -1,0 +1,153 @@
+//! A specification at work, for one agent.
+
+use crate::{Architecture, Specification};
+use std::sync::Arc;
+
+/// Why a controller did not step; its state is then unchanged.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ControllerError {
+    /// A sensor reading of the wrong length.
+    #[error("sensors: {found} numbers, but this controller takes {expected}")]
+    SensorCount {
+        /// Length that the specification asks for.
+        expected: usize,
+        /// Length that was given.
+        found: usize,
+    },
+    /// A sensor that is NaN or infinite.
+    #[error("sensors[{index}] is NaN or infinite, but every sensor must be a finite number")]
+    SensorValue {
+        /// Which sensor, from 0.
+        index: usize,
+    },
+    /// Room for the wrong number of actuators.
+    #[error("actuators: room for {found} numbers, but this controller gives {expected}")]
+    ActuatorCount {
+        /// Length that the specification gives.
+        expected: usize,
+        /// Length that was offered.
+        found: usize,
+    },
+    /// A number of weights other than the architecture needs.
+    #[error("weights: {found} numbers, but this controller needs {expected}")]
+    WeightCount {
+        /// Weights that the architecture needs.
+        expected: usize,
+        /// Weights that were given.
+        found: usize,
+    },
+    /// A weight that is NaN or infinite.
+    #[error("weights[{index}] is NaN or infinite, but every weight must be a finite number")]
+    WeightValue {
+        /// Which weight, from 0.
+        index: usize,
+    },
+}
+
+/// Sensors in, actuators out, for one agent. A clone shares the weights and has a state of its own.
+#[derive(Debug, Clone)]
+pub struct Controller {
+    architecture: Arc<Architecture>,
+    weights: Arc<[f32]>,
+    /// Outputs of all nodes of a fully meshed network; empty for networks without state.
+    outputs: Box<[f32]>,
+    scratch: Box<[f32]>,
+}
+
+impl Controller {
+    /// A controller at the start of an episode.
+    pub fn new(specification: &Specification) -> Self {
+        Self::build(
+            Arc::new(specification.architecture().clone()),
+            specification.weights().into(),
+        )
+    }
+
+    /// A controller of a checked architecture with weights from elsewhere, such as a block of genomes.
+    ///
+    /// # Errors
+    /// A wrong number of weights, or one that is NaN or infinite.
+    pub fn with_weights(
+        architecture: &Arc<Architecture>,
+        weights: Arc<[f32]>,
+    ) -> Result<Self, ControllerError> {
+        let expected = architecture.weight_count();
+        if weights.len() != expected {
+            return Err(ControllerError::WeightCount {
+                expected,
+                found: weights.len(),
+            });
+        }
+        if let Some(index) = weights.iter().position(|w| !w.is_finite()) {
+            return Err(ControllerError::WeightValue { index });
+        }
+        Ok(Self::build(Arc::clone(architecture), weights))
+    }
+
+    fn build(architecture: Arc<Architecture>, weights: Arc<[f32]>) -> Self {
+        let (state, scratch) = match &*architecture {
+            Architecture::Layered(net) => (0, net.scratch_length()),
+            Architecture::FullyMeshed(net) => (net.nodes(), net.nodes()),
+        };
+        Self {
+            architecture,
+            weights,
+            outputs: vec![0.0; state].into_boxed_slice(),
+            scratch: vec![0.0; scratch].into_boxed_slice(),
+        }
+    }
+
+    /// Numbers in.
+    pub fn sensors(&self) -> usize {
+        self.architecture.sensors()
+    }
+
+    /// Numbers out.
+    pub fn actuators(&self) -> usize {
+        self.architecture.actuators()
+    }
+
+    /// Back to the start of an episode: the state between steps is forgotten.
+    pub fn reset(&mut self) {
+        self.outputs.fill(0.0);
+    }
+
+    /// One step: writes the actuators, each in -1..=1, for `sensors`. Allocates nothing.
+    ///
+    /// An overflow inside the network that ends in a NaN gives the actuator 0.
+    ///
+    /// # Errors
+    /// Slices of the wrong length, a sensor that is NaN or infinite.
+    pub fn step(&mut self, sensors: &[f32], actuators: &mut [f32]) -> Result<(), ControllerError> {
+        if sensors.len() != self.sensors() {
+            return Err(ControllerError::SensorCount {
+                expected: self.sensors(),
+                found: sensors.len(),
+            });
+        }
+        if actuators.len() != self.actuators() {
+            return Err(ControllerError::ActuatorCount {
+                expected: self.actuators(),
+                found: actuators.len(),
+            });
+        }
+        if let Some(index) = sensors.iter().position(|s| !s.is_finite()) {
+            return Err(ControllerError::SensorValue { index });
+        }
+        match &*self.architecture {
+            Architecture::Layered(net) => {
+                net.step(&self.weights, &mut self.scratch, sensors, actuators)
+            }
+            Architecture::FullyMeshed(net) => {
+                net.step(
+                    &self.weights,
+                    &mut self.outputs,
+                    &mut self.scratch,
+                    sensors,
+                    actuators,
+                );
+            }
+        }
+        Ok(())
+    }
+}

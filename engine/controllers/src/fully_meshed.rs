@@ -1,0 +1,68 @@
+//! Fully meshed networks, as in FREVO.
+
+use crate::{Activation, OutputRange};
+use serde::Serialize;
+
+/// A recurrent network in which every node hears every node (FREVO's FullyMeshedNet).
+///
+/// Nodes: sensors, then hidden, then actuators. Weights: for every node that is no sensor, in that order: the bias,
+/// then one weight from every node (sensors, hidden, actuators, itself included). The outputs of all nodes stay
+/// from step to step; a reset sets them to 0.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FullyMeshed {
+    /// Numbers in.
+    pub sensors: usize,
+    /// Numbers out.
+    pub actuators: usize,
+    /// Hidden nodes.
+    pub hidden: usize,
+    /// What every node does to its sum.
+    pub activation: Activation,
+    /// How often all nodes are brought up to date in a step.
+    pub iterations: u32,
+    /// Network outputs that stand for actuators -1 to 1.
+    pub output_range: OutputRange,
+}
+
+impl FullyMeshed {
+    pub(crate) fn weight_count(&self) -> Option<usize> {
+        let active = self.hidden.checked_add(self.actuators)?;
+        active.checked_mul(active.checked_add(self.sensors)?.checked_add(1)?)
+    }
+
+    pub(crate) fn nodes(&self) -> usize {
+        self.sensors + self.hidden + self.actuators
+    }
+
+    /// `outputs`: those of all nodes, kept between steps; `scratch`: as long, its content does not matter.
+    pub(crate) fn step(
+        &self,
+        weights: &[f32],
+        outputs: &mut [f32],
+        scratch: &mut [f32],
+        sensors: &[f32],
+        actuators: &mut [f32],
+    ) {
+        outputs[..sensors.len()].copy_from_slice(sensors);
+        for _ in 0..self.iterations {
+            // All nodes at once: nobody hears an output of the same iteration.
+            for (next, row) in scratch[self.sensors..]
+                .iter_mut()
+                .zip(weights.chunks_exact(self.nodes() + 1))
+            {
+                let mut sum = 0.0_f32;
+                for (weight, output) in row[1..].iter().zip(outputs.iter()) {
+                    sum += weight * output;
+                }
+                *next = self.activation.apply(row[0] + sum);
+            }
+            outputs[self.sensors..].copy_from_slice(&scratch[self.sensors..]);
+        }
+        for (actuator, output) in actuators
+            .iter_mut()
+            .zip(&outputs[self.sensors + self.hidden..])
+        {
+            *actuator = self.output_range.actuator(*output);
+        }
+    }
+}

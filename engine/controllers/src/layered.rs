@@ -1,0 +1,77 @@
+//! Layered feed-forward networks.
+
+use crate::{Activation, OutputRange};
+use serde::Serialize;
+
+/// A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between steps.
+///
+/// Weights: layer after layer, node after node: the bias, then one weight for every output of the layer below.
+/// The activation applies to every layer, the last one included.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Layered {
+    /// Numbers in.
+    pub sensors: usize,
+    /// Numbers out.
+    pub actuators: usize,
+    /// Nodes of each hidden layer, from the sensors up.
+    pub hidden: Vec<usize>,
+    /// What every node does to its sum.
+    pub activation: Activation,
+    /// Network outputs that stand for actuators -1 to 1.
+    pub output_range: OutputRange,
+}
+
+impl Layered {
+    /// Nodes of each layer above the sensors.
+    fn layers(&self) -> impl Iterator<Item = usize> + '_ {
+        self.hidden.iter().copied().chain([self.actuators])
+    }
+
+    pub(crate) fn weight_count(&self) -> Option<usize> {
+        let mut below = self.sensors;
+        let mut count = 0_usize;
+        for nodes in self.layers() {
+            count = count.checked_add(nodes.checked_mul(below.checked_add(1)?)?)?;
+            below = nodes;
+        }
+        Some(count)
+    }
+
+    fn widest(&self) -> usize {
+        self.layers().fold(self.sensors, usize::max)
+    }
+
+    /// Room for the outputs of two neighbouring layers.
+    pub(crate) fn scratch_length(&self) -> usize {
+        2 * self.widest()
+    }
+
+    /// `scratch` as long as `scratch_length`, its content does not matter.
+    pub(crate) fn step(
+        &self,
+        weights: &[f32],
+        scratch: &mut [f32],
+        sensors: &[f32],
+        actuators: &mut [f32],
+    ) {
+        let (mut below, mut above) = scratch.split_at_mut(self.widest());
+        below[..sensors.len()].copy_from_slice(sensors);
+        let mut width = self.sensors;
+        let mut rest = weights;
+        for nodes in self.layers() {
+            let (layer, behind) = rest.split_at(nodes * (width + 1));
+            for (output, row) in above.iter_mut().zip(layer.chunks_exact(width + 1)) {
+                let mut sum = 0.0_f32;
+                for (weight, input) in row[1..].iter().zip(below.iter()) {
+                    sum += weight * input;
+                }
+                *output = self.activation.apply(row[0] + sum);
+            }
+            (below, above) = (above, below);
+            (width, rest) = (nodes, behind);
+        }
+        for (actuator, output) in actuators.iter_mut().zip(below.iter()) {
+            *actuator = self.output_range.actuator(*output);
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! What is refused, and how it is said.
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
+
+use serde_json::{Value, json};
+use swarmwright_controllers::{Architecture, Specification};
+
+fn layered() -> Value {
+    json!({"version": 1, "kind": "layered", "sensors": 2, "actuators": 1, "hidden": [3], "activation": "tanh",
+        "output_range": [-1, 1], "weights": vec![0.5; 13]})
+}
+
+fn meshed() -> Value {
+    json!({"version": 1, "kind": "fully_meshed", "sensors": 2, "actuators": 1, "hidden": 2, "activation": "clamp",
+        "iterations": 2, "output_range": [0, 1], "weights": vec![0.25; 18]})
+}
+
+fn refusal(text: &str) -> String {
+    Specification::from_json(text).unwrap_err().to_string()
+}
+
+#[test]
+fn accepts_and_counts() {
+    for (document, count) in [(layered(), 13), (meshed(), 18)] {
+        let specification = Specification::from_json(&document.to_string()).unwrap();
+        assert_eq!(specification.weight_count(), count);
+        assert_eq!(
+            serde_json::from_value::<Specification>(document.clone()).unwrap(),
+            specification
+        );
+        let mut bare = document;
+        bare.as_object_mut().unwrap().remove("weights");
+        assert_eq!(
+            Architecture::from_json(&bare.to_string()).unwrap(),
+            *specification.architecture()
+        );
+    }
+    let mut whole = layered();
+    whole["sensors"] = json!(2.0);
+    assert!(
+        Specification::from_json(&whole.to_string()).is_ok(),
+        "2.0 is a whole number"
+    );
+}
+
+#[test]
+fn weights_are_read_as_binary32() {
+    // Read by way of binary64 this decimal, just above halfway between two binary32, would go to the even neighbour.
+    let above_half = "1.00000005960464477540";
+    let mut document = layered().to_string();
+    document = document.replacen("0.5", above_half, 1);
+    let specification = Specification::from_json(&document).unwrap();
+    assert_eq!(specification.weights()[0].to_bits(), 1.0_f32.to_bits() + 1);
+}
+
+#[test]
+fn refuses_with_the_field_and_the_cure() {
+    let cases: [(Value, &str, Value, &[&str]); 26] = [
+        (
+            layered(),
+            "version",
+            json!(2),
+            &["controller.version", "expected 1"],
+        ),
+        (
+            layered(),
+            "kind",
+            json!("layerd"),
+            &[
+                "controller.kind",
+                "\"layerd\"",
+                "\"layered\" or \"fully_meshed\"",
+            ],
+        ),
+        (
+            layered(),
+            "kind",
+            json!(7),
+            &["controller.kind", "\"layered\" or"],
+        ),
+        (
+            layered(),
+            "sensors",
+            json!(0),
+            &["controller.sensors", "from 1 to"],
+        ),
+        (
+            layered(),
+            "sensors",
+            json!(-1),
+            &["controller.sensors", "-1 found"],
+        ),
+        (
+            layered(),
+            "sensors",
+            json!("2"),
+            &["controller.sensors", "\"2\" found", "whole number"],
+        ),
+        (
+            layered(),
+            "sensors",
+            json!(1.5),
+            &["controller.sensors", "1.5 found"],
+        ),
+        (layered(), "sensors", json!(1e300), &["controller.sensors"]),
+        (layered(), "actuators", json!(0), &["controller.actuators"]),
+        (
+            layered(),
+            "hidden",
+            json!(8),
+            &["controller.hidden", "a list of whole numbers"],
+        ),
+        (
+            layered(),
+            "hidden",
+            json!([3, 0]),
+            &["controller.hidden[1]", "0 found"],
+        ),
+        (
+            layered(),
+            "hidden",
+            json!([100_000, 100_000]),
+            &["controller.hidden", "at most 1000000"],
+        ),
+        (
+            layered(),
+            "hidden",
+            json!([1_000_000, 1_000_000, 1_000_000]),
+            &["controller.hidden", "at most 1000000"],
+        ),
+        (
+            layered(),
+            "activation",
+            json!("swish"),
+            &[
+                "controller.activation",
+                "tanh, sigmoid, relu, clamp, linear",
+            ],
+        ),
+        (
+            layered(),
+            "output_range",
+            json!([1, 1]),
+            &["controller.output_range", "low < high"],
+        ),
+        (
+            layered(),
+            "output_range",
+            json!([1, -1]),
+            &["controller.output_range"],
+        ),
+        (
+            layered(),
+            "output_range",
+            json!([-3e38, 3e38]),
+            &["controller.output_range"],
+        ),
+        (
+            layered(),
+            "output_range",
+            json!([0, 1, 2]),
+            &["controller.output_range", "[low, high]"],
+        ),
+        (
+            layered(),
+            "weights",
+            json!([1, 2]),
+            &["controller.weights", "2 numbers", "needs 13"],
+        ),
+        (
+            layered(),
+            "weights",
+            json!([1, "2"]),
+            &["controller.weights[1]", "\"2\" found"],
+        ),
+        (
+            layered(),
+            "weights",
+            json!([1, null]),
+            &["controller.weights[1]", "finite"],
+        ),
+        (
+            layered(),
+            "weights",
+            json!([1, 1e39]),
+            &["controller.weights[1]", "finite"],
+        ),
+        (
+            layered(),
+            "weights",
+            json!({}),
+            &["controller.weights", "13 numbers"],
+        ),
+        (
+            layered(),
+            "iterations",
+            json!(2),
+            &["controller.iterations", "is not known", "output_range"],
+        ),
+        (
+            meshed(),
+            "iterations",
+            json!(0),
+            &["controller.iterations", "from 1 to 1000"],
+        ),
+        (
+            meshed(),
+            "activation",
+            json!("linear"),
+            &["controller.activation", "clamp, sigmoid, tanh, relu"],
+        ),
+    ];
+    for (mut document, field, value, parts) in cases {
+        document[field] = value.clone();
+        let message = refusal(&document.to_string());
+        for part in parts {
+            assert!(
+                message.contains(part),
+                "{field} = {value}: {message:?} lacks {part:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn refuses_what_is_missing() {
+    for document in [layered(), meshed()] {
+        for field in document.as_object().unwrap().keys() {
+            let mut less = document.clone();
+            less.as_object_mut().unwrap().remove(field);
+            let message = refusal(&less.to_string());
+            assert!(
+                message.starts_with(&format!("controller.{field}: is missing; expected")),
+                "{message}"
+            );
+        }
+    }
+}
+
+#[test]
+fn refuses_text_that_is_no_object() {
+    assert!(refusal("[1, 2]").contains("expected a JSON object"));
+    assert!(refusal("{\"version\": 1,\n oops}").contains("line 2"));
+    assert!(refusal("").contains("not JSON"));
+    let nan = layered().to_string().replacen("0.5", "NaN", 1);
+    assert!(refusal(&nan).contains("not JSON"));
+    let deep = "[".repeat(1_000_000);
+    assert!(refusal(&deep).contains("expected a JSON object"));
+    let inside = format!("{deep}{}", "]".repeat(1_000_000));
+    let nested = layered().to_string().replacen("[3]", &inside, 1);
+    assert!(refusal(&nested).starts_with("controller"));
+}
