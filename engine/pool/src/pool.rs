@@ -1,0 +1,334 @@
+//! The pool's shell: connection, clock, the machine's actions carried out.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use serde_json::{Map, Value};
+use swarmwright_mqtt::{
+    ConnectError, Connection, Event, QoS, Settings, SettingsError, Subscription,
+};
+use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
+
+use crate::machine::{Action, Config, Machine};
+use crate::offers::Demand;
+use crate::task::{Attempt, Outcome, Task};
+
+/// How often the caller is asked whether to go on.
+const ASK: Duration = Duration::from_millis(100);
+
+/// How a pool is to work.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Where the broker is.
+    pub settings: Settings,
+    /// Topic prefix, empty for none.
+    pub prefix: String,
+    /// Name of the tool for people to read; host, process and a random number are added.
+    pub tool: String,
+    /// What a server must offer.
+    pub demand: Demand,
+    /// Parameters of the simulation.
+    pub parameters: Map<String, Value>,
+    /// Whether servers are to show their runs.
+    pub visual: bool,
+    /// How long to look for a first server.
+    pub discovery_timeout: Duration,
+    /// How long a server may be silent in an episode, and how long work may wait for any server.
+    pub step_timeout: Duration,
+    /// How often an episode is tried.
+    pub attempts: u32,
+}
+
+/// Why the pool cannot do its work.
+#[derive(Debug, thiserror::Error)]
+pub enum PoolError {
+    /// No connection to the broker.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The URL or the credentials cannot be used.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A prefix that cannot stand before a topic.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// No server fits, or all have gone.
+    #[error("no server fits on {url} after {seconds:.0} s; {description}")]
+    NoServer {
+        /// The broker.
+        url: String,
+        /// How long was waited.
+        seconds: f64,
+        /// What was required and what was found.
+        description: String,
+        /// Titles that servers offer.
+        titles: Vec<String>,
+    },
+    /// The servers do not say how many sensors and actuators there are.
+    #[error(
+        "the servers do not announce their numbers of sensors and actuators; add `sensors:` and `actuators:` to the experiment"
+    )]
+    NoSizes,
+    /// The caller wants to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// The optimization tool's connection to its servers.
+pub struct Pool {
+    machine: Machine,
+    connection: Connection,
+    topics: Topics,
+    discovery_timeout: Duration,
+    step_timeout: Duration,
+    events: Vec<Event>,
+    warnings: Vec<String>,
+    wall: (Instant, f64),
+}
+
+impl Pool {
+    /// Connects; servers are looked for from the first `poll` on.
+    ///
+    /// # Errors
+    /// No broker, credentials refused, a prefix that cannot be.
+    pub fn connect(options: Options) -> Result<Self, PoolError> {
+        let topics = Topics::new(&options.prefix)?;
+        let at = |topic| Subscription {
+            filter: topics.name(topic),
+            qos: QoS::AtMostOnce,
+        };
+        let subscriptions = vec![
+            at(Topic::Server),
+            at(Topic::Sensor),
+            at(Topic::Fitness),
+            Subscription {
+                filter: topics.presence_filter(),
+                qos: QoS::AtLeastOnce,
+            },
+        ];
+        let connection = Connection::open(options.settings, subscriptions)?;
+        let host = gethostname::gethostname().to_string_lossy().into_owned();
+        let config = Config {
+            demand: options.demand,
+            parameters: options.parameters,
+            tool: format!(
+                "{}@{host}/{}/{:04x}",
+                options.tool,
+                std::process::id(),
+                fastrand::u16(..)
+            ),
+            topics: topics.clone(),
+            visual: options.visual,
+            step_timeout: options.step_timeout,
+            attempts: options.attempts.max(1),
+            // Leaves room for 2^52 episodes below the 2^53 at which JSON's integers end.
+            first_instance: fastrand::u64(..1 << 52),
+        };
+        let now = Instant::now();
+        let since_1970 = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .unwrap_or_default()
+            .as_secs_f64();
+        Ok(Self {
+            machine: Machine::new(config, now),
+            connection,
+            topics,
+            discovery_timeout: options.discovery_timeout,
+            step_timeout: options.step_timeout,
+            events: Vec::new(),
+            warnings: Vec::new(),
+            wall: (now, since_1970),
+        })
+    }
+
+    /// Waits until a fitting server is there and returns its numbers of sensors and actuators. As long as one that
+    /// fits serves somebody else, waits on; `on_wait`, called ten times a second, hears of it and may stop the wait.
+    ///
+    /// # Errors
+    /// No server fits within the discovery time-out; the servers do not announce sizes; stopped.
+    pub fn wait_for_server(
+        &mut self,
+        mut on_wait: impl FnMut(&str) -> bool,
+    ) -> Result<(usize, usize), PoolError> {
+        let start = Instant::now();
+        loop {
+            self.poll(Instant::now() + ASK);
+            if self.machine.has_server() {
+                return self.machine.sizes().ok_or(PoolError::NoSizes);
+            }
+            let waited = start.elapsed();
+            let busy = self.machine.busy_elsewhere();
+            if busy.is_none() && waited >= self.discovery_timeout {
+                return Err(self.no_server(waited));
+            }
+            let reason =
+                busy.unwrap_or_else(|| format!("no server for {:.1} s", waited.as_secs_f64()));
+            if !on_wait(&reason) {
+                return Err(PoolError::Interrupted);
+            }
+        }
+    }
+
+    fn no_server(&self, waited: Duration) -> PoolError {
+        PoolError::NoServer {
+            url: self.connection.url(),
+            seconds: waited.as_secs_f64(),
+            description: self.machine.describe(),
+            titles: self.machine.titles(),
+        }
+    }
+
+    /// Runs every task; outcomes in the order of the tasks. `on_progress(done, waiting_for)` is called ten times a second
+    /// and at the end, and may stop the work.
+    ///
+    /// # Errors
+    /// No server for longer than the time-outs allow; stopped. The runs under way are ended then.
+    pub fn evaluate(
+        &mut self,
+        tasks: Vec<Task>,
+        seeds: &[u64],
+        mut on_progress: impl FnMut(usize, &str) -> bool,
+    ) -> Result<Vec<Outcome>, PoolError> {
+        self.machine.submit(tasks, seeds, Instant::now());
+        let mut asked = Instant::now();
+        let patience = self.discovery_timeout.max(self.step_timeout);
+        let error = loop {
+            self.poll(asked + ASK);
+            let now = Instant::now();
+            if self.machine.finished() {
+                on_progress(self.machine.done(), "");
+                return Ok(self.machine.take_outcomes());
+            }
+            if now.duration_since(asked) >= ASK {
+                asked = now;
+                let lonely = self.machine.lonely(now);
+                if lonely >= patience && self.machine.busy_elsewhere().is_none() {
+                    break self.no_server(lonely);
+                }
+                if !on_progress(self.machine.done(), &self.machine.waiting_for(now)) {
+                    break PoolError::Interrupted;
+                }
+            }
+        };
+        self.machine.cancel();
+        self.poll(Instant::now());
+        Err(error)
+    }
+
+    /// Sends what is to be sent and handles what came, until `until` at the latest.
+    fn poll(&mut self, until: Instant) {
+        if self.machine.next_tick() <= Instant::now() {
+            self.machine.tick(Instant::now());
+        }
+        self.act();
+        self.connection
+            .poll(until.min(self.machine.next_tick()), &mut self.events);
+        let now = Instant::now();
+        for event in self.events.drain(..) {
+            match event {
+                Event::Message(message) => {
+                    self.machine.receive(
+                        message.topic(),
+                        message.payload(),
+                        message.retained(),
+                        now,
+                    );
+                }
+                Event::Connected => {
+                    self.warnings.push("the broker is back".to_owned());
+                    self.machine.connected(now);
+                }
+                Event::Disconnected { reason } => {
+                    self.warnings
+                        .push(format!("lost the broker ({reason}); trying again"));
+                    self.machine.disconnected(now);
+                }
+            }
+        }
+        self.act();
+    }
+
+    fn act(&mut self) {
+        for action in self.machine.actions() {
+            match action {
+                Action::Publish(topic, payload) => {
+                    self.connection.publish(
+                        &self.topics.name(topic),
+                        &payload,
+                        QoS::AtMostOnce,
+                        false,
+                        None,
+                    );
+                }
+                Action::Warn(text) => self.warnings.push(text),
+            }
+        }
+    }
+
+    /// What the user should know, since the last call.
+    pub fn take_warnings(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.warnings)
+    }
+
+    /// The attempts made since the last call.
+    pub fn take_journal(&mut self) -> Vec<Attempt> {
+        let (zero, since_1970) = self.wall;
+        let journal = self.machine.take_journal();
+        journal
+            .into_iter()
+            .map(|(mut attempt, started)| {
+                attempt.started =
+                    since_1970 + started.saturating_duration_since(zero).as_secs_f64();
+                attempt
+            })
+            .collect()
+    }
+
+    /// Frees the servers and leaves the broker.
+    pub fn close(mut self) {
+        self.machine.release();
+        self.act();
+        self.connection.close(Duration::from_secs(1));
+    }
+}
+
+/// Everybody's presence on the broker, by id: what is retained, and what comes within `wait`.
+///
+/// # Errors
+/// No broker, credentials refused, a prefix that cannot be.
+pub fn list_servers(
+    settings: Settings,
+    prefix: &str,
+    wait: Duration,
+) -> Result<Vec<Presence>, PoolError> {
+    let topics = Topics::new(prefix)?;
+    let filter = Subscription {
+        filter: topics.presence_filter(),
+        qos: QoS::AtLeastOnce,
+    };
+    let mut connection = Connection::open(settings, vec![filter])?;
+    let deadline = Instant::now() + wait;
+    let mut found = BTreeMap::new();
+    let mut events = Vec::new();
+    while Instant::now() < deadline {
+        connection.poll(deadline, &mut events);
+        for event in events.drain(..) {
+            let Event::Message(message) = event else {
+                continue;
+            };
+            if topics.parse(message.topic()) != Some(Topic::Presence) {
+                continue;
+            }
+            if let Ok(Message::Presence(presence)) =
+                Message::decode(Topic::Presence, message.payload())
+            {
+                found.insert(message.topic().to_owned(), presence);
+            } else {
+                found.remove(message.topic());
+            }
+        }
+    }
+    connection.close(Duration::from_secs(1));
+    let mut presences: Vec<Presence> = found.into_values().collect();
+    presences.sort_by_key(|presence| presence.server);
+    Ok(presences)
+}

@@ -1,0 +1,127 @@
+//! One episode on one server, seen from the optimization tool: a controller with its own state for every agent.
+
+use std::time::Instant;
+
+use swarmwright_controllers::Controller;
+use swarmwright_protocol::{Actuator, Sensor};
+
+/// An episode under way.
+pub(crate) struct Run {
+    /// Index into the pool's tasks.
+    pub task: usize,
+    pub server: u64,
+    pub attempt: u32,
+    pub started: Instant,
+    /// When the server last said something of use.
+    pub heard: Instant,
+    /// Why a message of this run was refused, and when: the server gets little time to send a better one.
+    pub refused: Option<(Instant, String)>,
+    /// Number of agents, if the parameters tell.
+    agents: Option<u64>,
+    prototype: Controller,
+    controllers: Vec<Option<Controller>>,
+    /// Sensor messages answered, by agent.
+    answered: Vec<u64>,
+    last_agent: u64,
+}
+
+/// More agents than this are a mistake of the server, if the parameters do not say how many there are.
+const MOST_AGENTS: u64 = 1_000_000;
+
+impl Run {
+    pub fn new(
+        task: usize,
+        server: u64,
+        attempt: u32,
+        prototype: Controller,
+        agents: Option<u64>,
+        now: Instant,
+    ) -> Self {
+        Self {
+            task,
+            server,
+            attempt,
+            started: now,
+            heard: now,
+            refused: None,
+            agents,
+            prototype,
+            controllers: Vec::new(),
+            answered: Vec::new(),
+            last_agent: 0,
+        }
+    }
+
+    /// Answers one agent's sensors.
+    ///
+    /// # Errors
+    /// An agent that there is not, or the wrong number of sensors.
+    pub fn answer(
+        &mut self,
+        sensor: Sensor,
+        title: &str,
+        now: Instant,
+    ) -> Result<Actuator, String> {
+        let limit = self.agents.unwrap_or(MOST_AGENTS);
+        let agent = usize::try_from(sensor.agent).unwrap_or(usize::MAX);
+        if sensor.agent >= limit {
+            return Err(format!(
+                "agent {} is unknown; the agents are 0 to {}",
+                sensor.agent,
+                limit - 1
+            ));
+        }
+        if agent >= self.controllers.len() {
+            self.controllers.resize(agent + 1, None);
+            self.answered.resize(agent + 1, 0);
+        }
+        let controller = self.controllers[agent].get_or_insert_with(|| self.prototype.clone());
+        let mut actuator = vec![0.0; controller.actuators()];
+        controller
+            .step(&sensor.sensor, &mut actuator)
+            .map_err(|error| error.to_string())?;
+        self.answered[agent] += 1;
+        self.last_agent = sensor.agent;
+        self.heard = now;
+        self.refused = None;
+        Ok(Actuator {
+            simulation: Some(title.to_owned()),
+            simulation_hash: sensor.simulation_hash,
+            agent: sensor.agent,
+            actuator,
+        })
+    }
+
+    /// Steps that have been answered.
+    pub fn steps(&self) -> u64 {
+        self.answered.iter().copied().max().unwrap_or(0)
+    }
+
+    /// Whether the server has begun.
+    pub fn begun(&self) -> bool {
+        !self.answered.is_empty()
+    }
+
+    /// What is waited for, in words.
+    pub fn waiting_for(&self, now: Instant) -> String {
+        let seconds = now.saturating_duration_since(self.heard).as_secs_f64();
+        if !self.begun() {
+            return format!(
+                "server {} has not begun its episode for {seconds:.1} s",
+                self.server
+            );
+        }
+        // An agent that was answered less often than others still owes its sensors of the step before.
+        let steps = self.steps();
+        let behind = self
+            .answered
+            .iter()
+            .position(|&count| count > 0 && count < steps);
+        let agent = behind.map_or(self.last_agent, |agent| agent as u64);
+        format!(
+            "server {} has not answered the actuators of agent {agent} in step {} for {seconds:.1} s",
+            self.server,
+            steps - 1
+        )
+    }
+}
