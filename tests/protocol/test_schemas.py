@@ -129,6 +129,13 @@ def test_controller_is_accepted(specification: dict[str, Any], validators: Valid
     validators("controller").validate(specification)
 
 
+def test_controllers_of_the_vectors_are_accepted(validators: Validators) -> None:
+    vectors = load(PROTOCOL / "vectors" / "controllers.json")["controllers"]
+    assert {vector["specification"]["kind"] for vector in vectors} == {"layered", "fully_meshed"}
+    for vector in vectors:
+        validators("controller").validate(vector["specification"])
+
+
 @pytest.mark.parametrize(
     ("specification", "change"),
     [
