@@ -52,9 +52,7 @@ _LAZY = {
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
     if name == "__version__":
-        from importlib.metadata import version
-
-        value: Any = version("swarmwright")
+        value: Any = import_module("swarmwright._engine").__version__
     elif name == "templates":
         value = import_module("swarmwright.templates")
     elif name in _LAZY:

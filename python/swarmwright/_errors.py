@@ -1,4 +1,7 @@
-"""The errors that Swarmwright shows to people: complete in themselves, each with the exit status it leads to."""
+"""The errors that Swarmwright shows to people.
+
+Complete in themselves, each with the exit status it leads to.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,14 +22,20 @@ class InputError(SwarmwrightError):
 
 
 class RunError(SwarmwrightError):
-    """The run failed although the input was right: no broker, no server, all candidates failed. Exit status 1."""
+    """The run failed although the input was right.
+
+    No broker, no server, all candidates failed. Exit status 1.
+    """
 
     exit_status: ClassVar[int] = 1
 
 
 @contextmanager
 def engine_errors(where: str = "") -> Iterator[None]:
-    """Turn the compiled engine's errors into InputError and RunError; `where` is put before an input error's message."""
+    """Turn the compiled engine's errors into InputError and RunError.
+
+    `where` is put before an input error's message.
+    """
     from swarmwright import _engine
 
     try:

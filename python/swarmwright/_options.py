@@ -6,10 +6,16 @@ from pydantic import BaseModel, ConfigDict
 class Options(BaseModel):
     """Base of every section of an experiment file.
 
-    Unknown keys are errors; nothing is converted silently ("50" is no number, 1.5 no integer); numbers are finite; every
-    field has a default where one makes sense and a description, which goes to the schema and the reference page.
+    Unknown keys are errors; nothing is converted silently ("50" is no number, 1.5 no integer); numbers are
+    finite; every field has a default where one makes sense and a description, which goes to the schema and
+    the reference page.
     """
 
     model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, validate_default=True, allow_inf_nan=False, use_attribute_docstrings=True
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        validate_default=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
     )

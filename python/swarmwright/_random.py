@@ -1,10 +1,11 @@
 """Random numbers by counter, the same bits on every machine.
 
-A stream is addressed by (seed, purpose, generation, candidate) and never shared, so a number does not depend on what was
-drawn before it elsewhere. The raw 64-bit words are Philox 4x64-10 (Salmon et al., "Parallel random numbers: as easy as
-1, 2, 3", SC 2011) with key = (seed, purpose) and counter = (block, candidate, generation, 0). Everything above the raw
-words is done here with exact integer operations and single IEEE binary64 operations: NumPy may change the
-distributions of its `Generator` between versions, and the functions of a C library differ between machines.
+A stream is addressed by (seed, purpose, generation, candidate) and never shared, so a number does not depend
+on what was drawn before it elsewhere. The raw 64-bit words are Philox 4x64-10 (Salmon et al., "Parallel
+random numbers: as easy as 1, 2, 3", SC 2011) with key = (seed, purpose) and counter = (block, candidate,
+generation, 0). Everything above the raw words is done here with exact integer operations and single IEEE
+binary64 operations: NumPy may change the distributions of its `Generator` between versions, and the functions
+of a C library differ between machines.
 """
 
 from hashlib import sha256

@@ -60,7 +60,8 @@ class Registry(Generic[Component]):
         origins = sorted({point.value for point in points})
         if len(origins) > 1:
             raise InputError(
-                f"{self.what} {kind!r} is announced twice, as {' and '.join(origins)}; uninstall one of the packages"
+                f"{self.what} {kind!r} is announced twice, as {' and '.join(origins)}; "
+                "uninstall one of the packages"
             )
         try:
             component = points[0].load()
@@ -68,7 +69,9 @@ class Registry(Generic[Component]):
             raise InputError(f"{self.what} {kind!r} ({origins[0]}) cannot be imported: {error!r}") from error
         base: type[Component] = _resolve(self._base)
         if not (isinstance(component, type) and issubclass(component, base)):
-            raise InputError(f"{self.what} {kind!r} ({origins[0]}) is not a subclass of {self._base.replace(':', '.')}")
+            raise InputError(
+                f"{self.what} {kind!r} ({origins[0]}) is not a subclass of {self._base.replace(':', '.')}"
+            )
         return component
 
 

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.representer import SafeRepresenter
 
 from swarmwright._errors import InputError
 
@@ -32,7 +34,10 @@ class Source:
     """What is wrong with the file as YAML: where, line, what."""
 
     def place(self, path: Path_) -> str:
-        """Return "file:line: a.b.c: " for the value at `path`, or for the nearest thing above it that has a line."""
+        """Return "file:line.
+
+        A.b.c: " for the value at `path`, or for the nearest thing above it that has a line.
+        """
         dotted = dotted_path(path)
         above = path
         while above and above not in self.lines:
@@ -53,7 +58,8 @@ def dotted_path(path: Path_) -> str:
 def read(path: Path) -> Source:
     """Read a YAML file of one document.
 
-    Raises InputError when the file cannot be read or is no YAML; duplicate keys and such are collected in `problems`.
+    Raises InputError when the file cannot be read or is no YAML; duplicate keys and such are collected in
+    `problems`.
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -64,7 +70,9 @@ def read(path: Path) -> Source:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start} is no part of a character)") from error
+        raise InputError(
+            f"{path}: is not UTF-8 text (byte {error.start} is no part of a character)"
+        ) from error
     return parse(text, str(path))
 
 
@@ -101,7 +109,8 @@ class _Builder:
         if len(self._open) > 100:
             raise InputError(f"{self._source.name}: is nested too deeply")
         if any(node is above for above in self._open):
-            return self._problem(node, path, "an alias refers to a value that contains it")
+            self._problem(node, path, "an alias refers to a value that contains it")
+            return None
         self._source.lines.setdefault(path, node.start_mark.line + 1)
         self._open.append(node)
         try:
@@ -142,10 +151,12 @@ class _Builder:
             if kind == "float":
                 return _number(text)
         except ValueError:
-            return self._problem(node, path, f"{text!r} is no number")
+            self._problem(node, path, f"{text!r} is no number")
+            return None
         if kind in {"str", "timestamp", "value", "merge"}:
             return text
-        return self._problem(node, path, f"the tag {node.tag} has no meaning here")
+        self._problem(node, path, f"the tag {node.tag} has no meaning here")
+        return None
 
     def _problem(self, node: Node, path: Path_, message: str) -> None:
         self._source.problems.append((path, node.start_mark.line + 1, message))
@@ -164,12 +175,20 @@ def _number(text: str) -> float:
     return special[lowered] if lowered in special else float(lowered)
 
 
-def dump(values: Mapping[str, Any]) -> str:
-    """Return a mapping of plain values as YAML, keys in the order given, short lists on one line."""
-    from io import StringIO
+class _Representer(SafeRepresenter):
+    """Lists on one line, mappings a line per key."""
 
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
+
+_Representer.add_representer(
+    list, lambda representer, values: representer.represent_sequence(f"{_TAG}seq", values, flow_style=True)
+)
+
+
+def dump(values: Mapping[str, Any]) -> str:
+    """Return a mapping of plain values as YAML, keys in the order given, lists on one line."""
+    yaml: Any = YAML(typ="safe", pure=True)
+    yaml.Representer = _Representer
+    yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False
     yaml.allow_unicode = True
     yaml.width = 110

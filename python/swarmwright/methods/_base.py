@@ -24,19 +24,18 @@ class MethodOptions(Options):
 
 
 class Method(ABC):
-    """Optimization is a conversation: `ask` for genomes, evaluate them in any way, `tell` their fitness, and again.
+    """Optimization is a conversation: `ask` for genomes, evaluate them in any way, `tell` their fitness.
 
-    `ask` and `tell` are templates around `_ask` and `_tell`, which a method implements; they keep count, check shapes
-    and see to it that a method meets each generation once. Fitness may have any sign; more is better; NaN means
-    that the evaluation failed: such a candidate ranks below all others and its number is never computed with. A method
-    draws its random numbers from `stream`, by generation and candidate, never from a shared source, so the same seed
-    gives the same genomes whatever happens in between.
+    `ask` and `tell` are templates around `_ask` and `_tell`, which a method implements; they keep count,
+    check shapes and see to it that a method meets each generation once. Fitness may have any sign; more is
+    better; NaN means that the evaluation failed: such a candidate ranks below all others and its number is
+    never computed with. A method draws its random numbers from `stream`, by generation and candidate, never
+    from a shared source, so the same seed gives the same genomes whatever happens in between.
 
     Args:
         options: this method's section of the experiment.
         representation: gives genomes their operators.
         seed: of the experiment.
-
     """
 
     kind: ClassVar[str]
@@ -62,7 +61,9 @@ class Method(ABC):
         Raises InputError when the fitness of the last ones has not been told, or when the method is done.
         """
         if self._asked is not None:
-            raise InputError("the fitness of the genomes asked for last is missing: tell it before asking again")
+            raise InputError(
+                "the fitness of the genomes asked for last is missing: tell it before asking again"
+            )
         if self.done:
             raise InputError(f"the method is done after {self.generation + 1} generation(s); start a new one")
         self._asked = self._ask()

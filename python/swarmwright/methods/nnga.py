@@ -86,18 +86,19 @@ class NngaOptions(MethodOptions):
 class Nnga(Method):
     """Survival, mutation, crossover and renewal, in shares of the population.
 
-    From the ranked population a generation is made so: the elite stays; some others stay, drawn at random; copies of
-    members that stay are mutated; pairs of them are crossed, where the father is the one most different from the mother
-    among several drawn; and some members are renewed at random. Members that stay keep their fitness and are not
-    evaluated again, so with the defaults 37 of 50 are evaluated in each generation after the first. A child that is the
-    same as a member is crossed anew, at most 100 times a generation; then random members take the places left.
+    From the ranked population a generation is made so: the elite stays; some others stay, drawn at random;
+    copies of members that stay are mutated; pairs of them are crossed, where the father is the one most
+    different from the mother among several drawn; and some members are renewed at random. Members that stay
+    keep their fitness and are not evaluated again, so with the defaults 37 of 50 are evaluated in each
+    generation after the first. A child that is the same as a member is crossed anew, at most 100 times a
+    generation; then random members take the places left.
 
-    Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51). It differs in two points. FREVO draws the
-    random survivors by a folded triangle distribution that it notes itself to be wrong: the worst member can never
-    be drawn, the best remaining one only half as often as meant, and each draw moves another one far down the ranks.
-    Here the intended distribution is used: of m remaining members in ranked order, the k-th from the top (k = 0, 1, ..)
-    is drawn with probability proportional to m - k. And members whose evaluation failed never stay; random members take
-    their places.
+    Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51). It differs in two points. FREVO
+    draws the random survivors by a folded triangle distribution that it notes itself to be wrong: the worst
+    member can never be drawn, the best remaining one only half as often as meant, and each draw moves another
+    one far down the ranks. Here the intended distribution is used: of m remaining members in ranked order,
+    the k-th from the top (k = 0, 1, ..) is drawn with probability proportional to m - k. And members whose
+    evaluation failed never stay; random members take their places.
     """
 
     kind: ClassVar[str] = "nnga"
@@ -140,15 +141,16 @@ class Nnga(Method):
         staying, others = ranked[: self._shares.elite], ranked[self._shares.elite :]
         stream = self.stream("nnga.survive")
         for _ in range(min(self._shares.random, len(others))):
-            staying.append(others.pop(_triangular(stream.integer(len(others) * (len(others) + 1) // 2), len(others))))
+            staying.append(
+                others.pop(_triangular(stream.integer(len(others) * (len(others) + 1) // 2), len(others)))
+            )
         return staying
 
     def _children(self, survivors: list[Genome]) -> list[Genome]:
         """Return the new members of this generation."""
         children: list[Genome] = []
         if survivors:
-            for index in range(self._shares.mutate):
-                children.append(self._mutated(survivors, index))
+            children += [self._mutated(survivors, index) for index in range(self._shares.mutate)]
             children += self._crossed(survivors, children)
         while len(survivors) + len(children) < self.options.population:
             children.append(self.initial(len(children)))
@@ -169,7 +171,8 @@ class Nnga(Method):
             trial += 1
             mother = survivors[stream.integer(len(survivors))]
             partners = [survivors[stream.integer(len(survivors))] for _ in range(self.options.partners)]
-            father = max(partners, key=lambda partner, mother=mother: self.representation.distance(mother, partner))
+            distances = [self.representation.distance(mother, partner) for partner in partners]
+            father = partners[distances.index(max(distances))]
             child = self.representation.crossover(mother, father, stream)
             if child.tobytes() not in known:
                 known.add(child.tobytes())
@@ -179,7 +182,8 @@ class Nnga(Method):
 
 def _triangular(ticket: int, members: int) -> int:
     """Return k for a ticket in 0 .. members * (members + 1) / 2 - 1, of which k holds members - k."""
-    # Tickets from the end: the last holds one, the last but one two, ... so k counts triangular numbers from there.
+    # Tickets from the end: the last holds one, the last but one two, ... so k counts triangular numbers from
+    # there.
     left = members * (members + 1) // 2 - 1 - ticket
     row = (math.isqrt(8 * left + 1) - 1) // 2
     return members - 1 - row

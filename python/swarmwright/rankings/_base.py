@@ -17,14 +17,15 @@ class RankingOptions(Options):
     """Options of every ranking."""
 
     episodes: int = Field(default=1, ge=1, le=100_000)
-    """Simulation runs per candidate; episode e runs with the simulation seed parameters.seed (default 0) + e."""
+    """Simulation runs per candidate; episode e runs with the simulation seed parameters.seed (default 0) +
+    e."""
 
 
 class Ranking(ABC):
     """Says which episodes a candidate goes through and turns what came out into one fitness per candidate.
 
-    `score` is a template around `_score`: it checks the shapes and keeps failed candidates apart, so that a ranking only
-    ever sees numbers.
+    `score` is a template around `_score`: it checks the shapes and keeps failed candidates apart, so that a
+    ranking only ever sees numbers.
     """
 
     kind: ClassVar[str]
@@ -42,7 +43,8 @@ class Ranking(ABC):
     def score(self, episodes: NDArray[np.float64]) -> Fitness:
         """Return (candidates,) fitness of (candidates, episodes) results.
 
-        A candidate of which any episode failed (NaN or infinite), or whose aggregate overflows, has failed: NaN.
+        A candidate of which any episode failed (NaN or infinite), or whose aggregate overflows, has failed:
+        NaN.
         """
         scores = np.full(len(episodes), np.nan)
         worked = np.isfinite(episodes).all(axis=1)

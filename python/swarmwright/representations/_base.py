@@ -1,5 +1,6 @@
 """What every representation does."""
 
+import json
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -18,17 +19,16 @@ Genomes = NDArray[np.float32]
 class Representation(ABC):
     """A genome is a flat row of float32 numbers; a representation knows what controller it stands for.
 
-    It gives a genome its meaning (`specification`, what the engine and every simulation server understand) and its
-    genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`), how two are combined
-    (`crossover`) and how different two are (`distance`). Methods work on genomes through these alone, so any method
-    evolves any representation. Operators are pure: they return new arrays and take their randomness from the stream
-    they are given.
+    It gives a genome its meaning (`specification`, what the engine and every simulation server understand)
+    and its genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`), how two are
+    combined (`crossover`) and how different two are (`distance`). Methods work on genomes through these
+    alone, so any method evolves any representation. Operators are pure: they return new arrays and take their
+    randomness from the stream they are given.
 
     Args:
         options: this representation's section of the experiment.
         sensors: numbers an agent senses each step, at least 1.
         actuators: numbers an agent is steered by each step, at least 1.
-
     """
 
     kind: ClassVar[str]
@@ -49,6 +49,10 @@ class Representation(ABC):
     @abstractmethod
     def specification(self, genome: Genome) -> dict[str, Any]:
         """Return the controller as plain values, see protocol/schemas/controller.schema.json."""
+
+    def specification_text(self, genome: Genome) -> str:
+        """Return the controller as JSON text."""
+        return json.dumps(self.specification(genome), allow_nan=False)
 
     @abstractmethod
     def initial(self, stream: Stream) -> Genome:

@@ -24,18 +24,19 @@ class NetworkOptions(Options):
     bias_range: float = Field(default=2.0, gt=0, le=1e6)
     """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
     mutation: Literal["uniform", "proportional"] = "uniform"
-    """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its own size
-    (at least 0.1), whatever the severity."""
+    """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its own
+    size (at least 0.1), whatever the severity."""
 
 
 class NodeNetwork(Representation):
     """A genome is a row of nodes, each with its bias first and then its incoming weights.
 
-    Operators after FREVO (Components/Representations/FullyMeshedNet, method numbers 1 and 2): a mutation adds to each
-    gene, with the given probability, a number uniform in +-severity times the gene's range; a crossover replaces a run
-    of neighbouring nodes, at least one and not all, with the father's (the run ends at the last node); the distance is
-    the sum of absolute differences. FREVO's method 2 grants negative weights only the least step and biases +-10; here
-    `proportional` goes by the absolute value for both. A network of a single node has no runs of nodes to
+    Operators after FREVO (Components/Representations/FullyMeshedNet, method numbers 1 and 2): a mutation adds
+    to each gene, with the given probability, a number uniform in +-severity times the gene's range; a
+    crossover replaces a run of neighbouring nodes, at least one and not all, with the father's (the run ends
+    at the last node); the distance is the sum of absolute differences. FREVO's method 2 grants negative
+    weights only the least step and biases +-10; here `proportional` goes by the absolute value for both. A
+    network of a single node has no runs of nodes to
     exchange: it exchanges runs of genes.
     """
 

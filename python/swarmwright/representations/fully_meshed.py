@@ -17,8 +17,8 @@ class FullyMeshedOptions(NetworkOptions):
     hidden: int = Field(default=2, ge=0, le=10_000)
     """Hidden nodes."""
     activation: Literal["clamp", "sigmoid", "tanh", "relu"] = "clamp"
-    """Function of every node. clamp (to 0..1, FREVO's LINEAR) and sigmoid are mapped from 0..1 to actuators in -1..1;
-    tanh and relu are taken as they are (limited to -1..1)."""
+    """Function of every node. clamp (to 0..1, FREVO's LINEAR) and sigmoid are mapped from 0..1 to
+    actuators in -1..1; tanh and relu are taken as they are (limited to -1..1)."""
     iterations: int = Field(default=2, ge=1, le=1000)
     """How often all nodes are computed in each step."""
 
@@ -26,7 +26,8 @@ class FullyMeshedOptions(NetworkOptions):
 class FullyMeshed(NodeNetwork):
     """FREVO's FullyMeshedNet: hidden and output nodes, each with a bias and a weight from every node.
 
-    Genes: node after node (hidden, then outputs): the bias, then a weight from every node (inputs, hidden, outputs).
+    Genes: node after node (hidden, then outputs): the bias, then a weight from every node (inputs, hidden,
+    outputs).
     """
 
     kind: ClassVar[str] = "fully_meshed"

@@ -1,6 +1,7 @@
 """Layered networks: feed-forward, no state."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -27,12 +28,15 @@ class LayeredOptions(NetworkOptions):
     hidden: list[Size] = Field(default=[8], max_length=100)
     """Nodes in each hidden layer; an empty list connects the sensors to the actuators directly."""
     activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] = "tanh"
-    """Function of every node. tanh, relu and linear give actuators as they are (limited to -1..1); clamp (to 0..1)
-    and sigmoid are mapped from 0..1 to -1..1."""
+    """Function of every node. tanh, relu and linear give actuators as they are (limited to -1..1); clamp
+    (to 0..1) and sigmoid are mapped from 0..1 to -1..1."""
 
 
 class Layered(NodeNetwork):
-    """Feed-forward network, sensors in, actuators out. Genes: layer after layer, node after node, bias first."""
+    """Feed-forward network, sensors in, actuators out.
+
+    Genes: layer after layer, node after node, bias first.
+    """
 
     kind: ClassVar[str] = "layered"
     options_model = LayeredOptions
@@ -41,7 +45,7 @@ class Layered(NodeNetwork):
     def node_sizes(self) -> Sequence[int]:
         """Return the size of the layer before, for each node."""
         layers = [self.sensors, *self.options.hidden, self.actuators]
-        return [before for before, here in zip(layers, layers[1:], strict=False) for _ in range(here)]
+        return [before for before, here in pairwise(layers) for _ in range(here)]
 
     def specification(self, genome: Genome) -> dict[str, Any]:
         """Return the controller as plain values."""

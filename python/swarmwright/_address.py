@@ -1,0 +1,42 @@
+"""Where the broker is: addresses and topic prefixes, checked before anything connects."""
+
+from urllib.parse import urlsplit
+
+SCHEMES = ("mqtt", "mqtts", "ws", "wss")
+
+
+def broker_problem(url: str) -> str | None:
+    """Return what is wrong with a broker's URL, None when nothing is.
+
+    The URL is never repeated: it may hold secrets.
+    """
+    example = "write it like mqtt://host:1883"
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        return f"is no broker address; {example}"
+    if parts.scheme not in SCHEMES:
+        known = ", ".join(f"{scheme}://" for scheme in SCHEMES)
+        return f"must begin with one of {known}; {example}"
+    if parts.username is not None or parts.password is not None:
+        return (
+            "must hold neither user nor password: set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
+            "(or SWARMWRIGHT_PASSWORD_FILE) in the environment instead"
+        )
+    if not parts.hostname:
+        return f"names no host; {example}"
+    if port == 0:
+        return f"has port 0; {example}"
+    return None
+
+
+def prefix_problem(prefix: str) -> str | None:
+    """Return what is wrong with a topic prefix, None when nothing is."""
+    if any(sign in prefix for sign in "#+\0"):
+        return "must hold no '#', '+' or NUL: MQTT gives them a meaning of their own"
+    if prefix.startswith(("/", "$")) or prefix.endswith("/"):
+        return "must begin with neither '/' nor '$' and not end with '/'; write it like lab/minisim"
+    if len(prefix.encode()) > 1000:
+        return "must be at most 1000 bytes long"
+    return None

@@ -1,0 +1,217 @@
+"""Who evaluates.
+
+Simulation servers on a broker, or this process. Started, used and closed in one `with` block.
+"""
+
+import json
+import os
+import secrets
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine, _simulations
+from swarmwright._address import broker_problem
+from swarmwright._errors import InputError, RunError, engine_errors
+from swarmwright._experiment import Experiment
+from swarmwright._local_servers import LocalServers, automatic_count
+from swarmwright._suggest import did_you_mean, unknown
+
+Servers = int | Literal["auto", "local"]
+Progress = Callable[[int, int, str], None]
+"""Called about ten times a second with (episodes done, episodes in all, what is waited for)."""
+
+_CHUNK = 32  # controllers that are evaluated in this process between two looks at progress and Ctrl-C
+
+
+class Backend(Protocol):
+    """Evaluates controllers."""
+
+    sensors: int
+    actuators: int
+    description: str
+    """Where the work is done, for people and the journal."""
+
+    def evaluate(
+        self, controllers: Sequence[str], seeds: Sequence[int], on_progress: Progress
+    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
+        """Return (candidates, episodes) fitness, NaN where it failed, and a journal entry per episode."""
+
+
+@contextmanager
+def open_backend(
+    experiment: Experiment, *, broker: str | None = None, servers: Servers | None = None, visual: bool = False
+) -> Iterator[Backend]:
+    """Start what an experiment needs and yield the backend; end all of it afterwards.
+
+    Args:
+        experiment: names simulation, parameters, broker, servers.
+        broker: use the servers on this broker, whatever the experiment says.
+        servers: as the experiment's key. A number given here together with a broker is started on that
+            broker.
+        visual: ask the server to draw.
+
+    Raises:
+        InputError: the simulation is unknown, or the mode is not there yet.
+        RunError: no broker, no fitting server, a server that does not start.
+    """
+    _check_mode(experiment)
+    if broker is not None:
+        problem = broker_problem(broker)
+        if problem is not None:
+            raise InputError(f"broker: {problem}")
+    if servers == "local" and broker is not None:
+        raise InputError("broker: servers are 'local', so no broker is used; leave one of the two out")
+    wanted: Servers = experiment.servers if servers is None else servers
+    if broker is None and servers != "local" and wanted != "local":
+        broker = experiment.broker
+    if broker is None and wanted == "local" and not visual:
+        _require_built_in(experiment.simulation)
+        yield LocalBackend(experiment)
+        return
+    with ExitStack() as stack:
+        address, local = _open_broker(stack, experiment, broker, wanted, started=servers, visual=visual)
+        with engine_errors():
+            pool = _pool(experiment, address, visual=visual)
+        stack.callback(pool.close)
+        yield BrokerBackend(experiment, pool, local, address)
+
+
+def _open_broker(
+    stack: ExitStack,
+    experiment: Experiment,
+    broker: str | None,
+    wanted: Servers,
+    *,
+    started: Servers | None,
+    visual: bool,
+) -> tuple[str, LocalServers | None]:
+    """Start the embedded broker and servers as far as they are needed.
+
+    Return the broker's address and the servers.
+    """
+    if broker is not None and not isinstance(started, int):
+        return broker, None
+    _require_built_in(experiment.simulation)
+    count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
+    if broker is None:
+        with engine_errors():
+            embedded = _engine.Broker()
+        stack.callback(embedded.stop)
+        address, first = embedded.url, 1
+    else:
+        # Others may have servers on this broker; ids must differ.
+        address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
+    settings = [
+        {
+            "title": experiment.simulation,
+            "broker": address,
+            "id": first + index,
+            "prefix": experiment.prefix,
+            "step_timeout": experiment.timeouts.step,
+        }
+        for index in range(count)
+    ]
+    return address, stack.enter_context(LocalServers(settings, visual=visual))
+
+
+def _pool(experiment: Experiment, address: str, *, visual: bool) -> _engine.Pool:
+    return _engine.Pool(
+        address,
+        simulation=experiment.simulation,
+        parameters=json.dumps(experiment.parameters, allow_nan=False),
+        requirements=experiment.requirements.model_dump_json(exclude_none=True),
+        sensors=experiment.sensors,
+        actuators=experiment.actuators,
+        prefix=experiment.prefix,
+        tool=f"swarmwright@{socket.gethostname()}/{os.getpid()}",
+        mode=experiment.mode,
+        visual=visual,
+        discovery_timeout=experiment.timeouts.discovery,
+        step_timeout=experiment.timeouts.step,
+    )
+
+
+def _check_mode(experiment: Experiment) -> None:
+    if experiment.mode == "offloaded":
+        raise InputError(
+            "mode: 'offloaded' is not possible yet: no simulation server evaluates whole controllers; "
+            "use 'auto' or 'stepwise'"
+        )
+
+
+def _require_built_in(simulation: str) -> None:
+    if simulation not in _simulations.titles():
+        raise InputError(
+            f"simulation: {unknown('simulation', simulation, _simulations.titles())}; "
+            "any other needs a broker on which a server offers it"
+        )
+
+
+class LocalBackend:
+    """Evaluates built-in simulations in this process, without broker and servers."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        announced = _simulations.description(experiment.simulation)
+        self.sensors: int = announced["sensors"]
+        self.actuators: int = announced["actuators"]
+        self.description = "in this process"
+        self._simulation = experiment.simulation
+        self._parameters = json.dumps(experiment.parameters, allow_nan=False)
+
+    def evaluate(
+        self, controllers: Sequence[str], seeds: Sequence[int], on_progress: Progress
+    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
+        """Return (candidates, episodes) fitness; the journal is empty, nothing can go wrong on the way."""
+        total = len(controllers) * len(seeds)
+        parts = [np.empty((0, len(seeds)))]
+        for start in range(0, len(controllers), _CHUNK):
+            part = list(controllers[start : start + _CHUNK])
+            with engine_errors():
+                parts.append(_engine.rollout(self._simulation, self._parameters, part, list(seeds)))
+            on_progress(min(start + _CHUNK, len(controllers)) * len(seeds), total, "")
+        return np.concatenate(parts), []
+
+
+class BrokerBackend:
+    """Evaluates on simulation servers through a broker."""
+
+    def __init__(
+        self, experiment: Experiment, pool: _engine.Pool, servers: LocalServers | None, address: str
+    ) -> None:
+        self._pool = pool
+        self._servers = servers
+        self.description = (
+            f"servers on {address}" if servers is None else f"{len(servers.pids)} servers on {address}"
+        )
+        try:
+            with engine_errors():
+                self.sensors, self.actuators = pool.wait_for_server()
+        except RunError as error:
+            self._check_servers()
+            known = _simulations.titles()
+            title = experiment.simulation
+            hint = "" if title in known else did_you_mean(title, known)
+            raise RunError(f"{error}{hint}") from error
+
+    def evaluate(
+        self, controllers: Sequence[str], seeds: Sequence[int], on_progress: Progress
+    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
+        """Return (candidates, episodes) fitness, NaN where it failed, and the journal."""
+
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self._check_servers()
+            on_progress(done, total, waiting_for)
+
+        with engine_errors():
+            fitness, journal = self._pool.evaluate(list(controllers), list(seeds), progress)
+        self._check_servers()
+        return fitness, [json.loads(line) for line in journal.splitlines() if line.strip()]
+
+    def _check_servers(self) -> None:
+        if self._servers is not None:
+            self._servers.check()

@@ -1,0 +1,109 @@
+"""The keys of an experiment file, with types, defaults and descriptions."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
+
+from swarmwright._address import broker_problem, prefix_problem
+from swarmwright._options import Options
+from swarmwright._problems import shown
+from swarmwright._suggest import did_you_mean
+
+_SERVERS = ("auto", "local")
+
+
+def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if isinstance(value, int) and not isinstance(value, bool):
+        if 1 <= value <= 1024:
+            return value
+        raise ValueError(f"must be at least 1 and at most 1024, not {value}")
+    if value in _SERVERS:
+        return value
+    hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
+    raise ValueError(f"must be auto, local or a number of servers, not {shown(value)}{hint}")
+
+
+Servers = Annotated[
+    Any,
+    BeforeValidator(_servers),
+    WithJsonSchema({"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": 1024}]}),
+]
+
+
+class Requirements(Options):
+    """What a simulation server must be able to do."""
+
+    dimensions: int = Field(ge=0, le=1000)
+    """Spatial dimensions of the simulation."""
+    max_agents: int | None = Field(default=None, ge=1)
+    """Agents that the server must support at least."""
+
+
+class Timeouts(Options):
+    """How long to wait, in seconds."""
+
+    discovery: float = Field(default=10.0, gt=0, le=86_400)
+    """For a fitting simulation server, at the start."""
+    step: float = Field(default=60.0, gt=0, le=86_400)
+    """For a simulation server's next message, before the episode is given to another server."""
+
+
+class Document(Options):
+    """An experiment: what is evolved, on which simulation, how, and where."""
+
+    simulation: str = Field(min_length=1, max_length=1000)
+    """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
+    which a server offers it."""
+    requirements: Requirements | None = None
+    """What a simulation server must be able to do. Default: the dimensions that the built-in simulation
+    announces; 2 dimensions for any other."""
+    parameters: dict[str, Any] = Field(default={})
+    """Parameters of the simulation, sent as they are. Those of built-in simulations are checked before the
+    run."""
+    sensors: int | None = Field(default=None, ge=1, le=1_000_000)
+    """Numbers an agent senses. Needed only when a server does not announce them."""
+    actuators: int | None = Field(default=None, ge=1, le=1_000_000)
+    """Numbers an agent is steered by. Needed only when a server does not announce them."""
+    controller: dict[str, Any] = Field(default={})
+    """The representation: what the genome stands for."""
+    method: dict[str, Any] = Field(default={})
+    """The optimization algorithm and its budget."""
+    ranking: dict[str, Any] = Field(default={})
+    """How episodes become fitness."""
+    mode: Literal["auto", "stepwise", "offloaded"] = "auto"
+    """stepwise: controllers stay here, every step crosses the broker. offloaded: controllers travel to the
+    servers; no server offers this yet. auto: the fastest that is offered."""
+    servers: Servers = "auto"
+    """Who evaluates when no broker is given: a number of servers started on the embedded broker; auto: as
+    many as there are processors, 2 to 8; local: nobody, simulations run in this process. With a broker,
+    the servers found there."""
+    broker: str | None = None
+    """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
+    no part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or
+    SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
+    prefix: str = ""
+    """Put before every topic, with a slash, to keep several groups on one broker apart."""
+    timeouts: Timeouts = Field(default_factory=Timeouts)
+    """How long to wait."""
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
+
+    @field_validator("broker")
+    @classmethod
+    def _broker(cls, value: str | None) -> str | None:
+        problem = broker_problem(value) if value is not None else None
+        if problem is not None:
+            raise ValueError(problem)
+        return value
+
+    @field_validator("prefix")
+    @classmethod
+    def _prefix(cls, value: str) -> str:
+        problem = prefix_problem(value)
+        if problem is not None:
+            raise ValueError(problem)
+        return value
+
+
+DEFAULT_KINDS = {"controller": "layered", "method": "nnga", "ranking": "absolute"}
+"""The kind of a section that names none."""

@@ -1,0 +1,128 @@
+"""Evaluating genomes and controllers without optimization."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright._backend import Progress, Servers, open_backend
+from swarmwright._controller import Controller
+from swarmwright._errors import InputError, RunError
+from swarmwright._experiment import Experiment
+from swarmwright._random import Stream
+
+
+def evaluate(
+    experiment: Experiment,
+    genomes: ArrayLike,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> NDArray[np.float64]:
+    """Return the fitness of genomes, as the experiment's ranking makes it of their episodes.
+
+    Args:
+        experiment: simulation, controller and ranking count; the method does not.
+        genomes: float32, (candidates, experiment.genome_size), finite.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Returns:
+        float64, (candidates,), more is better, NaN where the evaluation failed. It does not depend on where
+        it was computed.
+
+    Raises:
+        InputError: the genomes have another shape or are not finite, or the experiment cannot be run as it
+            is.
+        RunError: no broker or no fitting server.
+    """
+    rows = _genomes(genomes)
+    with open_backend(experiment, broker=broker, servers=servers) as backend:
+        representation = experiment.representation(backend.sensors, backend.actuators)
+        if rows.shape[1] != representation.genome_size:
+            raise InputError(
+                f"genomes: have {rows.shape[1]} genes; "
+                f"this experiment's controllers have {representation.genome_size}"
+            )
+        if not len(rows):
+            return np.empty(0)
+        ranking = experiment.new_ranking()
+        controllers = [representation.specification_text(genome) for genome in rows]
+        episodes, _ = backend.evaluate(
+            controllers, ranking.seeds(experiment.first_seed), on_progress or _silent
+        )
+    return ranking.score(episodes)
+
+
+def simulate(
+    experiment: Experiment,
+    controller: Controller | None = None,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    visual: bool = False,
+    on_progress: Progress | None = None,
+) -> float:
+    """Run one episode and return its fitness.
+
+    Args:
+        experiment: simulation and parameters count; the episode's seed is `parameters.seed` (default 0).
+        controller: for all agents; default: a random one of the experiment's representation and seed, the
+            same as candidate 0 of an optimization.
+        broker: as in `optimize`.
+        servers: as in `optimize`, except that one server is enough.
+        visual: ask the server to draw, through the protocol's `visual` flag. A server started here draws on
+            this process's standard output.
+        on_progress: as in `optimize`.
+
+    Raises:
+        InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
+        RunError: no broker, no fitting server, or the episode failed.
+    """
+    if servers is None and broker is None and experiment.broker is None and experiment.servers != "local":
+        servers = 1
+    with open_backend(experiment, broker=broker, servers=servers, visual=visual) as backend:
+        if controller is None:
+            representation = experiment.representation(backend.sensors, backend.actuators)
+            text = representation.specification_text(
+                representation.initial(Stream(experiment.seed, "initial"))
+            )
+        else:
+            _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
+            text = controller.json
+        episodes, journal = backend.evaluate([text], [experiment.first_seed], on_progress or _silent)
+    if not np.isfinite(episodes[0, 0]):
+        raise RunError(_reason(journal))
+    return float(episodes[0, 0]) + 0.0
+
+
+def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:
+    try:
+        rows = np.asarray(genomes, dtype=np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"genomes: must be an array of numbers: {error}") from error
+    if rows.ndim != 2:
+        raise InputError(f"genomes: have the shape {rows.shape}; expected (candidates, genome_size)")
+    if not np.isfinite(rows).all():
+        bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+        raise InputError(f"genomes: number {bad} holds a gene that is not finite")
+    return rows
+
+
+def _check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
+    if (controller.sensors, controller.actuators) != (sensors, actuators):
+        raise InputError(
+            f"controller: has {controller.sensors} sensors and {controller.actuators} actuators; "
+            f"{simulation} has {sensors} and {actuators}"
+        )
+
+
+def _reason(journal: list[dict[str, Any]]) -> str:
+    reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
+    return f"the episode failed: {reasons[-1] if reasons else 'its fitness is no finite number'}"
+
+
+def _silent(done: int, total: int, waiting_for: str) -> None:
+    """Show nothing."""

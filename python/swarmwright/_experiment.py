@@ -1,0 +1,170 @@
+"""Experiments: what is evolved, how, and where, checked and with every default filled in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from swarmwright._document import Requirements, Timeouts
+from swarmwright._errors import InputError
+from swarmwright._yaml import Source, dump, read
+from swarmwright.methods import METHODS, Method, MethodOptions
+from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
+from swarmwright.representations import REPRESENTATIONS, Representation
+
+_SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One experiment, unchangeable; `replace` makes a changed copy.
+
+    Made by `Experiment.load(path)` or `Experiment.from_mapping(values)`, which check everything; the keys and
+    their meaning are those of the experiment file, see docs/reference/experiment.md.
+    """
+
+    simulation: str
+    requirements: Requirements
+    parameters: dict[str, Any]
+    sensors: int | None
+    actuators: int | None
+    controller: Any
+    """Options of the representation: `kind`, and what that kind has."""
+    method: MethodOptions
+    ranking: RankingOptions
+    mode: Literal["auto", "stepwise", "offloaded"]
+    servers: int | Literal["auto", "local"]
+    broker: str | None
+    prefix: str
+    timeouts: Timeouts
+    seed: int
+    path: Path | None = field(default=None, compare=False)
+    """The file it was loaded from."""
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read an experiment file (YAML 1.2).
+
+        Raises InputError with every problem of the file, a line each: `file.yaml:12: method.populaton:
+        unknown key; did you mean 'population'?`.
+        """
+        return cls._checked(read(Path(path)), Path(path))
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Make an experiment of plain values, keys as in the file. Raises InputError with every problem."""
+        return cls._checked(Source("", values=_plain(values)), None)
+
+    @classmethod
+    def _checked(cls, source: Source, path: Path | None) -> Self:
+        from swarmwright._validate import check
+
+        return cls(**check(source), path=path)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values, every default written out; keys without a value are left out."""
+        result: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if one.name == "path" or value is None:
+                continue
+            if one.name in _SECTIONS:
+                value = value.model_dump(exclude_none=True)
+                if "kind" in value:  # first: it says what the others mean
+                    value = {"kind": value.pop("kind"), **value}
+            result[one.name] = _plain(value)
+        return result
+
+    def save(self, path: str | Path) -> None:
+        """Write the experiment as a file that loads to an equal one, every default written out."""
+        Path(path).write_text(dump(self.to_mapping()), encoding="utf-8")
+
+    def replace(self, **changes: Any) -> Self:  # noqa: ANN401 - keys of the experiment
+        """Return a copy with changed keys, checked like a file.
+
+        Mappings are merged: `replace(method={"generations": 5})` keeps the other options of the method,
+        unless another `kind` is given, which starts from that kind's defaults.
+        """
+        values = self.to_mapping()
+        for name, change in changes.items():
+            old = values.get(name)
+            if isinstance(old, dict) and isinstance(change, Mapping):
+                starts_anew = "kind" in change and change["kind"] != old.get("kind")
+                values[name] = dict(change) if starts_anew else {**old, **change}
+            else:
+                values[name] = change.model_dump() if hasattr(change, "model_dump") else change
+        changed = self.from_mapping(values)
+        object.__setattr__(changed, "path", self.path)
+        return changed
+
+    @staticmethod
+    def json_schema() -> dict[str, Any]:
+        """Return the JSON Schema (2020-12) of experiment files, for editors.
+
+        It knows the installed plug-ins.
+        """
+        from swarmwright._schema import experiment_schema
+
+        return experiment_schema()
+
+    @property
+    def genome_size(self) -> int:
+        """Number of genes.
+
+        Raises InputError when sensors and actuators are not known before a server is asked.
+        """
+        return self.representation().genome_size
+
+    @property
+    def generations(self) -> int:
+        """Generations of the whole run."""
+        return self.method.generations
+
+    def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
+        """Return the representation for these numbers of sensors and actuators (default.
+
+        The experiment's).
+        """
+        sensors = self.sensors if sensors is None else sensors
+        actuators = self.actuators if actuators is None else actuators
+        if sensors is None or actuators is None:
+            missing = "sensors" if sensors is None else "actuators"
+            raise InputError(
+                f"{missing}: not known: {self.simulation!r} is not built in; give 'sensors' and 'actuators' "
+                "in the experiment, or ask a server that announces them"
+            )
+        return REPRESENTATIONS.get(self.controller.kind)(
+            self.controller, sensors=sensors, actuators=actuators
+        )
+
+    def new_method(self, representation: Representation) -> Method:
+        """Return the method, at its start."""
+        kind: str = self.method.kind  # type: ignore[attr-defined] # every kind's options have it
+        return METHODS.get(kind)(self.method, representation, seed=self.seed)
+
+    def new_ranking(self) -> Ranking:
+        """Return the ranking."""
+        kind: str = self.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
+        return RANKINGS.get(kind)(self.ranking)
+
+    @property
+    def first_seed(self) -> int:
+        """Simulation seed of episode 0.
+
+        `parameters.seed`, default 0. Raises InputError when it is no integer.
+        """
+        seed = self.parameters.get("seed", 0)
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
+            raise InputError(f"parameters.seed: must be an integer from 0 to 2**63 - 1, not {seed!r}")
+        return seed
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any nested value
+    """Return a copy of plain dicts and lists; numpy numbers and arrays become Python's."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    return value

@@ -1,0 +1,171 @@
+"""From what a file says to checked options: all problems at once, each with its place."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from swarmwright._document import DEFAULT_KINDS, Document, Requirements
+from swarmwright._errors import InputError
+from swarmwright._options import Options
+from swarmwright._problems import problems_of, shown
+from swarmwright._registry import Registry
+from swarmwright._suggest import did_you_mean
+from swarmwright._yaml import Path_, Source
+from swarmwright.methods import METHODS
+from swarmwright.rankings import RANKINGS
+from swarmwright.representations import REPRESENTATIONS
+
+REGISTRIES: Mapping[str, Registry[Any]] = {
+    "controller": REPRESENTATIONS,
+    "method": METHODS,
+    "ranking": RANKINGS,
+}
+"""Where the kinds of each section come from."""
+
+Report = Callable[[Path_, str], None]
+"""Takes a problem: where, what."""
+Checked = dict[str, Any]
+"""Key -> checked value; the sections named in REGISTRIES as their own options."""
+
+
+def check(source: Source) -> Checked:
+    """Check what a file (or mapping) says.
+
+    Raise InputError with every problem, a line each, in the file's order.
+    """
+    problems = [(path, line, message) for path, line, message in source.problems]
+
+    def report(path: Path_, message: str) -> None:
+        problems.append((path, 0, message))
+
+    checked: Checked = {}
+    if not isinstance(source.values, Mapping):
+        found = "is empty" if source.values is None else f"holds {shown(source.values)}"
+        report((), f"{found}; an experiment is a mapping that begins like 'simulation: minisim'")
+    else:
+        # A section left empty ("method:") means its defaults.
+        values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
+        checked = _check_values(values, report)
+    if problems:
+        broken = {path for path, line, _ in problems if line}
+        lines = [
+            (line or _line(source, path), _spoken(source, path, line, message))
+            for path, line, message in problems
+            # What a duplicate key holds is not complained about a second time.
+            if line or path not in broken
+        ]
+        raise InputError("\n".join(text for _, text in sorted(lines, key=lambda entry: entry[0])))
+    return checked
+
+
+_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "timeouts"})
+
+
+def _line(source: Source, path: Path_) -> int:
+    while path and path not in source.lines:
+        path = path[:-1]
+    return source.lines.get(path, 0)
+
+
+def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
+    if not line:
+        return source.place(path) + message
+    return Source(source.name, lines={path: line}).place(path) + message
+
+
+def _check_values(values: dict[str, Any], report: Report) -> Checked:
+    checked: Checked = {}
+    try:
+        document = Document.model_validate(values)
+        checked = {name: getattr(document, name) for name in Document.model_fields}
+    except ValidationError as error:
+        for path, message in problems_of(error, Document):
+            report(path, message)
+    for name, registry in REGISTRIES.items():
+        section = values.get(name, {})
+        if isinstance(section, Mapping):
+            checked[name] = _check_section(name, dict(section), registry, report)
+    parameters = values.get("parameters", {})
+    if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
+        _check_parameters(values["simulation"], dict(parameters), report)
+    if "simulation" in checked:
+        _fill_in(checked, report)
+    return checked
+
+
+def _check_section(
+    name: str, section: dict[str, Any], registry: Registry[Any], report: Report
+) -> Options | None:
+    kind = section.get("kind", DEFAULT_KINDS[name])
+    if not isinstance(kind, str):
+        report((name, "kind"), f"must be text, not {shown(kind)}; there is: {', '.join(registry.names())}")
+        return None
+    try:
+        model: type[Options] = registry.get(kind).options_model
+    except InputError as error:
+        report((name, "kind"), str(error))
+        return None
+    try:
+        return model.model_validate(section)
+    except ValidationError as error:
+        for path, message in problems_of(error, model, (name,)):
+            report(path, message)
+        return None
+
+
+def _check_parameters(simulation: str, parameters: dict[str, Any], report: Report) -> None:
+    from swarmwright import _simulations
+
+    for path, problem in _unsendable(parameters, ("parameters",)):
+        report(path, problem)
+        return
+    if simulation not in _simulations.titles():
+        return
+    known = [*_simulations.description(simulation)["parameters"], "seed"]
+    unknown = [key for key in parameters if key not in known]
+    for key in unknown:
+        hint = did_you_mean(key, known) or f"; known parameters: {', '.join(known)}"
+        report(("parameters", key), f"unknown parameter of {simulation}{hint}")
+    given = {key: value for key, value in parameters.items() if key not in unknown}
+    wrong = _simulations.parameters_problem(simulation, given)
+    if wrong is not None:
+        name, _, reason = wrong.removeprefix("parameter ").partition(": ")
+        report(*((("parameters", name), reason) if reason and name in known else (("parameters",), wrong)))
+
+
+def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
+    """Yield what JSON cannot carry."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if isinstance(key, str):
+                yield from _unsendable(inner, (*path, key))
+            else:
+                yield path, f"a key must be text, not {shown(key)}"
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from _unsendable(inner, (*path, index))
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield path, f"must be a finite number, not {value}"
+    elif not (value is None or isinstance(value, bool | int | float | str)):
+        yield path, f"a value of the type {type(value).__name__} cannot be sent to a simulation"
+
+
+def _fill_in(checked: Checked, report: Report) -> None:
+    """Write out what a built-in simulation announces; check that the file does not contradict it."""
+    from swarmwright import _simulations
+
+    if checked["simulation"] not in _simulations.titles():
+        checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
+        return
+    announced = _simulations.description(checked["simulation"])
+    for name in ("sensors", "actuators"):
+        if checked[name] is None:
+            checked[name] = announced[name]
+        elif checked[name] != announced[name]:
+            report(
+                (name,),
+                f"{checked['simulation']} has {announced[name]}, not {checked[name]}; leave the key out",
+            )
+    checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])

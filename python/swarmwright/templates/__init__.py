@@ -1,0 +1,27 @@
+"""Commented experiment files to start from, one file for each."""
+
+from importlib.resources import files
+
+
+def names() -> list[str]:
+    """Return the names of all templates, sorted."""
+    return sorted(
+        entry.name.removesuffix(".yaml")
+        for entry in files(__name__).iterdir()
+        if entry.name.endswith(".yaml")
+    )
+
+
+def text(name: str) -> str:
+    """Return the experiment file of a template; raise InputError for an unknown one."""
+    from swarmwright._errors import InputError
+    from swarmwright._suggest import unknown
+
+    if name not in names():
+        raise InputError(unknown("template", name, names()))
+    return files(__name__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def minisim() -> str:
+    """Return the published Minisim example: one agent has to pass one defender and reach the goal."""
+    return text("minisim")
