@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use crate::numbers::Id;
 use crate::{Capabilities, DecodeError, MAX_PAYLOAD};
 
 /// What a server does.
@@ -36,8 +37,8 @@ pub struct Presence {
 
 #[derive(Serialize, Deserialize)]
 struct Wire {
-    version: u64,
-    server: u64,
+    version: Id,
+    server: Id,
     state: State,
     simulations: Vec<String>,
     capabilities: Map<String, Value>,
@@ -58,8 +59,14 @@ impl Presence {
             return Err(DecodeError::TooLarge(payload.len()));
         }
         let wire: Wire = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;
+        if wire.version != Id(1) {
+            return Err(DecodeError::Value(format!(
+                "\"version\" is {}, expected 1",
+                wire.version.0
+            )));
+        }
         Ok(Self {
-            server: wire.server,
+            server: wire.server.0,
             state: wire.state,
             simulations: wire.simulations,
             capabilities: Capabilities::from_object(wire.capabilities)?,
@@ -77,8 +84,8 @@ impl Presence {
             _ => Map::new(),
         };
         let wire = Wire {
-            version: 1,
-            server: self.server,
+            version: Id(1),
+            server: Id(self.server),
             state: self.state,
             simulations: self.simulations.clone(),
             capabilities,
