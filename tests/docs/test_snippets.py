@@ -1,0 +1,179 @@
+"""Every command and snippet of README and docs is run, page by page, from top to bottom, in one folder.
+
+What stands behind the language of a fenced block, which nobody sees on the page, says how:
+
+- `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
+- `bash background ready="text"`: left running until the page's end; the next block waits for the text in its output;
+- `bash make`: targets of the Makefile, checked to be there without being made (they run these tests themselves);
+- `python`: run as a script; any language with `file=NAME`: written to that file.
+"""
+
+import contextlib
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+SHOWN_ONLY = {"text", "mermaid", "json", "console"}
+RUN = {"bash", "python", "yaml"}
+FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
+PORTS = re.compile(r"\b(1883|8883|8884|9001)\b")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, what is written behind it, its text, the line where it begins."""
+
+    language: str
+    directives: dict[str, str]
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    """All fenced blocks of a page."""
+    source = page.read_text(encoding="utf-8")
+    found = []
+    for match in FENCE.finditer(source):
+        words = [word.partition("=") for word in shlex.split(match[2])]
+        directives = {key: value for key, _, value in words}
+        found.append(Block(match[1], directives, match[3], source.count("\n", 0, match.start()) + 1))
+    return found
+
+
+def runnable(page: Path) -> bool:
+    """Whether the page has anything to run."""
+    return any(block.language in RUN or "file" in block.directives for block in blocks(page))
+
+
+def free_ports(text: str, ports: dict[str, str]) -> str:
+    """The text with well-known ports replaced by free ones, the same on the whole page, and loopback only."""
+    from socket import socket
+
+    def replace(match: re.Match[str]) -> str:
+        if match[0] not in ports:
+            with socket() as probe:
+                probe.bind(("127.0.0.1", 0))
+                ports[match[0]] = str(probe.getsockname()[1])
+        return ports[match[0]]
+
+    return PORTS.sub(replace, text).replace("0.0.0.0", "127.0.0.1")  # noqa: S104
+
+
+@contextmanager
+def background(
+    text: str, ready: str, folder: Path, environment: dict[str, str], where: str
+) -> Iterator[None]:
+    """Run a command beside the test from when it says `ready` until the block ends."""
+    process = subprocess.Popen(
+        ["bash", "-euo", "pipefail", "-c", f"exec {text.strip()}"],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        encoding="utf-8",
+    )
+    said: list[str] = []
+    heard = threading.Event()
+
+    def listen() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            said.append(line)
+            if ready in line:
+                heard.set()
+        heard.set()
+
+    listener = threading.Thread(target=listen, daemon=True)
+    listener.start()
+    try:
+        heard.wait(30)
+        assert any(ready in line for line in said), f"{where}: never said {ready!r}, but:\n{''.join(said)}"
+        yield
+        assert process.poll() is None, f"{where}: ended too early:\n{''.join(said)}"
+    finally:
+        process.send_signal(signal.SIGTERM)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(15)
+        process.kill()
+        process.wait()
+        listener.join(5)
+        if process.stdout:
+            process.stdout.close()
+
+
+def run(command: list[str], folder: Path, environment: dict[str, str], where: str) -> str:
+    """Run to the end; the output."""
+    result = subprocess.run(
+        command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+        encoding="utf-8", timeout=150, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, (
+        f"{where}: exit status {result.returncode}\n{result.stdout}\n{result.stderr}"
+    )
+    assert "Traceback" not in result.stderr, f"{where}:\n{result.stderr}"
+    return result.stdout
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if runnable(page)], ids=lambda page: str(page.relative_to(ROOT))
+)
+def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
+    programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
+    environment["PATH"] = os.pathsep.join(programs)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    ports: dict[str, str] = {}
+    with ExitStack() as stack:
+        for block in blocks(page):
+            where = f"{page.relative_to(ROOT)}:{block.line}"
+            text = free_ports(block.text, ports)
+            if "file" in block.directives:
+                if block.directives["file"] == "mosquitto.conf" and os.getuid() == 0:
+                    text += "user root\n"
+                (tmp_path / block.directives["file"]).write_text(text, encoding="utf-8")
+            elif block.language == "python":
+                run([sys.executable, "-W", "error", "-c", text], tmp_path, environment, where)
+            elif block.language == "bash":
+                _bash(block, text, stack, tmp_path, environment, where)
+            else:
+                assert block.language in SHOWN_ONLY, f"{where}: nothing tests a block of {block.language!r}"
+
+
+def _bash(
+    block: Block, text: str, stack: ExitStack, folder: Path, environment: dict[str, str], where: str
+) -> None:
+    if "make" in block.directives:
+        for line in text.splitlines():
+            if line.startswith("make "):
+                run(["make", "-n", *shlex.split(line, comments=True)[1:]], ROOT, environment, where)
+    elif "background" in block.directives:
+        stack.enter_context(background(text, block.directives["ready"], folder, environment, where))
+    elif "environment" in block.directives:
+        shown = run(["bash", "-euc", f"{text}\nenv -0"], folder, environment, where)
+        environment.update(pair.split("=", 1) for pair in shown.split("\0") if "=" in pair)
+    else:
+        run(["bash", "-euo", "pipefail", "-c", text], folder, environment, where)
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    broken = []
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            if "://" not in target and not (page.parent / target).exists():
+                broken.append(f"{page.relative_to(ROOT)}: {target}")
+    assert not broken
