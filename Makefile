@@ -2,6 +2,7 @@
 # make test    every test
 # make lint    every check that needs no run
 # make bench   measure, into build/bench.json
+# make docs    write the reference pages that are made of the code
 # make clean   remove what was built (results in runs/ stay)
 
 SHELL := /bin/bash
@@ -77,6 +78,9 @@ clean:
 	rm -rf build engine/target $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
+
+docs: $(VENV)/.engine
+	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 
 # A virtual environment of the newest Python that is there, 3.11 at least.
 $(VENV)/.created:

@@ -3,8 +3,8 @@
 What stands behind the language of a fenced block, which nobody sees on the page, says how:
 
 - `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
-- `bash background ready="text"`: left running until the page's end; the next block waits for the text in its output;
-- `bash make`: targets of the Makefile, checked to be there without being made (they run these tests themselves);
+- `bash background ready="text"`: left running until the page's end; the next block waits for that text;
+- `bash make`: targets of the Makefile, checked to be there without being made, for they run these tests;
 - `python`: run as a script; any language with `file=NAME`: written to that file.
 """
 
@@ -68,7 +68,7 @@ def free_ports(text: str, ports: dict[str, str]) -> str:
                 ports[match[0]] = str(probe.getsockname()[1])
         return ports[match[0]]
 
-    return PORTS.sub(replace, text).replace("0.0.0.0", "127.0.0.1")  # noqa: S104
+    return PORTS.sub(replace, text).replace("0.0.0.0", "127.0.0.1")
 
 
 @contextmanager
@@ -164,16 +164,20 @@ def _bash(
     elif "background" in block.directives:
         stack.enter_context(background(text, block.directives["ready"], folder, environment, where))
     elif "environment" in block.directives:
-        shown = run(["bash", "-euc", f"{text}\nenv -0"], folder, environment, where)
-        environment.update(pair.split("=", 1) for pair in shown.split("\0") if "=" in pair)
+        shown = run(["bash", "-euc", f"{text}\nenv -0 | head -c -1"], folder, environment, where)
+        for pair in shown.split("\0"):
+            name, _, value = pair.partition("=")
+            environment[name] = value
     else:
         run(["bash", "-euo", "pipefail", "-c", text], folder, environment, where)
 
 
 def test_links_between_pages_lead_somewhere() -> None:
-    broken = []
-    for page in PAGES:
-        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
-            if "://" not in target and not (page.parent / target).exists():
-                broken.append(f"{page.relative_to(ROOT)}: {target}")
+    links = re.compile(r"\]\(([^)#\s]+)[^)]*\)")
+    broken = [
+        f"{page.relative_to(ROOT)}: {target}"
+        for page in PAGES
+        for target in links.findall(page.read_text(encoding="utf-8"))
+        if "://" not in target and not (page.parent / target).exists()
+    ]
     assert not broken

@@ -1,0 +1,45 @@
+"""The command line's reference page, made of the help texts."""
+
+import click
+
+from swarmwright.cli._commands import program
+
+INTRODUCTION = """\
+# Command line
+
+Made of the help texts; do not edit (`make docs`). Exit status of every command: 0 done, 1 the run failed, 2
+the input is wrong, 130 interrupted with results kept. With `--json` a command prints one JSON object a line
+and nothing else; numbers that JSON does not know (NaN, infinities) are null. `NO_COLOR` turns colours off.
+SWARMWRIGHT_DEBUG=1 shows Python's traceback of an internal error.
+
+Credentials never stand on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
+SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the
+certificate authority of the broker. SWARMWRIGHT_BROKER is the address of the broker where none is given.
+"""
+
+
+def reference() -> str:
+    """The page, Markdown."""
+    with click.Context(
+        program, info_name="swarmwright", max_content_width=100, terminal_width=100
+    ) as context:
+        sections = [INTRODUCTION, *_sections(program, context)]
+    return "\n".join(sections)
+
+
+def _sections(command: click.Command, context: click.Context) -> list[str]:
+    found = [f"## {context.command_path}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"]
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            assert inner is not None
+            with click.Context(
+                inner, info_name=name, parent=context, max_content_width=100, terminal_width=100,
+                help_option_names=["-h", "--help"],
+            ) as below:  # fmt: skip
+                found += _sections(inner, below)
+    return found
+
+
+if __name__ == "__main__":
+    print(reference(), end="")
