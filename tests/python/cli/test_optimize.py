@@ -1,0 +1,224 @@
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+QUICK = """\
+simulation: minisim
+method: {kind: nnga, population: 12, generations: 4}
+seed: 3
+"""
+ENDLESS = """\
+simulation: minisim
+method: {kind: nnga, population: 30, generations: 1000000}
+servers: local
+"""
+
+
+@pytest.fixture
+def quick(tmp_path: Path) -> Path:
+    path = tmp_path / "quick.yaml"
+    path.write_text(QUICK)
+    return path
+
+
+def children(pid: int) -> list[int]:
+    """Processes started by a process, and theirs."""
+    listing = subprocess.run(
+        ["ps", "-eo", "pid=,ppid="], check=True, capture_output=True, text=True, timeout=10
+    )
+    pairs = [tuple(map(int, line.split())) for line in listing.stdout.splitlines()]
+    found = [child for child, parent in pairs if parent == pid]
+    return found + [below for child in found for below in children(child)]
+
+
+def alive(pid: int) -> bool:
+    """Whether the process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def gone(pids: list[int], seconds: float = 10) -> bool:
+    """Whether all processes end within the time."""
+    deadline = time.monotonic() + seconds
+    while any(map(alive, pids)):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def test_plain_lines_tell_how_far_it_is_and_what_to_do_next(program: Any, quick: Path) -> None:
+    result = program("optimize", quick, "--servers", "2", "--out", "result")
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert [line.split()[1] for line in lines[:4]] == ["1/4", "2/4", "3/4", "4/4"]
+    assert "\x1b" not in result.stdout
+    assert "swarmwright replay result" in result.stdout
+    for name in ("best.json", "fitness.png", "record.csv", "experiment.yaml"):
+        assert name in result.stdout
+        assert (quick.parent / "result" / name).stat().st_size > 0
+    replayed = program("replay", "result")
+    assert replayed.returncode == 0
+
+
+def test_the_last_json_line_sums_up(program: Any, quick: Path) -> None:
+    result = program("optimize", quick, "--servers", "local", "--json", "--out", "result")
+    assert result.returncode == 0, result.stderr
+    *generations, last = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [g["generation"] for g in generations] == [0, 1, 2, 3]
+    assert set(last) == {"best", "evaluations", "generations", "seconds", "run"}
+    assert set(last["best"]) == {"fitness", "candidate", "generation"}
+    assert last["best"]["fitness"] == generations[-1]["best_so_far"]
+    assert last["evaluations"] == generations[-1]["evaluations"]
+    assert last["generations"] == 4
+    record = (quick.parent / last["run"] / "record.csv").read_text().splitlines()
+    assert len(record) == 1 + last["evaluations"]
+    exported = program("runs", "export", last["run"], "table.csv", "--json")
+    assert json.loads(exported.stdout)["file"] == "table.csv"
+    assert (quick.parent / "table.csv").read_text().splitlines() == record
+
+
+def test_the_seed_option_counts(program: Any, quick: Path) -> None:
+    records = []
+    for folder, seed in (("a", "7"), ("b", "7"), ("c", "8")):
+        assert (
+            program("optimize", quick, "--servers", "local", "--seed", seed, "--out", folder).returncode == 0
+        )
+        records.append((quick.parent / folder / "record.csv").read_bytes())
+    assert records[0] == records[1] != records[2]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_runs_keep_their_results(start: Any, program: Any, tmp_path: Path, number: int) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS.replace("servers: local", "servers: 2"))
+    process = start("optimize", "endless.yaml", "--json", "--out", "result")
+    for _ in range(3):
+        assert json.loads(process.stdout.readline())["best_so_far"] <= 0
+    servers = children(process.pid)
+    assert len(servers) >= 2
+    process.send_signal(number)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    last = json.loads(out.splitlines()[-1])
+    assert last["generations"] >= 3
+    assert gone(servers)
+    assert program("replay", "result").returncode == 0
+
+
+def test_a_killed_run_leaves_no_server_behind(start: Any, program: Any, tmp_path: Path) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS.replace("servers: local", "servers: 2"))
+    process = start("optimize", "endless.yaml", "--json", "--out", "result")
+    process.stdout.readline()
+    process.stdout.readline()
+    servers = children(process.pid)
+    process.kill()
+    process.wait(10)
+    assert gone(servers)
+    assert program("replay", "result").returncode == 0, "finished generations are there"
+
+
+def test_a_reader_that_leaves_ends_the_run_with_its_results_kept(tmp_path: Path) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    script = f"set -o pipefail; {sys.executable} -m swarmwright optimize endless.yaml --out result | head -2"
+    result = subprocess.run(
+        ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=40, check=False
+    )
+    assert result.stderr == ""
+    assert len(result.stdout.splitlines()) == 2
+    assert result.returncode == 130
+    assert (tmp_path / "result" / "best.json").exists()
+
+
+def on_terminal(arguments: list[str], folder: Path, *, columns: int, **variables: str) -> str:
+    """What the program shows on a terminal of so many columns."""
+    master, slave = pty.openpty()
+    environment = {
+        **os.environ,
+        "TERM": "xterm-256color",
+        "COLUMNS": str(columns),
+        "LINES": "24",
+        **variables,
+    }
+    process = subprocess.Popen(
+        [sys.executable, "-m", "swarmwright", *arguments],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        cwd=folder,
+        env=environment,
+        start_new_session=True,
+    )
+    os.close(slave)
+    shown = b""
+    try:
+        while chunk := os.read(master, 65536):
+            shown += chunk
+    except OSError:
+        pass  # the program has ended and with it the terminal
+    finally:
+        os.close(master)
+        process.wait(20)
+    assert process.returncode == 0, shown.decode(errors="replace")
+    return shown.decode("utf-8")
+
+
+@pytest.mark.parametrize("columns", [20, 40, 80, 200])
+def test_a_terminal_shows_a_bar_that_fits(quick: Path, columns: int) -> None:
+    shown = on_terminal(
+        ["optimize", quick.name, "--servers", "local", "--out", "result"], quick.parent, columns=columns
+    )
+    assert "\x1b[" in shown
+    assert "generation 4/4" in shown
+    assert "Traceback" not in shown
+
+
+def test_no_color_and_no_utf8_are_respected(quick: Path) -> None:
+    shown = on_terminal(
+        ["optimize", quick.name, "--servers", "local", "--out", "result"],
+        quick.parent,
+        columns=80,
+        NO_COLOR="1",
+        PYTHONIOENCODING="ascii",
+    )
+    assert shown.isascii()
+    # Moving the cursor is needed to draw in place; colours (CSI 3x m) are not.
+    assert "\x1b[32m" not in shown
+    assert "\x1b[1;32m" not in shown
+
+
+@pytest.mark.parametrize(
+    ("text", "answers"),
+    [
+        ("simulation: minisym\n", ["minisym", "minisim"]),
+        ("simulation: minisim\nmethod: {kind: nnag}\n", ["bad.yaml:2", "nnga"]),
+        ("simulation: minisim\nparameters: {mapWitdh: 3}\n", ["bad.yaml:2", "mapWidth"]),
+        ("simulation: minisim\nparameters: {mapWidth: wide}\n", ["bad.yaml:2", "mapWidth"]),
+        ("simulation: [minisim\n", ["bad.yaml:"]),
+        ("", ["bad.yaml", "simulation"]),
+    ],
+)
+def test_wrong_experiments_are_answered_with_file_and_line(
+    program: Any, tmp_path: Path, text: str, answers: list[str]
+) -> None:
+    (tmp_path / "bad.yaml").write_text(text)
+    result = program("optimize", "bad.yaml")
+    assert result.returncode == 2
+    for answer in answers:
+        assert answer in result.stderr
+
+
+def test_no_broker_there(program: Any, quick: Path, unused_port: int) -> None:
+    result = program("optimize", quick, "--broker", f"mqtt://127.0.0.1:{unused_port}")
+    assert result.returncode == 1
+    assert str(unused_port) in result.stderr
