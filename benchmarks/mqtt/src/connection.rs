@@ -17,8 +17,12 @@ impl Connection {
     /// Connects and, unless `--raw`, introduces itself and subscribes to `filter`.
     pub fn open(options: &Options, name: &str, filter: Option<&str>) -> Result<Self, Failure> {
         let place = (options.host.as_str(), options.port);
-        let stream = TcpStream::connect(place)
-            .map_err(|error| format!("no connection to {}:{}: {error}", options.host, options.port))?;
+        let stream = TcpStream::connect(place).map_err(|error| {
+            format!(
+                "no connection to {}:{}: {error}",
+                options.host, options.port
+            )
+        })?;
         stream.set_nodelay(true)?;
         stream.set_read_timeout(Some(Duration::from_secs(10)))?;
         let mut connection = Self {
@@ -110,7 +114,11 @@ impl Connection {
                 continue;
             }
             // CONNACK: flags, reason; SUBACK: identifier, properties, reasons. From 0x80 on a reason is a refusal.
-            let reason = if wanted == 2 { bytes[3] } else { bytes[length - 1] };
+            let reason = if wanted == 2 {
+                bytes[3]
+            } else {
+                bytes[length - 1]
+            };
             let refused = reason >= 0x80 || (wanted == 2 && reason != 0);
             return match (kind == wanted, refused) {
                 (true, false) => Ok(()),

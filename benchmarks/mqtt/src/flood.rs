@@ -95,7 +95,9 @@ fn flood(
             continue;
         }
         let bytes = message.len() * usize::try_from(room).unwrap_or(0);
-        writer.write(&batch[..bytes]).map_err(|error| error.to_string())?;
+        writer
+            .write(&batch[..bytes])
+            .map_err(|error| error.to_string())?;
         sent += room;
     }
     for part in parts {

@@ -74,7 +74,11 @@ impl Options {
             Some("flood") => Test::Flood,
             Some("burst") => Test::Burst,
             Some("relay") => Test::Relay,
-            other => return Err(format!("pingpong, flood, burst or relay expected, not {other:?}")),
+            other => {
+                return Err(format!(
+                    "pingpong, flood, burst or relay expected, not {other:?}"
+                ));
+            }
         };
         let mut options = Self {
             test,
@@ -101,7 +105,9 @@ impl Options {
                 options.raw = true;
                 continue;
             }
-            let value = arguments.next().ok_or_else(|| format!("{name} needs a value"))?;
+            let value = arguments
+                .next()
+                .ok_or_else(|| format!("{name} needs a value"))?;
             match name.as_str() {
                 "--host" => options.host = value,
                 "--port" => options.port = number(&name, &value)?,

@@ -1,1 +1,166 @@
-//! The embedded MQTT broker.
+//! The embedded MQTT broker: MQTT 5.0, 3.1.1 and 3.1 over TCP, TLS and WebSocket, in one thread of this process.
+//!
+//! It keeps everything in memory. Messages of QoS 0 are never dropped for a reader that is behind: they are kept up to a bound
+//! in bytes, publishers are slowed down on the way there, and a reader that takes nothing at all is disconnected, with a
+//! reason, when the bound is reached. Shared subscriptions, topic aliases and enhanced authentication are not offered, and the
+//! broker says so to clients that ask. Why a broker of its own: `docs/decisions/001-embedded-broker.md`.
+//!
+//! ```
+//! use swarmwright_broker::{Broker, Config};
+//!
+//! let broker = Broker::start(&Config::default())?;
+//! println!("listening on {}", broker.url());
+//! broker.stop();
+//! # Ok::<(), swarmwright_broker::BrokerError>(())
+//! ```
+
+mod access;
+mod codec;
+mod config;
+mod connection;
+mod error;
+mod hub;
+mod lines;
+mod message;
+mod outbox;
+mod retained;
+mod server;
+mod session;
+mod topic;
+mod transport;
+mod users;
+
+pub use config::{Config, Limits};
+pub use error::BrokerError;
+
+use access::Access;
+use server::{Server, Stopper};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::{Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use users::Users;
+
+/// A running broker. It stops when told to or when dropped.
+pub struct Broker {
+    address: SocketAddr,
+    websocket: Option<SocketAddr>,
+    tls: bool,
+    stopper: Stopper,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl Broker {
+    /// Starts to listen; clients can connect when this returns.
+    ///
+    /// # Errors
+    /// The address cannot be listened on, or a file of the configuration cannot be used; see [`BrokerError`].
+    pub fn start(config: &Config) -> Result<Self, BrokerError> {
+        let tls = match (&config.certificate, &config.key) {
+            (Some(certificate), Some(key)) => Some(transport::server_config(certificate, key)?),
+            (None, None) => None,
+            (None, Some(_)) => {
+                return Err(BrokerError::HalfTls {
+                    missing: "the certificate",
+                });
+            }
+            (Some(_), None) => return Err(BrokerError::HalfTls { missing: "the key" }),
+        };
+        let users = config.users.as_deref().map(Users::read).transpose()?;
+        let access = config.access.as_deref().map(Access::read).transpose()?;
+        let sockets = server::listen(config)?;
+        let system = |what| move |source| BrokerError::System { what, source };
+        let address = sockets[0]
+            .local_addr()
+            .map_err(system("read its own address"))?;
+        let websocket = match sockets.get(1) {
+            Some(socket) => Some(
+                socket
+                    .local_addr()
+                    .map_err(system("read its own address"))?,
+            ),
+            None => None,
+        };
+        let is_tls = tls.is_some();
+        let hub = hub::Hub::new(config.limits.clone(), users, access);
+        let (server, stopper) =
+            Server::new(sockets, tls, hub).map_err(system("wait for sockets"))?;
+        let thread = thread::Builder::new()
+            .name("mqtt-broker".into())
+            .spawn(move || server.run())
+            .map_err(system("start its thread"))?;
+        Ok(Self {
+            address,
+            websocket,
+            tls: is_tls,
+            stopper,
+            thread: Mutex::new(Some(thread)),
+        })
+    }
+
+    /// The TCP port, the actual one where 0 was asked for.
+    pub fn port(&self) -> u16 {
+        self.address.port()
+    }
+
+    /// The WebSocket port, where one was asked for.
+    pub fn websocket_port(&self) -> Option<u16> {
+        self.websocket.map(|address| address.port())
+    }
+
+    /// Where clients on this machine connect: `mqtt://host:port`, or `mqtts://` with TLS.
+    pub fn url(&self) -> String {
+        format!(
+            "{}://{}",
+            if self.tls { "mqtts" } else { "mqtt" },
+            reachable(self.address)
+        )
+    }
+
+    /// The same for WebSocket clients: `ws://host:port`, or `wss://` with TLS.
+    pub fn websocket_url(&self) -> Option<String> {
+        self.websocket.map(|address| {
+            format!(
+                "{}://{}",
+                if self.tls { "wss" } else { "ws" },
+                reachable(address)
+            )
+        })
+    }
+
+    /// Tells the clients, closes their connections, ends the thread and frees the ports. A second call does nothing.
+    pub fn stop(&self) {
+        let thread = self
+            .thread
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some(thread) = thread {
+            self.stopper.stop();
+            if thread.join().is_err() {
+                log::error!("the broker's thread had failed before it was stopped");
+            }
+        }
+    }
+}
+
+impl Drop for Broker {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+impl std::fmt::Debug for Broker {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "Broker({})", self.url())
+    }
+}
+
+/// "All networks" is no address to connect to; loopback is one of them.
+fn reachable(address: SocketAddr) -> SocketAddr {
+    let host = match address.ip() {
+        IpAddr::V4(host) if host.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),
+        IpAddr::V6(host) if host.is_unspecified() => IpAddr::V6(Ipv6Addr::LOCALHOST),
+        host => host,
+    };
+    SocketAddr::new(host, address.port())
+}

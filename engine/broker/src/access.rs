@@ -1,0 +1,157 @@
+//! The access file, in Mosquitto's format: who may read and write which topics.
+//!
+//! ```text
+//! topic read public/#             everybody without a user name
+//! user ada
+//! topic readwrite swarm/#         read, write, readwrite (default) or deny
+//! pattern write tools/%u/%c       everybody; %u = user name, %c = client identifier
+//! ```
+
+use crate::{BrokerError, lines, topic};
+use std::path::Path;
+
+/// Rules; what none of them allows is denied.
+pub struct Access {
+    rules: Vec<Rule>,
+}
+
+struct Rule {
+    who: Who,
+    read: bool,
+    write: bool,
+    filter: Box<str>,
+}
+
+enum Who {
+    Anonymous,
+    User(Box<str>),
+    Pattern,
+}
+
+/// Who asks.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    pub user: Option<&'a str>,
+    pub client_id: &'a str,
+}
+
+impl Access {
+    /// Reads an access file.
+    pub fn read(path: &Path) -> Result<Self, BrokerError> {
+        let mut rules = Vec::new();
+        let mut user: Option<Box<str>> = None;
+        lines::each(path, "access file", |line| {
+            let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+            let rest = rest.trim();
+            let who = match word {
+                "user" if !rest.is_empty() => {
+                    user = Some(rest.into());
+                    return Ok(());
+                }
+                "topic" => user.clone().map_or(Who::Anonymous, Who::User),
+                "pattern" => Who::Pattern,
+                _ => return Err("`user NAME`, `topic [read|write|readwrite|deny] FILTER` or `pattern ...` expected".into()),
+            };
+            let (right, filter) = match rest.split_once(char::is_whitespace) {
+                Some((right @ ("read" | "write" | "readwrite" | "deny"), filter)) => {
+                    (right, filter.trim())
+                }
+                _ => ("readwrite", rest),
+            };
+            if !topic::is_filter(filter) {
+                return Err(format!("`{filter}` is no topic filter"));
+            }
+            let (read, write) = match right {
+                "read" => (true, false),
+                "write" => (false, true),
+                "deny" => (false, false),
+                _ => (true, true),
+            };
+            rules.push(Rule {
+                who,
+                read,
+                write,
+                filter: filter.into(),
+            });
+            Ok(())
+        })?;
+        Ok(Self { rules })
+    }
+
+    /// May the messages of this topic reach the subject?
+    pub fn may_read(&self, subject: Subject<'_>, name: &str) -> bool {
+        self.allows(subject, name, |rule| rule.read)
+    }
+
+    /// May the subject publish to this topic?
+    pub fn may_write(&self, subject: Subject<'_>, name: &str) -> bool {
+        self.allows(subject, name, |rule| rule.write)
+    }
+
+    fn allows(&self, subject: Subject<'_>, name: &str, right: impl Fn(&Rule) -> bool) -> bool {
+        let mut allowed = false;
+        for rule in self
+            .rules
+            .iter()
+            .filter(|rule| rule.concerns(subject, name))
+        {
+            if !rule.read && !rule.write {
+                return false;
+            }
+            allowed |= right(rule);
+        }
+        allowed
+    }
+}
+
+impl Rule {
+    fn concerns(&self, subject: Subject<'_>, name: &str) -> bool {
+        match &self.who {
+            Who::Anonymous => subject.user.is_none() && topic::matches(&self.filter, name),
+            Who::User(user) => subject.user == Some(user) && topic::matches(&self.filter, name),
+            Who::Pattern => {
+                // A name with wildcards or levels in it would reach further than its own part of the tree.
+                let user = subject.user.unwrap_or("");
+                if [user, subject.client_id]
+                    .iter()
+                    .any(|part| part.contains(['+', '#', '/']))
+                {
+                    return false;
+                }
+                let filter = self
+                    .filter
+                    .replace("%u", user)
+                    .replace("%c", subject.client_id);
+                topic::matches(&filter, name)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn subject<'a>(user: Option<&'a str>, client_id: &'a str) -> Subject<'a> {
+        Subject { user, client_id }
+    }
+
+    #[test]
+    fn rules_by_user_pattern_and_denial() {
+        let access = Access::read(Path::new("tests/data/access")).unwrap();
+        let (ada, bob, nobody) = (
+            subject(Some("ada"), "tool"),
+            subject(Some("bob"), "tool"),
+            subject(None, "x"),
+        );
+        assert!(access.may_write(ada, "swarm/sensor") && access.may_read(ada, "swarm/sensor"));
+        assert!(!access.may_read(ada, "swarm/secret"));
+        assert!(access.may_read(bob, "swarm/sensor") && !access.may_write(bob, "swarm/sensor"));
+        assert!(access.may_read(nobody, "public/news") && !access.may_write(nobody, "public/news"));
+        assert!(!access.may_read(nobody, "swarm/sensor"));
+        assert!(
+            access.may_write(bob, "tools/bob/tool") && !access.may_write(bob, "tools/ada/tool")
+        );
+        assert!(!access.may_write(subject(Some("#"), "tool"), "tools/ada/tool"));
+    }
+}

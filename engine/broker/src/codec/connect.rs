@@ -1,0 +1,168 @@
+//! CONNECT: MQTT 5.0 and 3.1.1, chapter 3.1.
+
+use super::properties::{self as p, Value, each};
+use super::{Refusal, Version, reader::Reader, reason};
+
+/// How a client introduces itself.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Connect<'a> {
+    pub version: Version,
+    pub client_id: &'a str,
+    /// Forget what an earlier connection with this identifier left.
+    pub clean: bool,
+    /// Seconds; 0 = none.
+    pub keep_alive: u16,
+    /// Seconds that the session outlives the connection, `u32::MAX` = for ever.
+    pub session_expiry: u32,
+    /// QoS 1 and 2 messages that the client takes before it acknowledges one.
+    pub receive_maximum: u16,
+    /// The largest packet that the client takes, bytes.
+    pub maximum_packet: u32,
+    pub will: Option<Will<'a>>,
+    pub user: Option<&'a str>,
+    pub password: Option<&'a [u8]>,
+}
+
+/// What is published when the client is lost.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Will<'a> {
+    pub topic: &'a str,
+    pub payload: &'a [u8],
+    /// Those of the PUBLISH to come, the will delay taken out.
+    pub properties: Vec<u8>,
+    pub qos: u8,
+    pub retain: bool,
+    /// Seconds between the loss and the message.
+    pub delay: u32,
+}
+
+const OF_CONNECT: &[u8] = &[
+    p::SESSION_EXPIRY,
+    p::AUTHENTICATION_METHOD,
+    p::AUTHENTICATION_DATA,
+    p::REQUEST_PROBLEM,
+    p::REQUEST_RESPONSE,
+    p::RECEIVE_MAXIMUM,
+    p::TOPIC_ALIAS_MAXIMUM,
+    p::USER_PROPERTY,
+    p::MAXIMUM_PACKET_SIZE,
+];
+const OF_WILL: &[u8] = &[
+    p::WILL_DELAY,
+    p::PAYLOAD_FORMAT,
+    p::MESSAGE_EXPIRY,
+    p::CONTENT_TYPE,
+    p::RESPONSE_TOPIC,
+    p::CORRELATION_DATA,
+    p::USER_PROPERTY,
+];
+
+pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
+    let name = reader.string()?;
+    let version = match (name, reader.u8()?) {
+        ("MQTT", 5) => Version::Five,
+        ("MQTT", 4) | ("MQIsdp", 3) => Version::Three,
+        ("MQTT" | "MQIsdp", _) => {
+            return Err(Refusal::new(
+                reason::UNSUPPORTED_VERSION,
+                "MQTT 3.1, 3.1.1 or 5.0 expected",
+            ));
+        }
+        _ => return Err(Refusal::malformed("the protocol is not MQTT")),
+    };
+    let flags = reader.u8()?;
+    let will_qos = flags >> 3 & 3;
+    let has_will = flags & 0x04 != 0;
+    if flags & 1 != 0 || will_qos == 3 || (!has_will && flags & 0x38 != 0) {
+        return Err(Refusal::malformed(
+            "the flags of CONNECT contradict each other",
+        ));
+    }
+    let mut connect = Connect {
+        version,
+        client_id: "",
+        clean: flags & 0x02 != 0,
+        keep_alive: reader.u16()?,
+        session_expiry: 0,
+        receive_maximum: u16::MAX,
+        maximum_packet: u32::MAX,
+        will: None,
+        user: None,
+        password: None,
+    };
+    if version == Version::Five {
+        properties_of_connect(reader, &mut connect)?;
+    } else if !connect.clean {
+        connect.session_expiry = u32::MAX;
+    }
+    connect.client_id = reader.string()?;
+    if has_will {
+        connect.will = Some(will(reader, version, will_qos, flags & 0x20 != 0)?);
+    }
+    if flags & 0x80 != 0 {
+        connect.user = Some(reader.string()?);
+    }
+    if flags & 0x40 != 0 {
+        connect.password = Some(reader.binary()?);
+    }
+    if !reader.is_empty() {
+        return Err(Refusal::malformed("CONNECT is longer than its fields"));
+    }
+    Ok(connect)
+}
+
+fn properties_of_connect<'a>(
+    reader: &mut Reader<'a>,
+    connect: &mut Connect<'a>,
+) -> Result<(), Refusal> {
+    each(reader, OF_CONNECT, |id, value| {
+        match (id, value) {
+            (p::SESSION_EXPIRY, Value::Long(seconds)) => connect.session_expiry = seconds,
+            (p::RECEIVE_MAXIMUM, Value::Short(0)) | (p::MAXIMUM_PACKET_SIZE, Value::Long(0)) => {
+                return Err(Refusal::protocol("a maximum of 0"));
+            }
+            (p::RECEIVE_MAXIMUM, Value::Short(count)) => connect.receive_maximum = count,
+            (p::MAXIMUM_PACKET_SIZE, Value::Long(bytes)) => connect.maximum_packet = bytes,
+            (p::AUTHENTICATION_METHOD, _) => {
+                let what = "enhanced authentication is not offered";
+                return Err(Refusal::new(reason::BAD_AUTHENTICATION_METHOD, what));
+            }
+            _ => {}
+        }
+        Ok(())
+    })?;
+    Ok(())
+}
+
+fn will<'a>(
+    reader: &mut Reader<'a>,
+    version: Version,
+    qos: u8,
+    retain: bool,
+) -> Result<Will<'a>, Refusal> {
+    let mut delay = 0;
+    let mut properties = Vec::new();
+    if version == Version::Five {
+        let mut delay_at_all = false;
+        let all = each(reader, OF_WILL, |id, value| {
+            if let (p::WILL_DELAY, Value::Long(seconds)) = (id, value) {
+                delay = seconds;
+                delay_at_all = true;
+            }
+            Ok(())
+        })?;
+        properties = if delay_at_all {
+            p::without(all, p::WILL_DELAY)
+        } else {
+            all.to_vec()
+        };
+    }
+    Ok(Will {
+        topic: reader.string()?,
+        payload: reader.binary()?,
+        properties,
+        qos,
+        retain,
+        delay,
+    })
+}

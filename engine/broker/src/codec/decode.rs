@@ -1,0 +1,275 @@
+//! Bytes to packets: MQTT 5.0 and 3.1.1, chapters 2 and 3.
+
+use super::connect::{Connect, connect};
+use super::properties::{self as p, Value, each};
+use super::{Refusal, Version, reader::Reader, reason};
+
+/// A packet that a client may send, borrowed from what was received.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Packet<'a> {
+    Connect(Connect<'a>),
+    Publish(Publish<'a>),
+    /// PUBACK, PUBREC, PUBREL, PUBCOMP: packet identifier and reason code.
+    Acknowledge(Answer, u16, u8),
+    Subscribe {
+        id: u16,
+        /// Subscription identifier, MQTT 5.
+        identifier: Option<u32>,
+        filters: Vec<Filter<'a>>,
+    },
+    Unsubscribe {
+        id: u16,
+        filters: Vec<&'a str>,
+    },
+    Ping,
+    Disconnect {
+        reason: u8,
+        /// Replaces what CONNECT said, seconds.
+        session_expiry: Option<u32>,
+    },
+}
+
+/// The four answers to a PUBLISH; the discriminant is the packet type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    Acknowledged = 4,
+    Received = 5,
+    Release = 6,
+    Complete = 7,
+}
+
+/// A message from a client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Publish<'a> {
+    pub topic: &'a str,
+    pub payload: &'a [u8],
+    /// As received, checked, without their length.
+    pub properties: &'a [u8],
+    pub qos: u8,
+    pub retain: bool,
+    /// 0 at QoS 0.
+    pub id: u16,
+}
+
+/// One line of a SUBSCRIBE.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Filter<'a> {
+    pub filter: &'a str,
+    pub qos: u8,
+    pub no_local: bool,
+    pub retain_as_published: bool,
+    /// 0: send retained messages, 1: only when the subscription is new, 2: never.
+    pub retain_handling: u8,
+}
+
+const OF_PUBLISH: &[u8] = &[
+    p::PAYLOAD_FORMAT,
+    p::MESSAGE_EXPIRY,
+    p::CONTENT_TYPE,
+    p::RESPONSE_TOPIC,
+    p::CORRELATION_DATA,
+    p::TOPIC_ALIAS,
+    p::USER_PROPERTY,
+];
+
+/// First byte, length of the fixed header and length of the body of the packet that `bytes` start with; None = more bytes needed.
+pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>, Refusal> {
+    let Some((&first, rest)) = bytes.split_first() else {
+        return Ok(None);
+    };
+    let mut length = 0usize;
+    for (place, byte) in rest.iter().take(4).enumerate() {
+        length |= usize::from(byte & 0x7f) << (7 * place);
+        if byte & 0x80 == 0 {
+            if length + place + 2 > maximum {
+                return Err(Refusal::new(
+                    reason::PACKET_TOO_LARGE,
+                    "a packet larger than this broker takes",
+                ));
+            }
+            return Ok(Some((first, place + 2, length)));
+        }
+    }
+    if rest.len() < 4 {
+        Ok(None)
+    } else {
+        Err(Refusal::malformed(
+            "the length of a packet has more than four bytes",
+        ))
+    }
+}
+
+/// Reads one packet; `first` is its first byte, `body` what follows the fixed header.
+pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Refusal> {
+    let mut reader = Reader::new(body);
+    let reader = &mut reader;
+    let flags = first & 0x0f;
+    let expected = match first >> 4 {
+        3 => flags,
+        6 | 8 | 10 => 2,
+        _ => 0,
+    };
+    if flags != expected {
+        return Err(Refusal::malformed(
+            "wrong flags in the first byte of a packet",
+        ));
+    }
+    Ok(match first >> 4 {
+        1 => Packet::Connect(connect(reader)?),
+        3 => Packet::Publish(publish(flags, reader, version)?),
+        4 => acknowledge(Answer::Acknowledged, reader, version)?,
+        5 => acknowledge(Answer::Received, reader, version)?,
+        6 => acknowledge(Answer::Release, reader, version)?,
+        7 => acknowledge(Answer::Complete, reader, version)?,
+        8 => subscribe(reader, version)?,
+        10 => unsubscribe(reader, version)?,
+        12 => Packet::Ping,
+        14 => disconnect(reader, version)?,
+        15 => return Err(Refusal::protocol("AUTH without an authentication method")),
+        _ => return Err(Refusal::protocol("a packet that only a server may send")),
+    })
+}
+
+fn publish<'a>(
+    flags: u8,
+    reader: &mut Reader<'a>,
+    version: Version,
+) -> Result<Publish<'a>, Refusal> {
+    let qos = flags >> 1 & 3;
+    if qos == 3 || (qos == 0 && flags & 8 != 0) {
+        return Err(Refusal::malformed(
+            "a PUBLISH with QoS 3, or one of QoS 0 sent again",
+        ));
+    }
+    let topic = reader.string()?;
+    let id = if qos == 0 { 0 } else { identifier(reader)? };
+    let mut properties: &[u8] = &[];
+    if version == Version::Five {
+        properties = each(reader, OF_PUBLISH, |id, value| match (id, value) {
+            (p::TOPIC_ALIAS, _) => Err(Refusal::new(
+                reason::BAD_TOPIC_ALIAS,
+                "topic aliases are not offered",
+            )),
+            (p::RESPONSE_TOPIC, Value::Text(topic)) if topic.contains(['+', '#']) => {
+                Err(Refusal::protocol("a response topic with wildcards"))
+            }
+            _ => Ok(()),
+        })?;
+    }
+    Ok(Publish {
+        topic,
+        payload: reader.rest(),
+        properties,
+        qos,
+        retain: flags & 1 != 0,
+        id,
+    })
+}
+
+fn acknowledge<'a>(
+    kind: Answer,
+    reader: &mut Reader<'a>,
+    version: Version,
+) -> Result<Packet<'a>, Refusal> {
+    let id = identifier(reader)?;
+    let mut code = reason::SUCCESS;
+    if version == Version::Five && !reader.is_empty() {
+        code = reader.u8()?;
+        if !reader.is_empty() {
+            each(reader, &[p::REASON_STRING, p::USER_PROPERTY], |_, _| Ok(()))?;
+        }
+    }
+    Ok(Packet::Acknowledge(kind, id, code))
+}
+
+fn subscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>, Refusal> {
+    let id = identifier(reader)?;
+    let mut subscription = None;
+    if version == Version::Five {
+        each(
+            reader,
+            &[p::SUBSCRIPTION_ID, p::USER_PROPERTY],
+            |_, value| {
+                match value {
+                    Value::Variable(0) => {
+                        return Err(Refusal::protocol("subscription identifier 0"));
+                    }
+                    Value::Variable(number) => subscription = Some(number),
+                    _ => {}
+                }
+                Ok(())
+            },
+        )?;
+    }
+    let mut filters = Vec::new();
+    while !reader.is_empty() {
+        let filter = reader.string()?;
+        let options = reader.u8()?;
+        let (qos, retain_handling) = (options & 3, options >> 4 & 3);
+        let reserved = if version == Version::Five { 0xc0 } else { 0xfc };
+        if qos == 3 || retain_handling == 3 || options & reserved != 0 {
+            return Err(Refusal::malformed("subscription options that do not exist"));
+        }
+        filters.push(Filter {
+            filter,
+            qos,
+            no_local: options & 4 != 0,
+            retain_as_published: options & 8 != 0,
+            retain_handling,
+        });
+    }
+    if filters.is_empty() {
+        return Err(Refusal::protocol("SUBSCRIBE without a topic filter"));
+    }
+    Ok(Packet::Subscribe {
+        id,
+        identifier: subscription,
+        filters,
+    })
+}
+
+fn unsubscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>, Refusal> {
+    let id = identifier(reader)?;
+    if version == Version::Five {
+        each(reader, &[p::USER_PROPERTY], |_, _| Ok(()))?;
+    }
+    let mut filters = Vec::new();
+    while !reader.is_empty() {
+        filters.push(reader.string()?);
+    }
+    if filters.is_empty() {
+        return Err(Refusal::protocol("UNSUBSCRIBE without a topic filter"));
+    }
+    Ok(Packet::Unsubscribe { id, filters })
+}
+
+fn disconnect<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>, Refusal> {
+    let mut code = reason::SUCCESS;
+    let mut session_expiry = None;
+    if version == Version::Five && !reader.is_empty() {
+        code = reader.u8()?;
+        if !reader.is_empty() {
+            each(
+                reader,
+                &[p::SESSION_EXPIRY, p::REASON_STRING, p::USER_PROPERTY],
+                |_, value| {
+                    if let Value::Long(seconds) = value {
+                        session_expiry = Some(seconds);
+                    }
+                    Ok(())
+                },
+            )?;
+        }
+    }
+    Ok(Packet::Disconnect {
+        reason: code,
+        session_expiry,
+    })
+}
+
+fn identifier(reader: &mut Reader<'_>) -> Result<u16, Refusal> {
+    match reader.u16()? {
+        0 => Err(Refusal::protocol("packet identifier 0")),
+        id => Ok(id),
+    }
+}

@@ -1,0 +1,196 @@
+//! Packets to bytes, appended to a buffer.
+
+use super::decode::Answer;
+use super::{Version, properties as p, reason};
+
+/// A message on its way to one client.
+#[derive(Clone, Copy, Debug)]
+pub struct Outgoing<'a> {
+    pub topic: &'a str,
+    pub payload: &'a [u8],
+    /// Without the message expiry unless it is still whole.
+    pub properties: &'a [u8],
+    /// Seconds left, written in addition to `properties`.
+    pub expiry: Option<u32>,
+    /// Subscription identifiers of the subscriptions that match.
+    pub identifiers: &'a [u32],
+    pub qos: u8,
+    pub retain: bool,
+    pub again: bool,
+    /// 0 at QoS 0.
+    pub id: u16,
+}
+
+/// Appends a PUBLISH.
+pub fn publish(out: &mut Vec<u8>, message: &Outgoing<'_>, version: Version) {
+    let mut extra = Vec::new();
+    if let Some(seconds) = message.expiry {
+        extra.push(p::MESSAGE_EXPIRY);
+        extra.extend(seconds.to_be_bytes());
+    }
+    for &identifier in message.identifiers {
+        extra.push(p::SUBSCRIPTION_ID);
+        variable(&mut extra, identifier as usize);
+    }
+    let properties = extra.len() + message.properties.len();
+    let mut length = 2 + message.topic.len() + message.payload.len();
+    if message.qos > 0 {
+        length += 2;
+    }
+    if version == Version::Five {
+        length += properties + size_of_variable(properties);
+    }
+    out.reserve(length + 5);
+    out.push(0x30 | u8::from(message.again) << 3 | message.qos << 1 | u8::from(message.retain));
+    variable(out, length);
+    string(out, message.topic);
+    if message.qos > 0 {
+        out.extend(message.id.to_be_bytes());
+    }
+    if version == Version::Five {
+        variable(out, properties);
+        out.extend_from_slice(&extra);
+        out.extend_from_slice(message.properties);
+    }
+    out.extend_from_slice(message.payload);
+}
+
+/// What CONNACK tells a client of MQTT 5 beyond success.
+pub struct Welcome<'a> {
+    pub assigned_id: Option<&'a str>,
+    pub session_expiry: Option<u32>,
+    pub receive_maximum: u16,
+    pub maximum_packet: u32,
+}
+
+/// Appends a CONNACK; `welcome` is left out when the client is refused.
+pub fn connack(
+    out: &mut Vec<u8>,
+    version: Version,
+    present: bool,
+    code: u8,
+    welcome: Option<&Welcome<'_>>,
+) {
+    if version == Version::Three {
+        let code = match code {
+            reason::SUCCESS => 0,
+            reason::UNSUPPORTED_VERSION => 1,
+            reason::BAD_CLIENT_ID => 2,
+            reason::BAD_PASSWORD => 4,
+            reason::NOT_AUTHORIZED => 5,
+            _ => 3,
+        };
+        out.extend([0x20, 2, u8::from(present), code]);
+        return;
+    }
+    let mut properties = Vec::new();
+    if let Some(welcome) = welcome {
+        if let Some(seconds) = welcome.session_expiry {
+            properties.push(p::SESSION_EXPIRY);
+            properties.extend(seconds.to_be_bytes());
+        }
+        properties.push(p::RECEIVE_MAXIMUM);
+        properties.extend(welcome.receive_maximum.to_be_bytes());
+        properties.push(p::MAXIMUM_PACKET_SIZE);
+        properties.extend(welcome.maximum_packet.to_be_bytes());
+        properties.extend([p::SHARED_AVAILABLE, 0]);
+        if let Some(id) = welcome.assigned_id {
+            properties.push(p::ASSIGNED_CLIENT_ID);
+            string(&mut properties, id);
+        }
+    }
+    out.push(0x20);
+    variable(
+        out,
+        2 + size_of_variable(properties.len()) + properties.len(),
+    );
+    out.extend([u8::from(present), code]);
+    variable(out, properties.len());
+    out.extend(properties);
+}
+
+/// Appends PUBACK, PUBREC, PUBREL or PUBCOMP.
+pub fn acknowledge(out: &mut Vec<u8>, kind: Answer, id: u16, code: u8, version: Version) {
+    let first = (kind as u8) << 4 | if kind == Answer::Release { 2 } else { 0 };
+    let [high, low] = id.to_be_bytes();
+    if version == Version::Five && code != reason::SUCCESS {
+        out.extend([first, 3, high, low, code]);
+    } else {
+        out.extend([first, 2, high, low]);
+    }
+}
+
+/// Appends a SUBACK with a code per filter.
+pub fn suback(out: &mut Vec<u8>, id: u16, codes: &[u8], version: Version) {
+    answer(out, 0x90, id, codes, version);
+}
+
+/// Appends an UNSUBACK with, in MQTT 5, a code per filter.
+pub fn unsuback(out: &mut Vec<u8>, id: u16, codes: &[u8], version: Version) {
+    answer(
+        out,
+        0xb0,
+        id,
+        if version == Version::Five { codes } else { &[] },
+        version,
+    );
+}
+
+fn answer(out: &mut Vec<u8>, first: u8, id: u16, codes: &[u8], version: Version) {
+    let five = version == Version::Five;
+    out.push(first);
+    variable(out, 2 + usize::from(five) + codes.len());
+    out.extend(id.to_be_bytes());
+    if five {
+        out.push(0);
+        out.extend(codes);
+    } else {
+        // 3.1.1 knows one refusal only.
+        out.extend(codes.iter().map(|&code| code.min(0x80)));
+    }
+}
+
+/// Appends a PINGRESP.
+pub fn pingresp(out: &mut Vec<u8>) {
+    out.extend([0xd0, 0]);
+}
+
+/// Appends a DISCONNECT with its reason in words; MQTT 3 servers cannot send one and just close.
+pub fn disconnect(out: &mut Vec<u8>, code: u8, what: &str, version: Version) {
+    if version == Version::Five {
+        let properties = 3 + what.len();
+        out.push(0xe0);
+        variable(out, 1 + size_of_variable(properties) + properties);
+        out.push(code);
+        variable(out, properties);
+        out.push(p::REASON_STRING);
+        string(out, what);
+    }
+}
+
+/// Appends a variable byte integer.
+fn variable(out: &mut Vec<u8>, mut value: usize) {
+    loop {
+        let low = (value & 0x7f) as u8;
+        value >>= 7;
+        out.push(if value > 0 { low | 0x80 } else { low });
+        if value == 0 {
+            return;
+        }
+    }
+}
+
+fn size_of_variable(value: usize) -> usize {
+    match value {
+        0..0x80 => 1,
+        0x80..0x4000 => 2,
+        0x4000..0x20_0000 => 3,
+        _ => 4,
+    }
+}
+
+fn string(out: &mut Vec<u8>, text: &str) {
+    // Topics and identifiers were received with a two-byte length, so none is longer.
+    out.extend((text.len() as u16).to_be_bytes());
+    out.extend_from_slice(text.as_bytes());
+}

@@ -1,0 +1,133 @@
+//! Properties of MQTT 5.0, chapter 2.2.2.
+
+use super::{Refusal, reader::Reader};
+
+/// The value of a property, by its data type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Value<'a> {
+    Byte(u8),
+    Short(u16),
+    Long(u32),
+    Variable(u32),
+    Text(&'a str),
+    Binary(&'a [u8]),
+    Pair,
+}
+
+pub const PAYLOAD_FORMAT: u8 = 0x01;
+pub const MESSAGE_EXPIRY: u8 = 0x02;
+pub const CONTENT_TYPE: u8 = 0x03;
+pub const RESPONSE_TOPIC: u8 = 0x08;
+pub const CORRELATION_DATA: u8 = 0x09;
+pub const SUBSCRIPTION_ID: u8 = 0x0b;
+pub const SESSION_EXPIRY: u8 = 0x11;
+pub const ASSIGNED_CLIENT_ID: u8 = 0x12;
+pub const AUTHENTICATION_METHOD: u8 = 0x15;
+pub const AUTHENTICATION_DATA: u8 = 0x16;
+pub const REQUEST_PROBLEM: u8 = 0x17;
+pub const WILL_DELAY: u8 = 0x18;
+pub const REQUEST_RESPONSE: u8 = 0x19;
+pub const REASON_STRING: u8 = 0x1f;
+pub const RECEIVE_MAXIMUM: u8 = 0x21;
+pub const TOPIC_ALIAS_MAXIMUM: u8 = 0x22;
+pub const TOPIC_ALIAS: u8 = 0x23;
+pub const USER_PROPERTY: u8 = 0x26;
+pub const MAXIMUM_PACKET_SIZE: u8 = 0x27;
+pub const SHARED_AVAILABLE: u8 = 0x2a;
+
+/// Reads the length and then each property, refusing those not `allowed` and those that come twice (user properties may,
+/// and subscription identifiers where they are allowed are single in what a client sends).
+/// Returns the bytes of all properties, without the length.
+pub fn each<'a>(
+    reader: &mut Reader<'a>,
+    allowed: &[u8],
+    mut take: impl FnMut(u8, Value<'a>) -> Result<(), Refusal>,
+) -> Result<&'a [u8], Refusal> {
+    let length = reader.variable()? as usize;
+    let all = reader.take(length)?;
+    let mut inner = Reader::new(all);
+    let mut seen = 0u64;
+    while !inner.is_empty() {
+        let id = inner.u8()?;
+        let value = value(id, &mut inner)?;
+        if !allowed.contains(&id) {
+            return Err(Refusal::protocol(
+                "a property that this packet may not carry",
+            ));
+        }
+        if id != USER_PROPERTY {
+            let bit = 1 << (id & 63);
+            if seen & bit != 0 {
+                return Err(Refusal::protocol("a property comes twice"));
+            }
+            seen |= bit;
+        }
+        take(id, value)?;
+    }
+    Ok(all)
+}
+
+/// Like `each`, for properties that were checked before.
+fn walk(mut all: Reader<'_>, mut take: impl FnMut(u8, Value<'_>, &[u8])) {
+    while !all.is_empty() {
+        let before = all.rest();
+        let Ok(id) = all.u8() else { return };
+        let Ok(value) = value(id, &mut all) else {
+            return;
+        };
+        take(id, value, &before[..before.len() - all.rest().len()]);
+    }
+}
+
+/// Seconds after which a message is void, from properties that were checked before.
+pub fn expiry_of(properties: &[u8]) -> Option<u32> {
+    let mut expiry = None;
+    walk(Reader::new(properties), |id, value, _| {
+        if let (MESSAGE_EXPIRY, Value::Long(seconds)) = (id, value) {
+            expiry = Some(seconds);
+        }
+    });
+    expiry
+}
+
+/// The properties less the message expiry, which is written anew with what is left of it.
+pub fn without_expiry(properties: &[u8]) -> Vec<u8> {
+    without(properties, MESSAGE_EXPIRY)
+}
+
+/// The properties less one of them.
+pub fn without(properties: &[u8], unwanted: u8) -> Vec<u8> {
+    let mut kept = Vec::with_capacity(properties.len());
+    walk(Reader::new(properties), |id, _, bytes| {
+        if id != unwanted {
+            kept.extend_from_slice(bytes);
+        }
+    });
+    kept
+}
+
+fn value<'a>(id: u8, reader: &mut Reader<'a>) -> Result<Value<'a>, Refusal> {
+    Ok(match id {
+        PAYLOAD_FORMAT | REQUEST_PROBLEM | REQUEST_RESPONSE | 0x24 | 0x25 | 0x28 | 0x29
+        | SHARED_AVAILABLE => Value::Byte(reader.u8()?),
+        0x13 | RECEIVE_MAXIMUM | TOPIC_ALIAS_MAXIMUM | TOPIC_ALIAS => Value::Short(reader.u16()?),
+        MESSAGE_EXPIRY | SESSION_EXPIRY | WILL_DELAY | MAXIMUM_PACKET_SIZE => {
+            Value::Long(reader.u32()?)
+        }
+        SUBSCRIPTION_ID => Value::Variable(reader.variable()?),
+        CONTENT_TYPE
+        | RESPONSE_TOPIC
+        | ASSIGNED_CLIENT_ID
+        | AUTHENTICATION_METHOD
+        | 0x1a
+        | 0x1c
+        | REASON_STRING => Value::Text(reader.string()?),
+        CORRELATION_DATA | AUTHENTICATION_DATA => Value::Binary(reader.binary()?),
+        USER_PROPERTY => {
+            reader.string()?;
+            reader.string()?;
+            Value::Pair
+        }
+        _ => return Err(Refusal::malformed("an unknown property")),
+    })
+}

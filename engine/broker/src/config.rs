@@ -1,0 +1,68 @@
+//! How the broker is set up.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Where the broker listens, who may come, and how much it keeps.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Address or name of this machine to listen on; loopback by default.
+    pub host: String,
+    /// TCP port; 0 = any free one.
+    pub port: u16,
+    /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
+    pub websocket_port: Option<u16>,
+    /// Password file in the format of `mosquitto_passwd`; None = everybody may connect.
+    pub users: Option<PathBuf>,
+    /// Access file in Mosquitto's format; None = everybody may read and write everything.
+    pub access: Option<PathBuf>,
+    /// Certificate chain, PEM. With it both listeners speak TLS only.
+    pub certificate: Option<PathBuf>,
+    /// Private key of the certificate, PEM.
+    pub key: Option<PathBuf>,
+    /// What is kept at most.
+    pub limits: Limits,
+}
+
+/// Bounds on what clients can make the broker keep.
+#[derive(Clone, Debug)]
+pub struct Limits {
+    /// Largest packet taken, bytes.
+    pub packet: usize,
+    /// Bytes on their way to one client. From half of it on, those who publish to a client that does read are slowed down;
+    /// a client that reads nothing meanwhile is disconnected when it is this far behind.
+    pub backlog: usize,
+    /// All retained messages together, bytes.
+    pub retained: usize,
+    /// The longest that a session outlives its connection.
+    pub session: Duration,
+    /// Clients connected at a time.
+    pub clients: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            host: "127.0.0.1".into(),
+            port: 0,
+            websocket_port: None,
+            users: None,
+            access: None,
+            certificate: None,
+            key: None,
+            limits: Limits::default(),
+        }
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            packet: 16 << 20,
+            backlog: 64 << 20,
+            retained: 64 << 20,
+            session: Duration::from_secs(3600),
+            clients: 4096,
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! One client's socket, with its layers and the packet that has not come whole.
+
+use crate::hub::Hub;
+use crate::transport::Layers;
+use mio::net::TcpStream;
+use std::io::{self, ErrorKind, Write};
+use std::time::Instant;
+
+/// Bytes read at a time.
+pub const CHUNK: usize = 1 << 16;
+
+/// A client's connection as the server sees it.
+pub struct Connection {
+    pub socket: TcpStream,
+    pub layers: Option<Layers>,
+    /// The beginning of a packet whose end has not come.
+    input: Vec<u8>,
+    pub is_ready: bool,
+    /// The other side sends no more: read to the end.
+    pub is_ended: bool,
+    pub closing_since: Option<Instant>,
+}
+
+impl Connection {
+    /// A connection that was just accepted.
+    pub fn new(socket: TcpStream, layers: Option<Layers>) -> Self {
+        Self {
+            socket,
+            layers,
+            input: Vec::new(),
+            is_ready: false,
+            is_ended: false,
+            closing_since: None,
+        }
+    }
+
+    /// Gives received bytes to the hub and keeps the beginning of a packet that is not complete.
+    pub fn take(
+        &mut self,
+        bytes: &[u8],
+        hub: &mut Hub,
+        id: usize,
+        now: Instant,
+    ) -> Result<(), String> {
+        let mut outcome = Ok(());
+        match &mut self.layers {
+            None if self.input.is_empty() => {
+                let done = hub.receive(id, bytes, now);
+                self.input.extend_from_slice(&bytes[done..]);
+                return Ok(());
+            }
+            None => self.input.extend_from_slice(bytes),
+            Some(layers) => outcome = layers.received(bytes, &mut self.input),
+        }
+        let done = hub.receive(id, &self.input, now);
+        self.input.drain(..done);
+        if self.input.is_empty() {
+            self.input.shrink_to(CHUNK);
+        }
+        // TLS and WebSocket may have answers of their own to send.
+        if self
+            .layers
+            .as_mut()
+            .is_some_and(|layers| !layers.outgoing().is_empty())
+        {
+            self.flush(hub, id, now)
+                .map_err(|error| error.to_string())?;
+        }
+        outcome
+    }
+
+    /// Sends as much as the socket takes; true = everything.
+    pub fn flush(&mut self, hub: &mut Hub, id: usize, now: Instant) -> io::Result<bool> {
+        loop {
+            let Some(layers) = &mut self.layers else {
+                let outbox = hub.outbox(id);
+                if outbox.is_empty() {
+                    return Ok(true);
+                }
+                match self.socket.write(outbox.pending()) {
+                    Ok(count) => hub.sent(id, count, now),
+                    Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                    Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                    Err(error) => return Err(error),
+                }
+                continue;
+            };
+            if layers.outgoing().is_empty() {
+                let pending = hub.outbox(id).pending();
+                let piece = &pending[..pending.len().min(4 * CHUNK)];
+                if piece.is_empty() {
+                    return Ok(true);
+                }
+                layers.send(piece).map_err(io::Error::other)?;
+                let count = piece.len();
+                hub.sent(id, count, now);
+            }
+            match self.socket.write(layers.outgoing().pending()) {
+                Ok(count) => layers.outgoing().sent(count),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}

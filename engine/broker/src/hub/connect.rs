@@ -1,0 +1,237 @@
+//! The beginning and the end of connections and sessions: MQTT 5.0, chapters 3.1, 3.14 and 4.1.
+
+use super::{Hub, mark};
+use crate::codec::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
+use crate::message::Message;
+use crate::session::{Session, Terms, Testament};
+use crate::topic;
+use std::time::{Duration, Instant};
+
+/// QoS 1 and 2 messages unacknowledged in one direction of a connection.
+pub const WINDOW: u16 = 1024;
+
+impl Hub {
+    pub(super) fn connect(
+        &mut self,
+        id: usize,
+        connect: &Connect<'_>,
+        now: Instant,
+    ) -> Result<(), Refusal> {
+        let link = &mut self.links[id];
+        if link.session.is_some() {
+            return Err(Refusal::protocol("a second CONNECT"));
+        }
+        link.terms = Terms {
+            version: connect.version,
+            window: connect.receive_maximum.min(WINDOW),
+            maximum_packet: connect.maximum_packet as usize,
+        };
+        self.admit(connect)?;
+        if let Some(will) = &connect.will
+            && !topic::is_name(will.topic)
+        {
+            return Err(Refusal::new(
+                reason::BAD_TOPIC,
+                "the will has a topic that cannot be published to",
+            ));
+        }
+        let assigned = self.client_id(connect)?;
+        let client_id = assigned.as_deref().unwrap_or(connect.client_id);
+        let (session, present) = self.session_for(client_id, connect, now);
+        let longest = u32::try_from(self.limits.session.as_secs()).unwrap_or(u32::MAX);
+        let expiry = connect.session_expiry.min(longest);
+
+        let link = &mut self.links[id];
+        link.session = Some(session);
+        // Half as long again as announced: MQTT 5.0, 3.1.2.10.
+        link.keep_alive = (connect.keep_alive > 0)
+            .then(|| Duration::from_secs(connect.keep_alive.into()) * 3 / 2);
+        let remembered = &mut self.sessions[session];
+        remembered.link = Some(id);
+        remembered.expiry = expiry;
+        remembered.ends = None;
+        remembered.will_due = None;
+        remembered.will = connect.will.as_ref().map(|will| Testament {
+            delay: will.delay,
+            expiry: crate::codec::expiry_of(&will.properties),
+            message: Message::new(
+                &Publish {
+                    topic: will.topic,
+                    payload: will.payload,
+                    properties: &will.properties,
+                    qos: will.qos,
+                    retain: will.retain,
+                    id: 0,
+                },
+                now,
+            ),
+        });
+        let welcome = Welcome {
+            assigned_id: assigned.as_deref(),
+            session_expiry: (expiry != connect.session_expiry).then_some(expiry),
+            receive_maximum: WINDOW,
+            maximum_packet: u32::try_from(self.limits.packet).unwrap_or(u32::MAX),
+        };
+        connack(
+            link.out.end(),
+            connect.version,
+            present,
+            reason::SUCCESS,
+            Some(&welcome),
+        );
+        remembered.resume(&mut link.out, link.terms, now);
+        log::debug!("client {client_id} at {} connected", link.peer);
+        mark(link, id, &mut self.dirty);
+        Ok(())
+    }
+
+    /// User name and password, where a password file is in force.
+    fn admit(&self, connect: &Connect<'_>) -> Result<(), Refusal> {
+        let Some(users) = &self.users else {
+            return Ok(());
+        };
+        let Some(user) = connect.user else {
+            return Err(Refusal::new(
+                reason::NOT_AUTHORIZED,
+                "this broker asks for user name and password",
+            ));
+        };
+        if users.admit(user, connect.password.unwrap_or_default()) {
+            return Ok(());
+        }
+        Err(Refusal::new(
+            reason::BAD_PASSWORD,
+            "wrong user name or password",
+        ))
+    }
+
+    /// The identifier given to a client that came without; None when it has its own.
+    fn client_id(&mut self, connect: &Connect<'_>) -> Result<Option<String>, Refusal> {
+        if !connect.client_id.is_empty() {
+            return Ok(None);
+        }
+        if connect.version == Version::Three && !connect.clean {
+            return Err(Refusal::new(
+                reason::BAD_CLIENT_ID,
+                "a lasting session needs a client identifier",
+            ));
+        }
+        loop {
+            self.assigned += 1;
+            let id = format!("auto-{}", self.assigned);
+            if !self.by_client.contains_key(id.as_str()) {
+                return Ok(Some(id));
+            }
+        }
+    }
+
+    /// The session to go on with, and whether there was one. An earlier connection with this identifier is ended.
+    fn session_for(
+        &mut self,
+        client_id: &str,
+        connect: &Connect<'_>,
+        now: Instant,
+    ) -> (usize, bool) {
+        if let Some(&found) = self.by_client.get(client_id)
+            && let Some(earlier) = self.sessions[found].link
+        {
+            let what = "another client came with this client identifier";
+            self.refuse(earlier, Refusal::new(reason::TAKEN_OVER, what), now);
+        }
+        // Leaving may have ended the session.
+        if let Some(&found) = self.by_client.get(client_id) {
+            let same_user = self.sessions[found].user.as_deref() == connect.user;
+            if !connect.clean && same_user {
+                return (found, true);
+            }
+            self.end_session(found, now);
+        }
+        let session = self.sessions.insert(Session::new(client_id, connect.user));
+        self.by_client.insert(client_id.into(), session);
+        (session, false)
+    }
+
+    pub(super) fn goodbye(
+        &mut self,
+        id: usize,
+        session: usize,
+        code: u8,
+        session_expiry: Option<u32>,
+        now: Instant,
+    ) -> Result<(), Refusal> {
+        let remembered = &mut self.sessions[session];
+        if let Some(seconds) = session_expiry {
+            if remembered.expiry == 0 && seconds > 0 {
+                return Err(Refusal::protocol(
+                    "a session that was to end now cannot be prolonged",
+                ));
+            }
+            remembered.expiry =
+                seconds.min(u32::try_from(self.limits.session.as_secs()).unwrap_or(u32::MAX));
+        }
+        self.links[id].closing = true;
+        self.mark(id);
+        self.leave(id, code != reason::SUCCESS, now);
+        Ok(())
+    }
+
+    /// Parts a connection from its session; with the will, at once or in time.
+    pub(super) fn leave(&mut self, id: usize, with_will: bool, now: Instant) {
+        let Some(session) = self.links[id].session.take() else {
+            return;
+        };
+        let remembered = &mut self.sessions[session];
+        remembered.link = None;
+        if !with_will {
+            remembered.will = None;
+        }
+        if remembered.expiry == 0 {
+            self.end_session(session, now);
+            return;
+        }
+        remembered.ends = Some(now + Duration::from_secs(remembered.expiry.into()));
+        if let Some(will) = &remembered.will {
+            remembered.will_due = Some(now + Duration::from_secs(will.delay.into()));
+            if will.delay == 0 {
+                self.publish_will(session, now);
+            }
+        }
+    }
+
+    pub(super) fn expire_sessions(&mut self, now: Instant) {
+        let is_due = |due: Option<Instant>| due.is_some_and(|due| due <= now);
+        let due: Vec<usize> = self
+            .sessions
+            .iter()
+            .filter(|(_, session)| is_due(session.ends) || is_due(session.will_due))
+            .map(|(id, _)| id)
+            .collect();
+        for id in due {
+            if is_due(self.sessions[id].ends) {
+                self.end_session(id, now);
+            } else {
+                self.publish_will(id, now);
+            }
+        }
+    }
+
+    /// Forgets a session; its will comes now at the latest.
+    fn end_session(&mut self, session: usize, now: Instant) {
+        self.publish_will(session, now);
+        let ended = self.sessions.remove(session);
+        self.by_client.remove(&ended.client_id);
+        self.routes.clear();
+    }
+
+    fn publish_will(&mut self, session: usize, now: Instant) {
+        self.sessions[session].will_due = None;
+        let Some(mut will) = self.sessions[session].will.take() else {
+            return;
+        };
+        // The message's life begins now, not when the client connected.
+        will.message.expires = will
+            .expiry
+            .map(|seconds| now + Duration::from_secs(seconds.into()));
+        self.bequeath(session, will.message, now);
+    }
+}

@@ -1,0 +1,384 @@
+//! The broker without its sockets: bytes and time in, bytes out.
+//!
+//! One thread owns the hub. A *link* is a connection, a *session* what the broker remembers of a client; a link has a session
+//! from its CONNECT to its end. Packets for a link collect in its outbox until the server sends them.
+
+mod connect;
+mod publish;
+mod subscribe;
+#[cfg(test)]
+mod tests;
+
+use crate::access::Access;
+use crate::codec::{self, Answer, Packet, Refusal, Version, reason};
+use crate::config::Limits;
+use crate::outbox::Outbox;
+use crate::retained::Retained;
+use crate::session::{Session, Terms};
+use crate::users::Users;
+use publish::{Frames, Route};
+use slab::Slab;
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A connection must introduce itself within this time.
+const INTRODUCTION: Duration = Duration::from_secs(10);
+/// A reader that took nothing for this long no longer slows down those who publish to it.
+const STANDSTILL: Duration = Duration::from_secs(2);
+
+/// Everything the broker knows.
+pub struct Hub {
+    limits: Limits,
+    users: Option<Users>,
+    access: Option<Access>,
+    links: Slab<Link>,
+    sessions: Slab<Session>,
+    by_client: HashMap<Box<str>, usize>,
+    retained: Retained,
+    /// Who gets the messages of a topic; emptied when any subscription or session changes.
+    routes: HashMap<Box<str>, Arc<[Route]>>,
+    frames: Frames,
+    dirty: Vec<usize>,
+    doomed: Vec<usize>,
+    assigned: u64,
+}
+
+/// One connection.
+pub struct Link {
+    peer: String,
+    out: Outbox,
+    session: Option<usize>,
+    terms: Terms,
+    keep_alive: Option<Duration>,
+    heard: Instant,
+    /// Since when, or when last, the client took bytes.
+    progress: Instant,
+    /// The reader whose backlog this publisher waits for.
+    held_by: Option<usize>,
+    dirty: bool,
+    closing: bool,
+}
+
+impl Hub {
+    /// An empty broker.
+    pub fn new(limits: Limits, users: Option<Users>, access: Option<Access>) -> Self {
+        let retained = Retained::new(limits.retained);
+        Self {
+            limits,
+            users,
+            access,
+            links: Slab::new(),
+            sessions: Slab::new(),
+            by_client: HashMap::new(),
+            retained,
+            routes: HashMap::new(),
+            frames: Frames::default(),
+            dirty: Vec::new(),
+            doomed: Vec::new(),
+            assigned: 0,
+        }
+    }
+
+    /// A connection came; the number that names it until `closed`. None = too many.
+    pub fn open(&mut self, peer: String, now: Instant) -> Option<usize> {
+        if self.links.len() >= self.limits.clients {
+            log::warn!(
+                "{peer}: refused, {} clients are connected already",
+                self.links.len()
+            );
+            return None;
+        }
+        Some(self.links.insert(Link {
+            peer,
+            out: Outbox::default(),
+            session: None,
+            terms: Terms {
+                version: Version::Three,
+                window: 1,
+                maximum_packet: usize::MAX,
+            },
+            keep_alive: None,
+            heard: now,
+            progress: now,
+            held_by: None,
+            dirty: false,
+            closing: false,
+        }))
+    }
+
+    /// Bytes came; returns how many of them were packets and are done with. The rest has to be given again, with more behind it.
+    pub fn receive(&mut self, id: usize, bytes: &[u8], now: Instant) -> usize {
+        let mut done = 0;
+        self.links[id].heard = now;
+        while !self.links[id].closing {
+            let (first, head, body) = match codec::frame(&bytes[done..], self.limits.packet) {
+                Ok(Some(frame)) if bytes.len() - done >= frame.1 + frame.2 => frame,
+                Ok(_) => return done,
+                Err(refusal) => {
+                    self.refuse(id, refusal, now);
+                    break;
+                }
+            };
+            let start = done + head;
+            done = start + body;
+            let version = self.links[id].terms.version;
+            let outcome = codec::decode(first, &bytes[start..done], version)
+                .and_then(|packet| self.handle(id, packet, now));
+            if let Err(refusal) = outcome {
+                self.refuse(id, refusal, now);
+            }
+            self.settle(now);
+        }
+        bytes.len()
+    }
+
+    /// The connection is gone.
+    pub fn closed(&mut self, id: usize, now: Instant) {
+        self.leave(id, true, now);
+        self.links.remove(id);
+        self.settle(now);
+    }
+
+    /// Time passed: silent clients, expired sessions, wills and messages. To be called about once a second.
+    pub fn tick(&mut self, now: Instant) {
+        let late: Vec<(usize, Refusal)> = self
+            .links
+            .iter()
+            .filter_map(|(id, link)| Some((id, link.lateness(now)?)))
+            .collect();
+        for (id, refusal) in late {
+            self.refuse(id, refusal, now);
+        }
+        self.expire_sessions(now);
+        self.retained.sweep(now);
+        self.settle(now);
+    }
+
+    /// The broker stops: every client is told.
+    pub fn stop(&mut self) {
+        let ids: Vec<usize> = self.links.iter().map(|(id, _)| id).collect();
+        for id in ids {
+            let link = &mut self.links[id];
+            if link.session.is_some() && !link.closing {
+                let version = link.terms.version;
+                codec::disconnect(
+                    link.out.end(),
+                    reason::SHUTTING_DOWN,
+                    "the broker is stopping",
+                    version,
+                );
+            }
+            link.closing = true;
+            self.mark(id);
+        }
+    }
+
+    /// The connections that have bytes to send or are to be closed, each once.
+    pub fn take_dirty(&mut self) -> Vec<usize> {
+        let dirty = std::mem::take(&mut self.dirty);
+        for &id in &dirty {
+            if let Some(link) = self.links.get_mut(id) {
+                link.dirty = false;
+            }
+        }
+        dirty
+    }
+
+    /// What is to be sent on a connection.
+    pub fn outbox(&mut self, id: usize) -> &mut Outbox {
+        &mut self.links[id].out
+    }
+
+    /// The client took bytes.
+    pub fn sent(&mut self, id: usize, count: usize, now: Instant) {
+        let link = &mut self.links[id];
+        link.out.sent(count);
+        link.progress = now;
+    }
+
+    /// Is the connection to be closed once its outbox is empty?
+    pub fn is_closing(&self, id: usize) -> bool {
+        self.links[id].closing
+    }
+
+    /// Should this publisher not be read for now, because a reader that does read is far behind?
+    pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
+        let Some(reader) = self.links[id].held_by else {
+            return false;
+        };
+        let held = self.links.get(reader).is_some_and(|reader| {
+            !reader.closing
+                && reader.out.len() > self.limits.backlog / 2
+                && now - reader.progress < STANDSTILL
+        });
+        if !held {
+            self.links[id].held_by = None;
+        }
+        held
+    }
+
+    fn handle(&mut self, id: usize, packet: Packet<'_>, now: Instant) -> Result<(), Refusal> {
+        let packet = match packet {
+            Packet::Connect(connect) => return self.connect(id, &connect, now),
+            other => other,
+        };
+        let Some(session) = self.links[id].session else {
+            return Err(Refusal::protocol("the first packet must be CONNECT"));
+        };
+        match packet {
+            Packet::Connect(_) => {}
+            Packet::Publish(publish) => return self.published(id, session, &publish, now),
+            Packet::Acknowledge(kind, packet, code) => {
+                self.acknowledged(id, session, kind, packet, code, now)
+            }
+            Packet::Subscribe {
+                id: packet,
+                identifier,
+                filters,
+            } => {
+                return self.subscribe(id, session, packet, identifier, &filters, now);
+            }
+            Packet::Unsubscribe {
+                id: packet,
+                filters,
+            } => self.unsubscribe(id, session, packet, &filters),
+            Packet::Ping => {
+                codec::pingresp(self.links[id].out.end());
+                self.mark(id);
+            }
+            Packet::Disconnect {
+                reason,
+                session_expiry,
+            } => return self.goodbye(id, session, reason, session_expiry, now),
+        }
+        Ok(())
+    }
+
+    fn acknowledged(
+        &mut self,
+        id: usize,
+        session: usize,
+        kind: Answer,
+        packet: u16,
+        code: u8,
+        now: Instant,
+    ) {
+        let (link, session) = (&mut self.links[id], &mut self.sessions[session]);
+        let version = link.terms.version;
+        let known = |known| {
+            if known {
+                reason::SUCCESS
+            } else {
+                reason::UNKNOWN_PACKET_ID
+            }
+        };
+        match kind {
+            Answer::Acknowledged | Answer::Complete => {
+                session.finish(packet);
+            }
+            Answer::Received if code >= 0x80 => {
+                session.finish(packet);
+            }
+            Answer::Received => {
+                let code = known(session.received(packet));
+                codec::acknowledge(link.out.end(), Answer::Release, packet, code, version);
+            }
+            Answer::Release => {
+                let code = known(session.inbound.remove(&packet));
+                codec::acknowledge(link.out.end(), Answer::Complete, packet, code, version);
+            }
+        }
+        session.advance(&mut link.out, link.terms, now);
+        self.mark(id);
+    }
+
+    /// Ends a connection for something its client did, and says why: to the client and in the log.
+    fn refuse(&mut self, id: usize, refusal: Refusal, now: Instant) {
+        let link = &mut self.links[id];
+        if link.closing {
+            return;
+        }
+        match link.session {
+            Some(session) => {
+                let client = &self.sessions[session].client_id;
+                log::warn!(
+                    "client {client} at {}: {}; disconnected",
+                    link.peer,
+                    refusal.what
+                );
+                codec::disconnect(
+                    link.out.end(),
+                    refusal.reason,
+                    refusal.what,
+                    link.terms.version,
+                );
+            }
+            None => {
+                log::warn!("{}: {}; refused", link.peer, refusal.what);
+                codec::connack(
+                    link.out.end(),
+                    link.terms.version,
+                    false,
+                    refusal.reason,
+                    None,
+                );
+            }
+        }
+        link.closing = true;
+        self.mark(id);
+        self.leave(id, true, now);
+    }
+
+    /// Has the server look at this connection.
+    fn mark(&mut self, id: usize) {
+        mark(&mut self.links[id], id, &mut self.dirty);
+    }
+
+    /// Disconnects those that fell too far behind while messages were routed.
+    fn settle(&mut self, now: Instant) {
+        while let Some(id) = self.doomed.pop() {
+            if self.links.contains(id) {
+                // What waits would not reach the client before the connection ends.
+                let pending = self.links[id].out.len();
+                log::warn!(
+                    "{}: {pending} bytes behind and not reading",
+                    self.links[id].peer
+                );
+                self.links[id].out.sent(pending);
+                self.refuse(
+                    id,
+                    Refusal::new(reason::QUOTA_EXCEEDED, "too far behind in reading"),
+                    now,
+                );
+            }
+        }
+    }
+}
+
+impl Link {
+    fn lateness(&self, now: Instant) -> Option<Refusal> {
+        let silence = now.saturating_duration_since(self.heard);
+        match (self.session, self.keep_alive) {
+            _ if self.closing => None,
+            (None, _) if silence > INTRODUCTION => {
+                Some(Refusal::protocol("no CONNECT within 10 s"))
+            }
+            // A publisher that is held back may have a PINGREQ among the bytes that were not read.
+            (Some(_), Some(limit)) if silence > limit && self.held_by.is_none() => {
+                Some(Refusal::new(
+                    reason::KEEP_ALIVE_TIMEOUT,
+                    "silent for one and a half keep-alive intervals",
+                ))
+            }
+            _ => None,
+        }
+    }
+}
+
+fn mark(link: &mut Link, id: usize, dirty: &mut Vec<usize>) {
+    if !link.dirty {
+        link.dirty = true;
+        dirty.push(id);
+    }
+}

@@ -1,0 +1,327 @@
+//! A message on its way from its publisher to everyone who subscribes: MQTT 5.0, chapters 3.3 and 4.3.
+
+use super::connect::WINDOW;
+use super::{Hub, Link, STANDSTILL, mark};
+use crate::access::Subject;
+use crate::codec::{Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason};
+use crate::message::Message;
+use crate::session::{Delivery, Session};
+use crate::topic;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Topics whose readers are remembered.
+const KNOWN_TOPICS: usize = 4096;
+
+/// One reader of a topic: all its subscriptions that match, together.
+pub struct Route {
+    session: usize,
+    qos: u8,
+    /// Not for messages of its own.
+    no_local: bool,
+    retain_as_published: bool,
+    identifiers: Box<[u32]>,
+}
+
+/// The encodings of one QoS 0 message, each made when the first reader needs it.
+#[derive(Default)]
+pub struct Frames {
+    bytes: [Vec<u8>; 4],
+}
+
+impl Frames {
+    fn clear(&mut self) {
+        self.bytes.iter_mut().for_each(Vec::clear);
+    }
+
+    fn get(&mut self, message: &Publish<'_>, retain: bool, version: Version) -> &[u8] {
+        let place = usize::from(retain) + 2 * usize::from(version == Version::Five);
+        let bytes = &mut self.bytes[place];
+        if bytes.is_empty() {
+            publish(bytes, &outgoing(message, retain, &[]), version);
+        }
+        bytes
+    }
+}
+
+fn outgoing<'a>(message: &Publish<'a>, retain: bool, identifiers: &'a [u32]) -> Outgoing<'a> {
+    Outgoing {
+        topic: message.topic,
+        payload: message.payload,
+        properties: message.properties,
+        expiry: None,
+        identifiers,
+        qos: 0,
+        retain,
+        again: false,
+        id: 0,
+    }
+}
+
+impl Hub {
+    /// PUBLISH from a client.
+    pub(super) fn published(
+        &mut self,
+        id: usize,
+        session: usize,
+        message: &Publish<'_>,
+        now: Instant,
+    ) -> Result<(), Refusal> {
+        if !topic::is_name(message.topic) {
+            return Err(Refusal::new(
+                reason::BAD_TOPIC,
+                "a topic that cannot be published to",
+            ));
+        }
+        if message.qos == 2 && !self.sessions[session].inbound.insert(message.id) {
+            self.answer(id, message, reason::SUCCESS);
+            return Ok(());
+        }
+        if self.sessions[session].inbound.len() > usize::from(WINDOW) {
+            return Err(Refusal::new(
+                reason::RECEIVE_MAXIMUM,
+                "more messages under way than the receive maximum",
+            ));
+        }
+        let code = if self.may_write(session, message.topic) {
+            self.route(Some(id), Some(session), message, None, now)
+        } else {
+            log::warn!(
+                "client {}: may not publish to {}",
+                self.sessions[session].client_id,
+                message.topic
+            );
+            reason::NOT_AUTHORIZED
+        };
+        if code >= 0x80 && message.qos == 2 {
+            self.sessions[session].inbound.remove(&message.id);
+        }
+        self.answer(id, message, code);
+        Ok(())
+    }
+
+    fn answer(&mut self, id: usize, message: &Publish<'_>, code: u8) {
+        let kind = match message.qos {
+            0 => return,
+            1 => Answer::Acknowledged,
+            _ => Answer::Received,
+        };
+        let link = &mut self.links[id];
+        acknowledge(link.out.end(), kind, message.id, code, link.terms.version);
+        self.mark(id);
+    }
+
+    /// Publishes the will of a session.
+    pub(super) fn bequeath(&mut self, session: usize, will: Message, now: Instant) {
+        if !self.may_write(session, &will.topic) {
+            return;
+        }
+        let will = Arc::new(will);
+        // The expiry is not among the properties; readers at QoS 0 get the message now and do not need it.
+        let message = Publish {
+            topic: &will.topic,
+            payload: &will.payload,
+            properties: &will.properties,
+            qos: will.qos,
+            retain: will.retain,
+            id: 0,
+        };
+        self.route(None, Some(session), &message, Some(&will), now);
+    }
+
+    /// Sends a message to all who subscribe and keeps it if it is to be retained; the reason code for its publisher.
+    /// `kept` is the same message, where there is one already.
+    fn route(
+        &mut self,
+        from_link: Option<usize>,
+        from: Option<usize>,
+        message: &Publish<'_>,
+        kept: Option<&Arc<Message>>,
+        now: Instant,
+    ) -> u8 {
+        let mut kept = kept.cloned();
+        let mut keep =
+            || Arc::clone(kept.get_or_insert_with(|| Arc::new(Message::new(message, now))));
+        let mut code = reason::NO_MATCHING_SUBSCRIBERS;
+        if message.retain {
+            code = reason::SUCCESS;
+            if !self.retained.set(&keep()) {
+                log::warn!(
+                    "{}: not retained, the store for retained messages is full",
+                    message.topic
+                );
+                code = reason::QUOTA_EXCEEDED;
+            }
+        }
+        let routes = self.routes_of(message.topic);
+        self.frames.clear();
+        let backlog = self.limits.backlog;
+        for route in routes
+            .iter()
+            .filter(|route| !route.no_local || from != Some(route.session))
+        {
+            if code == reason::NO_MATCHING_SUBSCRIBERS {
+                code = reason::SUCCESS;
+            }
+            let session = &mut self.sessions[route.session];
+            let retain = message.retain && route.retain_as_published;
+            let qos = message.qos.min(route.qos);
+            let link = session
+                .link
+                .and_then(|id| Some((id, self.links.get_mut(id)?)));
+            let fits = match (qos, link) {
+                (0, None) => continue,
+                (0, Some((id, link))) => {
+                    mark(link, id, &mut self.dirty);
+                    push(
+                        link,
+                        &mut self.frames,
+                        message,
+                        retain,
+                        &route.identifiers,
+                        now,
+                    );
+                    link.out.len() <= backlog
+                }
+                (_, link) => {
+                    let identifiers = route.identifiers.clone();
+                    let fits = session.enqueue(
+                        Delivery {
+                            message: keep(),
+                            qos,
+                            retain,
+                            identifiers,
+                        },
+                        backlog,
+                    );
+                    if let Some((id, link)) = link {
+                        mark(link, id, &mut self.dirty);
+                        note_progress(link, now);
+                        session.advance(&mut link.out, link.terms, now);
+                    }
+                    fits
+                }
+            };
+            let reader = session.link;
+            if !fits {
+                overflow(session, &mut self.doomed);
+            } else if let (Some(reader), Some(publisher)) = (reader, from_link)
+                && reader != publisher
+                && self.links[reader].out.len() > backlog / 2
+                && now.saturating_duration_since(self.links[reader].progress) < STANDSTILL
+            {
+                self.links[publisher].held_by = Some(reader);
+            }
+        }
+        code
+    }
+
+    fn routes_of(&mut self, name: &str) -> Arc<[Route]> {
+        if let Some(known) = self.routes.get(name) {
+            return Arc::clone(known);
+        }
+        let mut routes = Vec::new();
+        for (id, session) in &self.sessions {
+            let mut matching = session
+                .subscriptions
+                .iter()
+                .filter(|it| topic::matches(&it.filter, name))
+                .peekable();
+            if matching.peek().is_none() || !self.may_read(id, name) {
+                continue;
+            }
+            let mut route = Route {
+                session: id,
+                qos: 0,
+                no_local: true,
+                retain_as_published: false,
+                identifiers: Box::default(),
+            };
+            let mut identifiers = Vec::new();
+            for subscription in matching {
+                route.qos = route.qos.max(subscription.qos);
+                route.no_local &= subscription.no_local;
+                route.retain_as_published |= subscription.retain_as_published;
+                identifiers.extend(subscription.identifier);
+            }
+            route.identifiers = identifiers.into();
+            routes.push(route);
+        }
+        if self.routes.len() >= KNOWN_TOPICS {
+            self.routes.clear();
+        }
+        let routes: Arc<[Route]> = routes.into();
+        self.routes.insert(name.into(), Arc::clone(&routes));
+        routes
+    }
+
+    pub(super) fn may_read(&self, session: usize, name: &str) -> bool {
+        self.access
+            .as_ref()
+            .is_none_or(|access| access.may_read(subject(&self.sessions[session]), name))
+    }
+
+    fn may_write(&self, session: usize, name: &str) -> bool {
+        self.access
+            .as_ref()
+            .is_none_or(|access| access.may_write(subject(&self.sessions[session]), name))
+    }
+}
+
+fn subject(session: &Session) -> Subject<'_> {
+    Subject {
+        user: session.user.as_deref(),
+        client_id: &session.client_id,
+    }
+}
+
+/// Appends a QoS 0 message to a reader's outbox, unless it is larger than the reader takes.
+fn push(
+    link: &mut Link,
+    frames: &mut Frames,
+    message: &Publish<'_>,
+    retain: bool,
+    identifiers: &[u32],
+    now: Instant,
+) {
+    note_progress(link, now);
+    let version = link.terms.version;
+    if identifiers.is_empty() {
+        let frame = frames.get(message, retain, version);
+        if frame.len() <= link.terms.maximum_packet {
+            link.out.end().extend_from_slice(frame);
+        }
+        return;
+    }
+    let start = link.out.end().len();
+    publish(
+        link.out.end(),
+        &outgoing(message, retain, identifiers),
+        version,
+    );
+    if link.out.end().len() - start > link.terms.maximum_packet {
+        link.out.end().truncate(start);
+    }
+}
+
+/// A reader with nothing to read is not standing still.
+fn note_progress(link: &mut Link, now: Instant) {
+    if link.out.is_empty() {
+        link.progress = now;
+    }
+}
+
+/// A reader that is too far behind is disconnected; of one that is away, the newest messages are dropped, which is logged.
+fn overflow(session: &mut Session, doomed: &mut Vec<usize>) {
+    match session.link {
+        Some(id) => doomed.push(id),
+        None if !session.overflowed => {
+            session.overflowed = true;
+            log::warn!(
+                "client {}: away, and its queue is full; messages are dropped",
+                session.client_id
+            );
+        }
+        None => {}
+    }
+}

@@ -1,0 +1,57 @@
+//! A message that the broker keeps: retained, queued, or sent and not yet acknowledged.
+
+use crate::codec::{Publish, expiry_of, without_expiry};
+use std::time::{Duration, Instant};
+
+/// What a publisher said, owned.
+#[derive(Debug)]
+pub struct Message {
+    pub topic: Box<str>,
+    pub payload: Box<[u8]>,
+    /// MQTT 5 properties less the message expiry.
+    pub properties: Box<[u8]>,
+    pub qos: u8,
+    /// As published.
+    pub retain: bool,
+    /// When the message is void.
+    pub expires: Option<Instant>,
+}
+
+impl Message {
+    /// Keeps a message received at `now`.
+    pub fn new(publish: &Publish<'_>, now: Instant) -> Self {
+        let expires =
+            expiry_of(publish.properties).map(|seconds| now + Duration::from_secs(seconds.into()));
+        let properties = match expires {
+            Some(_) => without_expiry(publish.properties).into(),
+            None => publish.properties.into(),
+        };
+        Self {
+            topic: publish.topic.into(),
+            payload: publish.payload.into(),
+            properties,
+            qos: publish.qos,
+            retain: publish.retain,
+            expires,
+        }
+    }
+
+    /// Whole seconds left, rounded up, None without expiry.
+    pub fn seconds_left(&self, now: Instant) -> Option<u32> {
+        let left = self
+            .expires?
+            .saturating_duration_since(now)
+            .as_millis()
+            .div_ceil(1000);
+        Some(u32::try_from(left).unwrap_or(u32::MAX))
+    }
+
+    pub fn is_void(&self, now: Instant) -> bool {
+        self.expires.is_some_and(|end| end <= now)
+    }
+
+    /// Bytes that keeping it takes, about.
+    pub fn size(&self) -> usize {
+        self.topic.len() + self.payload.len() + self.properties.len() + size_of::<Self>()
+    }
+}

@@ -1,0 +1,330 @@
+//! The sockets: one thread, one event loop.
+//!
+//! Everything that arrived since the last turn is routed first, then each connection's bytes are sent with one system call.
+
+use crate::config::Config;
+use crate::connection::{CHUNK, Connection};
+use crate::hub::Hub;
+use crate::transport::Layers;
+use mio::event::Event;
+use mio::net::{TcpListener, TcpStream};
+use mio::{Events, Interest, Poll, Token, Waker};
+use rustls::ServerConfig;
+use std::io::{self, ErrorKind, Read};
+use std::net::Shutdown;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+const TICK: Duration = Duration::from_secs(1);
+/// How often a publisher that is held back is looked at again.
+const HELD: Duration = Duration::from_millis(2);
+/// How long a connection that was told to end may take to hear it.
+const LINGER: Duration = Duration::from_secs(1);
+/// How often a connection is read before the others get their turn.
+const CHUNKS: usize = 4;
+const WAKE: Token = Token(usize::MAX);
+/// Connections have the tokens after those of the listeners.
+const FIRST: usize = 2;
+
+/// The server before it runs.
+pub struct Server {
+    poll: Poll,
+    listeners: Vec<Listener>,
+    tls: Option<Arc<ServerConfig>>,
+    hub: Hub,
+    connections: Vec<Option<Connection>>,
+    /// Connections with bytes that may be waiting.
+    ready: Vec<usize>,
+    chunk: Box<[u8]>,
+    stop: Arc<AtomicBool>,
+}
+
+struct Listener {
+    socket: TcpListener,
+    websocket: bool,
+}
+
+/// Ends a running server from another thread.
+pub struct Stopper {
+    stop: Arc<AtomicBool>,
+    waker: Waker,
+}
+
+impl Stopper {
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Release);
+        if let Err(error) = self.waker.wake() {
+            log::error!("the broker could not be woken to stop: {error}");
+        }
+    }
+}
+
+impl Server {
+    /// A server on sockets that listen already, MQTT first and MQTT over WebSocket second.
+    pub fn new(
+        sockets: Vec<std::net::TcpListener>,
+        tls: Option<Arc<ServerConfig>>,
+        hub: Hub,
+    ) -> io::Result<(Self, Stopper)> {
+        let poll = Poll::new()?;
+        let mut listeners = Vec::new();
+        for (place, socket) in sockets.into_iter().enumerate() {
+            socket.set_nonblocking(true)?;
+            let mut socket = TcpListener::from_std(socket);
+            poll.registry()
+                .register(&mut socket, Token(place), Interest::READABLE)?;
+            listeners.push(Listener {
+                socket,
+                websocket: place == 1,
+            });
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopper = Stopper {
+            stop: Arc::clone(&stop),
+            waker: Waker::new(poll.registry(), WAKE)?,
+        };
+        let server = Self {
+            poll,
+            listeners,
+            tls,
+            hub,
+            connections: Vec::new(),
+            ready: Vec::new(),
+            chunk: vec![0; CHUNK].into(),
+            stop,
+        };
+        Ok((server, stopper))
+    }
+
+    /// Serves until stopped.
+    pub fn run(mut self) {
+        let mut events = Events::with_capacity(256);
+        let mut last_tick = Instant::now();
+        let mut now = last_tick;
+        while !self.stop.load(Ordering::Acquire) {
+            let wait = self.patience(last_tick, now);
+            match self.poll.poll(&mut events, wait) {
+                Err(error) if error.kind() != ErrorKind::Interrupted => {
+                    log::error!("the broker stops, waiting for its sockets failed: {error}");
+                    break;
+                }
+                _ => {}
+            }
+            now = Instant::now();
+            for event in &events {
+                self.note(event, now);
+            }
+            for id in std::mem::take(&mut self.ready) {
+                self.read(id, now);
+            }
+            if now - last_tick >= TICK {
+                last_tick = now;
+                self.tick(now);
+            }
+            self.flush_all(now);
+        }
+        self.hub.stop();
+        self.flush_all(now);
+    }
+
+    fn patience(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
+        if self.ready.is_empty() {
+            let any = self.connections.iter().any(Option::is_some);
+            return any.then(|| (last_tick + TICK).saturating_duration_since(now));
+        }
+        let hub = &mut self.hub;
+        let all_held = self.ready.iter().all(|&id| hub.is_held(id, now));
+        Some(if all_held { HELD } else { Duration::ZERO })
+    }
+
+    fn note(&mut self, event: &Event, now: Instant) {
+        match event.token() {
+            WAKE => {}
+            Token(place) if place < FIRST => self.accept(place, now),
+            Token(token) => {
+                let id = token - FIRST;
+                // The connection may have ended since the event.
+                let Some(Some(connection)) = self.connections.get_mut(id) else {
+                    return;
+                };
+                connection.is_ended |= event.is_read_closed() || event.is_error();
+                if (event.is_readable() || connection.is_ended) && !connection.is_ready {
+                    connection.is_ready = true;
+                    self.ready.push(id);
+                }
+                if event.is_writable() {
+                    self.flush(id, now);
+                }
+            }
+        }
+    }
+
+    fn accept(&mut self, place: usize, now: Instant) {
+        let Some(listener) = self.listeners.get(place) else {
+            return;
+        };
+        let websocket = listener.websocket;
+        loop {
+            match self.listeners[place].socket.accept() {
+                Ok((socket, peer)) => {
+                    if let Err(error) = self.welcome(socket, websocket, peer.to_string(), now) {
+                        log::warn!("{peer}: {error}");
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::Interrupted | ErrorKind::ConnectionAborted
+                    ) => {}
+                // Most likely no file descriptors are left; the next tick tries again.
+                Err(error) => return log::warn!("a client could not be accepted: {error}"),
+            }
+        }
+    }
+
+    fn welcome(
+        &mut self,
+        mut socket: TcpStream,
+        websocket: bool,
+        peer: String,
+        now: Instant,
+    ) -> Result<(), String> {
+        // Several small packets a step must not wait for each other's acknowledgement.
+        socket
+            .set_nodelay(true)
+            .map_err(|error| error.to_string())?;
+        let layers = Layers::new(self.tls.as_ref(), websocket)?;
+        let Some(id) = self.hub.open(peer, now) else {
+            return Ok(());
+        };
+        let interest = Interest::READABLE | Interest::WRITABLE;
+        if let Err(error) = self
+            .poll
+            .registry()
+            .register(&mut socket, Token(id + FIRST), interest)
+        {
+            self.hub.closed(id, now);
+            return Err(error.to_string());
+        }
+        if self.connections.len() <= id {
+            self.connections.resize_with(id + 1, || None);
+        }
+        self.connections[id] = Some(Connection::new(socket, layers));
+        Ok(())
+    }
+
+    fn read(&mut self, id: usize, now: Instant) {
+        for _ in 0..CHUNKS {
+            let Some(Some(connection)) = self.connections.get_mut(id) else {
+                return;
+            };
+            if self.hub.is_held(id, now) {
+                break;
+            }
+            match connection.socket.read(&mut self.chunk) {
+                Ok(0) => return self.close(id, now),
+                Ok(count) => {
+                    if let Err(why) = connection.take(&self.chunk[..count], &mut self.hub, id, now)
+                    {
+                        log::debug!("connection {id}: {why}");
+                        connection.is_ended = true;
+                        self.flush(id, now);
+                        return self.close(id, now);
+                    }
+                    // A short read has emptied the socket; the next bytes are a new event.
+                    if count < self.chunk.len() && !connection.is_ended {
+                        connection.is_ready = false;
+                        return;
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    connection.is_ready = false;
+                    return;
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return self.close(id, now),
+            }
+        }
+        self.ready.push(id);
+    }
+
+    fn tick(&mut self, now: Instant) {
+        self.hub.tick(now);
+        for place in 0..self.listeners.len() {
+            self.accept(place, now);
+        }
+        for id in 0..self.connections.len() {
+            let since = self.connections[id]
+                .as_ref()
+                .and_then(|connection| connection.closing_since);
+            if since.is_some_and(|since| now - since > LINGER) {
+                self.close(id, now);
+            }
+        }
+    }
+
+    fn flush_all(&mut self, now: Instant) {
+        // Closing a connection may publish its will, which makes others dirty.
+        loop {
+            let dirty = self.hub.take_dirty();
+            if dirty.is_empty() {
+                return;
+            }
+            for id in dirty {
+                self.flush(id, now);
+            }
+        }
+    }
+
+    fn flush(&mut self, id: usize, now: Instant) {
+        let Some(Some(connection)) = self.connections.get_mut(id) else {
+            return;
+        };
+        match connection.flush(&mut self.hub, id, now) {
+            Ok(true) if self.hub.is_closing(id) && connection.closing_since.is_none() => {
+                // The client reads our last words, then the end; its own end is awaited, lest a reset destroys them.
+                connection.closing_since = Some(now);
+                if connection.socket.shutdown(Shutdown::Write).is_err() {
+                    self.close(id, now);
+                }
+            }
+            Ok(false) if self.hub.is_closing(id) => {
+                connection.closing_since.get_or_insert(now);
+            }
+            Ok(_) => {}
+            Err(_) => self.close(id, now),
+        }
+    }
+
+    fn close(&mut self, id: usize, now: Instant) {
+        if let Some(mut connection) = self.connections[id].take() {
+            if let Err(error) = self.poll.registry().deregister(&mut connection.socket) {
+                log::debug!("connection {id}: {error}");
+            }
+            self.hub.closed(id, now);
+        }
+    }
+}
+
+/// Sockets that listen for a configuration, with errors that say how to mend them.
+pub fn listen(config: &Config) -> Result<Vec<std::net::TcpListener>, crate::BrokerError> {
+    let ports = std::iter::once(config.port).chain(config.websocket_port);
+    ports.map(|port| listen_on(&config.host, port)).collect()
+}
+
+fn listen_on(host: &str, port: u16) -> Result<std::net::TcpListener, crate::BrokerError> {
+    use crate::BrokerError as E;
+    std::net::TcpListener::bind((host, port)).map_err(|source| match source.kind() {
+        ErrorKind::AddrInUse => E::AddressInUse {
+            host: host.into(),
+            port,
+        },
+        ErrorKind::PermissionDenied => E::PortForbidden { port },
+        _ => E::AddressNotOurs {
+            host: host.into(),
+            source,
+        },
+    })
+}

@@ -1,0 +1,228 @@
+//! What the broker remembers of a client: MQTT 5.0, chapter 4.1.
+
+use crate::codec::{Answer, Outgoing, Version, publish, reason};
+use crate::{message::Message, outbox::Outbox};
+use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// One topic filter that a client subscribes to.
+pub struct Subscription {
+    pub filter: Box<str>,
+    pub qos: u8,
+    pub no_local: bool,
+    pub retain_as_published: bool,
+    pub identifier: Option<u32>,
+}
+
+/// A message of QoS 1 or 2 for one client.
+pub struct Delivery {
+    pub message: Arc<Message>,
+    pub qos: u8,
+    pub retain: bool,
+    pub identifiers: Box<[u32]>,
+}
+
+struct Flight {
+    id: u16,
+    /// None once the client has the message (QoS 2, PUBREC seen): only PUBREL is repeated.
+    delivery: Option<Delivery>,
+}
+
+/// A will that waits for its client to be lost.
+pub struct Testament {
+    pub message: Message,
+    pub expiry: Option<u32>,
+    pub delay: u32,
+}
+
+/// A client's subscriptions and unfinished messages; outlives connections when the client asks for it.
+pub struct Session {
+    pub client_id: Box<str>,
+    pub user: Option<Box<str>>,
+    /// The connection, by its number; None while the client is away.
+    pub link: Option<usize>,
+    pub subscriptions: Vec<Subscription>,
+    /// Seconds to live without a connection.
+    pub expiry: u32,
+    /// When the session of an absent client ends.
+    pub ends: Option<Instant>,
+    pub will: Option<Testament>,
+    pub will_due: Option<Instant>,
+    /// Packet identifiers of QoS 2 messages received and not yet released.
+    pub inbound: HashSet<u16>,
+    flights: VecDeque<Flight>,
+    queue: VecDeque<Delivery>,
+    queued_bytes: usize,
+    last_id: u16,
+    pub overflowed: bool,
+}
+
+/// What sending to a client depends on.
+#[derive(Clone, Copy)]
+pub struct Terms {
+    pub version: Version,
+    /// Unacknowledged messages that the client takes.
+    pub window: u16,
+    /// Largest packet that the client takes, bytes.
+    pub maximum_packet: usize,
+}
+
+impl Session {
+    pub fn new(client_id: &str, user: Option<&str>) -> Self {
+        Self {
+            client_id: client_id.into(),
+            user: user.map(Into::into),
+            link: None,
+            subscriptions: Vec::new(),
+            expiry: 0,
+            ends: None,
+            will: None,
+            will_due: None,
+            inbound: HashSet::new(),
+            flights: VecDeque::new(),
+            queue: VecDeque::new(),
+            queued_bytes: 0,
+            last_id: 0,
+            overflowed: false,
+        }
+    }
+
+    /// Adds a subscription or replaces the one with its filter; true = it is new.
+    pub fn subscribe(&mut self, subscription: Subscription) -> bool {
+        match self
+            .subscriptions
+            .iter_mut()
+            .find(|old| old.filter == subscription.filter)
+        {
+            Some(old) => {
+                *old = subscription;
+                false
+            }
+            None => {
+                self.subscriptions.push(subscription);
+                true
+            }
+        }
+    }
+
+    /// Removes a subscription; false = there was none.
+    pub fn unsubscribe(&mut self, filter: &str) -> bool {
+        let before = self.subscriptions.len();
+        self.subscriptions.retain(|old| &*old.filter != filter);
+        self.subscriptions.len() < before
+    }
+
+    /// Puts a message of QoS 1 or 2 in line; false when that exceeds `limit` bytes.
+    pub fn enqueue(&mut self, delivery: Delivery, limit: usize) -> bool {
+        let size = delivery.message.size();
+        if self.queued_bytes + size > limit {
+            return false;
+        }
+        self.queued_bytes += size;
+        self.queue.push_back(delivery);
+        true
+    }
+
+    /// Sends from the line as far as the client's window allows.
+    pub fn advance(&mut self, out: &mut Outbox, terms: Terms, now: Instant) {
+        while self.flights.len() < usize::from(terms.window) {
+            let Some(delivery) = self.queue.pop_front() else {
+                return;
+            };
+            self.queued_bytes -= delivery.message.size();
+            if delivery.message.is_void(now) {
+                continue;
+            }
+            let id = self.next_id();
+            if write(out, &delivery, id, false, terms, now) {
+                self.flights.push_back(Flight {
+                    id,
+                    delivery: Some(delivery),
+                });
+            }
+        }
+    }
+
+    /// Repeats what an earlier connection left unfinished, in order.
+    pub fn resume(&mut self, out: &mut Outbox, terms: Terms, now: Instant) {
+        self.flights.retain(|flight| match &flight.delivery {
+            Some(delivery) => write(out, delivery, flight.id, true, terms, now),
+            None => {
+                crate::codec::acknowledge(
+                    out.end(),
+                    Answer::Release,
+                    flight.id,
+                    reason::SUCCESS,
+                    terms.version,
+                );
+                true
+            }
+        });
+        self.advance(out, terms, now);
+    }
+
+    /// PUBACK, PUBCOMP, or a PUBREC that refuses: the message is done. False = unknown identifier.
+    pub fn finish(&mut self, id: u16) -> bool {
+        let found = self.flights.iter().position(|flight| flight.id == id);
+        found.and_then(|place| self.flights.remove(place)).is_some()
+    }
+
+    /// PUBREC: the client has the message. False = unknown identifier.
+    pub fn received(&mut self, id: u16) -> bool {
+        match self.flights.iter_mut().find(|flight| flight.id == id) {
+            Some(flight) => {
+                flight.delivery = None;
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn next_id(&mut self) -> u16 {
+        // The window is smaller than the number of identifiers, so one is always free.
+        loop {
+            self.last_id = self.last_id.checked_add(1).unwrap_or(1);
+            if !self.flights.iter().any(|flight| flight.id == self.last_id) {
+                return self.last_id;
+            }
+        }
+    }
+}
+
+impl Delivery {
+    /// Sends at QoS 0, without remembering.
+    pub fn send(&self, out: &mut Outbox, terms: Terms, now: Instant) {
+        write(out, self, 0, false, terms, now);
+    }
+}
+
+/// False when the packet is larger than the client takes: then it is not sent at all (MQTT 5.0, 3.1.2.11.4).
+fn write(
+    out: &mut Outbox,
+    delivery: &Delivery,
+    id: u16,
+    again: bool,
+    terms: Terms,
+    now: Instant,
+) -> bool {
+    let message = &delivery.message;
+    let start = out.end().len();
+    let outgoing = Outgoing {
+        topic: &message.topic,
+        payload: &message.payload,
+        properties: &message.properties,
+        expiry: message.seconds_left(now),
+        identifiers: &delivery.identifiers,
+        qos: delivery.qos,
+        retain: delivery.retain,
+        again,
+        id,
+    };
+    publish(out.end(), &outgoing, terms.version);
+    let fits = out.end().len() - start <= terms.maximum_packet;
+    if !fits {
+        out.end().truncate(start);
+    }
+    fits
+}

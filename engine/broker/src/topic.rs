@@ -1,0 +1,116 @@
+//! Topic names and topic filters: MQTT 5.0, chapter 4.7.
+
+/// May a message be published here?
+pub fn is_name(topic: &str) -> bool {
+    !topic.is_empty() && !topic.contains(['+', '#'])
+}
+
+/// May this be subscribed to? `#` stands alone at the end, `+` fills a level.
+pub fn is_filter(filter: &str) -> bool {
+    let mut levels = filter.split('/').peekable();
+    if filter.is_empty() {
+        return false;
+    }
+    while let Some(level) = levels.next() {
+        let fits = match level {
+            "#" => levels.peek().is_none(),
+            "+" => true,
+            _ => !level.contains(['+', '#']),
+        };
+        if !fits {
+            return false;
+        }
+    }
+    true
+}
+
+/// Does the filter, itself valid, cover the topic name? Topics that start with `$` are covered by filters that do so too.
+pub fn matches(filter: &str, topic: &str) -> bool {
+    if filter == topic {
+        return true;
+    }
+    if topic.starts_with('$') && filter.starts_with(['+', '#']) {
+        return false;
+    }
+    let mut levels = topic.split('/');
+    for wanted in filter.split('/') {
+        // `a/#` covers `a` as well.
+        if wanted == "#" {
+            return true;
+        }
+        match levels.next() {
+            Some(level) if wanted == "+" || wanted == level => {}
+            _ => return false,
+        }
+    }
+    levels.next().is_none()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_examples_of_the_standard() {
+        for (filter, topic, expected) in [
+            ("sport/tennis/player1/#", "sport/tennis/player1", true),
+            (
+                "sport/tennis/player1/#",
+                "sport/tennis/player1/score/wimbledon",
+                true,
+            ),
+            ("sport/#", "sport", true),
+            ("#", "a/b", true),
+            ("sport/tennis/+", "sport/tennis/player1", true),
+            ("sport/tennis/+", "sport/tennis/player1/ranking", false),
+            ("sport/+", "sport", false),
+            ("sport/+", "sport/", true),
+            ("+/+", "/finance", true),
+            ("/+", "/finance", true),
+            ("+", "/finance", false),
+            ("#", "$SYS/uptime", false),
+            ("+/monitor/Clients", "$SYS/monitor/Clients", false),
+            ("$SYS/#", "$SYS/uptime", true),
+        ] {
+            assert!(is_filter(filter) && is_name(topic));
+            assert_eq!(matches(filter, topic), expected, "{filter} on {topic}");
+        }
+        for wrong in [
+            "",
+            "sport/tennis#",
+            "sport/tennis/#/ranking",
+            "sport+",
+            "a/b+/c",
+        ] {
+            assert!(!is_filter(wrong), "{wrong}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_filter_made_from_a_topic_covers_it(levels in prop::collection::vec("[a-z]{0,3}", 1..5), cut in 0usize..6, plus in 0usize..5) {
+            let topic = levels.join("/");
+            prop_assume!(is_name(&topic));
+            let mut filter = levels.clone();
+            if plus < filter.len() {
+                filter[plus] = "+".into();
+            }
+            if cut <= filter.len() {
+                filter.truncate(cut);
+                filter.push("#".into());
+            }
+            let filter = filter.join("/");
+            prop_assert!(is_filter(&filter));
+            prop_assert!(matches(&filter, &topic));
+        }
+
+        #[test]
+        fn a_longer_topic_needs_a_multi_level_wildcard(levels in prop::collection::vec("[a-z]{1,3}", 1..5)) {
+            let topic = levels.join("/");
+            let longer = format!("{topic}/x");
+            prop_assert!(!matches(&topic, &longer));
+            prop_assert!(!matches(&longer, &topic));
+        }
+    }
+}
