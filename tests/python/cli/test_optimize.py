@@ -1,3 +1,4 @@
+import contextlib
 import json
 import os
 import pty
@@ -31,11 +32,11 @@ def quick(tmp_path: Path) -> Path:
 
 def children(pid: int) -> list[int]:
     """Processes started by a process, and theirs."""
-    listing = subprocess.run(
-        ["ps", "-eo", "pid=,ppid="], check=True, capture_output=True, text=True, timeout=10
-    )
-    pairs = [tuple(map(int, line.split())) for line in listing.stdout.splitlines()]
-    found = [child for child, parent in pairs if parent == pid]
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            if int(status.read_text().rsplit(")", 1)[1].split()[1]) == pid:
+                found.append(int(status.parent.name))
     return found + [below for child in found for below in children(child)]
 
 

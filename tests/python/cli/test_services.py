@@ -2,7 +2,6 @@ import json
 import os
 import signal
 import socket
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 
 def events(process: Any, wanted: str, number: int = 1) -> list[dict[str, Any]]:
     """The next events of a kind from the program's JSON lines."""
-    found = []
+    found: list[dict[str, Any]] = []
     while len(found) < number:
         line = process.stdout.readline()
         assert line, process.stderr.read()
@@ -20,6 +19,14 @@ def events(process: Any, wanted: str, number: int = 1) -> list[dict[str, Any]]:
         if event["event"] == wanted:
             found.append(event)
     return found
+
+
+def alive(pid: int) -> bool:
+    """Whether the process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def reachable(port: int) -> bool:
@@ -72,7 +79,7 @@ def test_servers_are_listed_and_leave_with_their_supervisor(
     _, err = serving.communicate(timeout=15)
     assert serving.returncode == 0, err
     for event in ready:
-        assert not Path(f"/proc/{event['pid']}").exists()
+        assert not alive(event["pid"])
     empty = program("servers", "--broker", any_broker)
     assert empty.returncode == 0
     assert "No simulation server" in empty.stdout
@@ -119,12 +126,7 @@ def test_servers_end_with_a_supervisor_that_is_killed(start: Any, embedded_broke
     serving.kill()
     serving.wait(10)
     deadline = time.monotonic() + 10
-    while any(Path(f"/proc/{pid}").exists() for pid in pids):
-        listing = subprocess.run(
-            ["ps", "-o", "stat=", "-p", ",".join(map(str, pids))], capture_output=True, text=True, check=False
-        )
-        if all(state.startswith("Z") for state in listing.stdout.split()):
-            break
+    while any(map(alive, pids)):
         assert time.monotonic() < deadline, "servers were left behind"
         time.sleep(0.05)
 
