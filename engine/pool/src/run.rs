@@ -99,7 +99,7 @@ impl Run {
 
     /// Whether the server has begun.
     pub fn begun(&self) -> bool {
-        !self.answered.is_empty()
+        self.steps() > 0
     }
 
     /// What is waited for, in words.
