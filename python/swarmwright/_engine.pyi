@@ -60,8 +60,8 @@ class Episode:
     def step(self) -> None: ...
     def scene(self) -> str:
         """JSON: {"width", "height", "step", "message", "bodies": [{"kind", "x", "y", "state", "radius"}]}; y points up, metres or cells."""
-    def text(self, columns: int, color: bool) -> str:
-        """The scene as terminal text of at most `columns` characters a line."""
+    def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
+        """The scene as at most `rows` lines of at most `columns` characters."""
 
 def rollout(title: str, parameters: str, controllers: Sequence[str], seeds: Sequence[int]) -> NDArray[np.float64]:
     """Evaluate in this process: (candidates, episodes) fitness; the parameter `seed` of episode e is seeds[e]."""

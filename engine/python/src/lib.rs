@@ -1,1 +1,29 @@
-//! Python bindings of the engine.
+//! Python bindings of the engine: the module `swarmwright._engine`, described in `_engine.pyi`.
+
+mod broker;
+mod controller;
+mod errors;
+mod pool;
+mod server;
+mod worlds;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("EngineError", module.py().get_type::<errors::EngineError>())?;
+    module.add("InputError", module.py().get_type::<errors::InputError>())?;
+    module.add_class::<controller::PyController>()?;
+    module.add_class::<worlds::PyEpisode>()?;
+    module.add_class::<broker::PyBroker>()?;
+    module.add_class::<pool::PyPool>()?;
+    module.add_function(wrap_pyfunction!(controller::genome_size, module)?)?;
+    module.add_function(wrap_pyfunction!(worlds::simulations, module)?)?;
+    module.add_function(wrap_pyfunction!(worlds::describe, module)?)?;
+    module.add_function(wrap_pyfunction!(worlds::check_parameters, module)?)?;
+    module.add_function(wrap_pyfunction!(worlds::rollout, module)?)?;
+    module.add_function(wrap_pyfunction!(server::serve, module)?)?;
+    module.add_function(wrap_pyfunction!(pool::servers, module)?)?;
+    Ok(())
+}

@@ -1,0 +1,63 @@
+//! The embedded broker.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use swarmwright_broker::{Broker, Config};
+
+use crate::errors::engine;
+
+/// The embedded MQTT broker.
+#[pyclass(name = "Broker", module = "swarmwright._engine")]
+pub struct PyBroker {
+    broker: Option<Broker>,
+    url: String,
+    port: u16,
+}
+
+#[pymethods]
+impl PyBroker {
+    #[new]
+    #[pyo3(signature = (host="127.0.0.1".to_owned(), port=0, *, websocket_port=None, users=None, certificate=None, key=None))]
+    fn new(
+        py: Python<'_>,
+        host: String,
+        port: u16,
+        websocket_port: Option<u16>,
+        users: Option<PathBuf>,
+        certificate: Option<PathBuf>,
+        key: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let config = Config {
+            host,
+            port,
+            websocket_port,
+            users,
+            certificate,
+            key,
+            ..Config::default()
+        };
+        let broker = py.detach(|| Broker::start(&config)).map_err(engine)?;
+        Ok(Self {
+            url: broker.url(),
+            port: broker.port(),
+            broker: Some(broker),
+        })
+    }
+
+    #[getter]
+    fn url(&self) -> &str {
+        &self.url
+    }
+
+    #[getter]
+    fn port(&self) -> u16 {
+        self.port
+    }
+
+    fn stop(&mut self, py: Python<'_>) {
+        if let Some(broker) = self.broker.take() {
+            py.detach(|| broker.stop());
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! The two exceptions: wrong input, and work that could not be done.
+
+use std::fmt::Display;
+
+use pyo3::PyErr;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use serde_json::{Map, Value};
+
+pyo3::create_exception!(
+    swarmwright._engine,
+    EngineError,
+    PyRuntimeError,
+    "The engine could not do what was asked."
+);
+pyo3::create_exception!(
+    swarmwright._engine,
+    InputError,
+    PyValueError,
+    "The input is wrong."
+);
+
+/// The input is wrong.
+pub fn input(error: impl Display) -> PyErr {
+    InputError::new_err(error.to_string())
+}
+
+/// The work could not be done.
+pub fn engine(error: impl Display) -> PyErr {
+    EngineError::new_err(error.to_string())
+}
+
+/// A JSON object from Python.
+pub fn object(name: &str, text: &str) -> Result<Map<String, Value>, PyErr> {
+    serde_json::from_str(text).map_err(|error| input(format!("{name}: no JSON object: {error}")))
+}

@@ -1,0 +1,191 @@
+//! The optimization tool's side of the broker.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use serde_json::json;
+use std::time::Duration;
+use swarmwright_controllers::{Controller, Specification};
+use swarmwright_mqtt::Settings;
+use swarmwright_pool::{Demand, Options, Outcome, Pool, PoolError, Task, list_servers};
+use swarmwright_protocol::{Requirements, State};
+
+use crate::errors::{engine, input, object};
+use crate::server::seconds;
+
+/// Finds servers and runs episodes on them.
+#[pyclass(name = "Pool", module = "swarmwright._engine")]
+pub struct PyPool(Option<Pool>);
+
+fn error(error: &PoolError) -> PyErr {
+    match error {
+        PoolError::Settings(_) | PoolError::Topic(_) | PoolError::NoSizes => input(error),
+        _ => engine(error),
+    }
+}
+
+#[pymethods]
+impl PyPool {
+    #[new]
+    #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
+        mode="auto", visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn new(
+        py: Python<'_>,
+        broker: &str,
+        simulation: String,
+        parameters: &str,
+        requirements: &str,
+        sensors: Option<usize>,
+        actuators: Option<usize>,
+        prefix: &str,
+        tool: &str,
+        mode: &str,
+        visual: bool,
+        discovery_timeout: f64,
+        step_timeout: f64,
+        attempts: u32,
+    ) -> PyResult<Self> {
+        if !matches!(mode, "auto" | "stepwise") {
+            return Err(input(format!(
+                "mode: {mode:?} is not possible; expected \"auto\" or \"stepwise\""
+            )));
+        }
+        let requirements = Requirements::decode(requirements.as_bytes())
+            .map_err(|error| input(format!("requirements: {error}")))?;
+        let options = Options {
+            settings: Settings::from_environment(broker).map_err(input)?,
+            prefix: prefix.to_owned(),
+            tool: tool.to_owned(),
+            demand: Demand {
+                simulation,
+                requirements,
+                sensors,
+                actuators,
+            },
+            parameters: object("parameters", parameters)?,
+            visual,
+            discovery_timeout: seconds("discovery_timeout", discovery_timeout)?,
+            step_timeout: seconds("step_timeout", step_timeout)?,
+            attempts,
+        };
+        py.detach(|| Pool::connect(options))
+            .map(|pool| Self(Some(pool)))
+            .map_err(|failed| error(&failed))
+    }
+
+    fn wait_for_server(&mut self, py: Python<'_>) -> PyResult<(usize, usize)> {
+        let pool = self.pool()?;
+        let mut raised = None;
+        let result = py.detach(|| {
+            pool.wait_for_server(|_| {
+                Python::attach(|py| py.check_signals())
+                    .map_err(|error| raised = Some(error))
+                    .is_ok()
+            })
+        });
+        raised.map_or(Ok(()), Err)?;
+        result.map_err(|failed| error(&failed))
+    }
+
+    #[pyo3(signature = (controllers, seeds, on_progress=None))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn evaluate<'py>(
+        &mut self,
+        py: Python<'py>,
+        controllers: Vec<String>,
+        seeds: Vec<u64>,
+        on_progress: Option<Py<PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, String)> {
+        let pool = self.pool()?;
+        let mut tasks = Vec::with_capacity(controllers.len() * seeds.len());
+        for (candidate, text) in controllers.iter().enumerate() {
+            let specification = Specification::from_json(text).map_err(|failed| {
+                input(format!("controller of candidate {candidate}: {failed}"))
+            })?;
+            let controller = Controller::new(&specification);
+            tasks.extend((0..seeds.len()).map(|episode| Task {
+                candidate,
+                episode,
+                controller: controller.clone(),
+            }));
+        }
+        let total = tasks.len();
+        let mut raised: Option<PyErr> = None;
+        let result = py.detach(|| {
+            pool.evaluate(tasks, &seeds, |done, waiting_for| {
+                let called = Python::attach(|py| {
+                    py.check_signals()?;
+                    on_progress.as_ref().map_or(Ok(()), |call| {
+                        call.call1(py, (done, total, waiting_for)).map(|_| ())
+                    })
+                });
+                called.map_err(|error| raised = Some(error)).is_ok()
+            })
+        });
+        raised.map_or(Ok(()), Err)?;
+        let outcomes = result.map_err(|failed| error(&failed))?;
+        let fitness: Vec<f64> = outcomes
+            .iter()
+            .map(|outcome| match outcome {
+                Outcome::Fitness(fitness) => *fitness,
+                Outcome::Failed(_) => f64::NAN,
+            })
+            .collect();
+        let journal: Vec<String> = pool
+            .take_warnings()
+            .into_iter()
+            .map(|warning| json!({"warning": warning}).to_string())
+            .chain(
+                pool.take_journal()
+                    .into_iter()
+                    .map(|attempt| json!(attempt).to_string()),
+            )
+            .collect();
+        let fitness = PyArray1::from_vec(py, fitness).reshape([controllers.len(), seeds.len()])?;
+        Ok((fitness, journal.join("\n")))
+    }
+
+    fn close(&mut self, py: Python<'_>) {
+        if let Some(pool) = self.0.take() {
+            py.detach(|| pool.close());
+        }
+    }
+}
+
+impl PyPool {
+    fn pool(&mut self) -> PyResult<&mut Pool> {
+        self.0.as_mut().ok_or_else(|| input("the pool is closed"))
+    }
+}
+
+/// Who is on the broker.
+#[pyfunction]
+#[pyo3(signature = (broker, *, prefix="", wait=1.0))]
+pub fn servers(py: Python<'_>, broker: &str, prefix: &str, wait: f64) -> PyResult<String> {
+    let settings = Settings::from_environment(broker).map_err(input)?;
+    let wait =
+        Duration::try_from_secs_f64(wait).map_err(|failed| input(format!("wait: {failed}")))?;
+    let found = py
+        .detach(|| list_servers(settings, prefix, wait))
+        .map_err(|failed| error(&failed))?;
+    let lines: Vec<_> = found
+        .iter()
+        .map(|presence| {
+            let announced = presence.capabilities.swarmwright.as_ref();
+            json!({
+                "server": presence.server,
+                "state": match presence.state { State::Ready => "ready", State::Busy => "busy", State::Lost => "lost" },
+                "simulations": presence.simulations,
+                "capabilities": presence.capabilities.to_value(),
+                "tool": presence.tool,
+                "since": presence.since,
+                "host": announced.and_then(|announced| announced.host.clone()),
+                "pid": announced.and_then(|announced| announced.pid),
+            })
+        })
+        .collect();
+    Ok(json!(lines).to_string())
+}
