@@ -159,7 +159,10 @@ class _Loop:
         number = self._method.generation
         genomes = self._method.ask()
         episodes, journal = self._evaluate(genomes, on_progress)
-        self._record.journal({"event": "episode", "generation": number, **entry} for entry in journal)
+        self._record.journal(
+            {"event": "warning" if "warning" in entry else "episode", "generation": number, **entry}
+            for entry in journal
+        )
         fitness = self._ranking.score(episodes)
         if not np.isfinite(fitness).any():
             raise RunError(_all_failed(number, journal))

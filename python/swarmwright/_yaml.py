@@ -1,6 +1,7 @@
 """YAML 1.2 with line numbers: every problem of a file at once, each with its line."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import StringIO
@@ -19,6 +20,7 @@ Path_ = tuple[str | int, ...]
 
 _LARGEST = 1_000_000  # values in a file; aliases of aliases can make a short file endless
 _TAG = "tag:yaml.org,2002:"
+_WORDS = re.compile(r"[A-Za-z_]+([ _./-]?[A-Za-z0-9_]+)*")
 
 
 @dataclass
@@ -114,6 +116,9 @@ class _Builder:
         self._source.lines.setdefault(path, node.start_mark.line + 1)
         self._open.append(node)
         try:
+            if isinstance(node, MappingNode | SequenceNode) and node.tag not in {f"{_TAG}map", f"{_TAG}seq"}:
+                self._problem(node, path, f"the tag {node.tag} has no meaning here")
+                return None
             if isinstance(node, MappingNode):
                 return self._mapping(node, path)
             if isinstance(node, SequenceNode):
@@ -181,6 +186,13 @@ class _Representer(SafeRepresenter):
 
 _Representer.add_representer(
     list, lambda representer, values: representer.represent_sequence(f"{_TAG}seq", values, flow_style=True)
+)
+# All but plain words is quoted: plain scalars with signs in them are not always read back.
+_Representer.add_representer(
+    str,
+    lambda representer, text: representer.represent_scalar(
+        f"{_TAG}str", text, style=None if _WORDS.fullmatch(text) else '"'
+    ),
 )
 
 

@@ -1,0 +1,89 @@
+"""Checks of representations."""
+
+import json
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright._random import Stream
+from swarmwright.representations import REPRESENTATIONS, Representation
+from swarmwright.representations._base import Genome
+from swarmwright.testing._common import SHAPES, check_options, representation
+
+
+def check_representation(kind: str) -> None:
+    """Check a registered representation with its default options and several sizes."""
+    check_options(REPRESENTATIONS, kind)
+    for sensors, actuators in SHAPES:
+        subject = representation(kind, sensors=sensors, actuators=actuators)
+        _check_initial(subject)
+        _check_specification(subject)
+        _check_mutation(subject)
+        _check_crossover(subject)
+        _check_distance(subject)
+
+
+def _genomes(subject: Representation, count: int) -> list[Genome]:
+    return [subject.initial(Stream(1, "check", 0, index)) for index in range(count)]
+
+
+def _is_genome(subject: Representation, genome: Genome, what: str) -> None:
+    assert genome.dtype == np.float32, f"{what} returns {genome.dtype}, not float32"
+    assert genome.shape == (subject.genome_size,), f"{what} returns the shape {genome.shape}"
+    assert np.isfinite(genome).all(), f"{what} returns numbers that are not finite"
+
+
+def _check_initial(subject: Representation) -> None:
+    one, other = _genomes(subject, 2)
+    _is_genome(subject, one, "initial")
+    again = subject.initial(Stream(1, "check", 0, 0))
+    assert one.tobytes() == again.tobytes(), "initial must depend on the stream alone"
+    assert one.tobytes() != other.tobytes(), "initial must differ between streams"
+
+
+def _check_specification(subject: Representation) -> None:
+    genome = _genomes(subject, 1)[0]
+    text = subject.specification_text(genome)
+    assert json.loads(text) == subject.specification(genome), "specification_text must be the same in JSON"
+    assert _engine.genome_size(text) == subject.genome_size, "the engine needs another number of weights"
+    controller = _engine.Controller(text)
+    assert (controller.sensors, controller.actuators) == (subject.sensors, subject.actuators)
+    sensors = np.linspace(-1, 1, subject.sensors, dtype=np.float32)
+    actuators = controller.step(sensors)
+    assert actuators.shape == (subject.actuators,)
+    assert (np.abs(actuators) <= 1).all(), "actuators must be in -1..1"
+
+
+def _check_mutation(subject: Representation) -> None:
+    genome = _genomes(subject, 1)[0]
+    before = genome.tobytes()
+
+    def mutant(severity: float, probability: float) -> Genome:
+        return subject.mutate(genome, Stream(2, "check"), severity=severity, probability=probability)
+
+    changed = mutant(0.3, 1.0)
+    _is_genome(subject, changed, "mutate")
+    assert genome.tobytes() == before, "mutate must not change its argument"
+    assert changed.tobytes() == mutant(0.3, 1.0).tobytes(), "mutate must depend on the stream alone"
+    assert changed.tobytes() != before, "mutate with probability 1 must change something"
+    assert mutant(0.3, 0.0).tobytes() == before, "mutate with probability 0 must change nothing"
+
+
+def _check_crossover(subject: Representation) -> None:
+    mother, father = _genomes(subject, 2)
+    before = mother.tobytes(), father.tobytes()
+    children = [subject.crossover(mother, father, Stream(3, "check", 0, index)) for index in range(50)]
+    for child in children:
+        _is_genome(subject, child, "crossover")
+    assert (mother.tobytes(), father.tobytes()) == before, "crossover must not change its arguments"
+    mixed = [child for child in children if child.tobytes() not in before]
+    assert mixed, "crossover never returned anything but a parent"
+    same = subject.crossover(mother, mother, Stream(3, "check"))
+    assert same.tobytes() == before[0], "crossover of a genome with itself must be that genome"
+
+
+def _check_distance(subject: Representation) -> None:
+    one, other = _genomes(subject, 2)
+    assert subject.distance(one, one) == 0, "the distance of a genome to itself must be 0"
+    assert subject.distance(one, other) > 0, "the distance of different genomes must be positive"
+    assert subject.distance(one, other) == subject.distance(other, one), "the distance must be symmetric"

@@ -1,0 +1,58 @@
+"""Asking and telling out of turn."""
+
+import numpy as np
+import pytest
+
+from swarmwright import InputError
+from swarmwright.methods import METHODS, Method
+from swarmwright.testing._common import representation
+
+
+@pytest.fixture(params=["nnga", "random_search"])
+def method(request: pytest.FixtureRequest) -> Method:
+    component = METHODS.get(request.param)
+    return component(component.options_model(generations=2), representation(), seed=1)
+
+
+def test_telling_before_asking(method: Method) -> None:
+    with pytest.raises(InputError, match="ask for genomes first"):
+        method.tell(np.zeros(50))
+
+
+def test_asking_twice(method: Method) -> None:
+    method.ask()
+    with pytest.raises(InputError, match="tell it before asking again"):
+        method.ask()
+
+
+def test_telling_another_number(method: Method) -> None:
+    method.ask()
+    with pytest.raises(InputError, match=r"shape \(3,\); asked were 50 genomes"):
+        method.tell(np.zeros(3))
+    method.tell(np.zeros(50))  # the right number is still welcome
+
+
+def test_asking_when_done(method: Method) -> None:
+    while not method.done:
+        method.tell(np.zeros(len(method.ask())))
+    with pytest.raises(InputError, match="done after 2 generation"):
+        method.ask()
+
+
+def test_a_target_ends_it_early(method: Method) -> None:
+    component = METHODS.get(method.kind)
+    hurried = component(component.options_model(generations=100, target=5.0), representation(), seed=1)
+    hurried.tell(np.full(len(hurried.ask()), 4.9))
+    assert not hurried.done
+    fitness = np.full(len(hurried.ask()), np.nan)
+    fitness[-1] = 5.0
+    hurried.tell(fitness)
+    assert hurried.done
+
+
+def test_the_initial_genomes_are_the_same_for_every_method() -> None:
+    first = [
+        METHODS.get(kind)(METHODS.get(kind).options_model(), representation(), seed=9).ask().tobytes()
+        for kind in ("nnga", "random_search")
+    ]
+    assert first[0] == first[1]

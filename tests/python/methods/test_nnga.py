@@ -1,0 +1,159 @@
+"""NNGA: FREVO's numbers and its intended distribution."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from swarmwright.methods import METHODS
+from swarmwright.methods.nnga import Nnga, NngaOptions, Shares, _triangular
+from swarmwright.testing._common import representation
+
+
+def new(seed: int = 1, **options: Any) -> Nnga:
+    return Nnga(NngaOptions(**options), representation(), seed=seed)
+
+
+def test_defaults_are_those_of_frevo() -> None:
+    assert NngaOptions().shares() == Shares(elite=8, random=5, mutate=20, crossover=15, renew=2)
+    # 50 at first, then 37 new ones in each of 299 generations.
+    assert new(generations=300).budget == 11_113
+
+
+def test_only_new_members_are_evaluated() -> None:
+    method = new(generations=4)
+    sizes = []
+    while not method.done:
+        genomes = method.ask()
+        sizes.append(len(genomes))
+        method.tell(-np.abs(genomes.astype(np.float64)).sum(axis=1))
+    assert sizes == [50, 37, 37, 37]
+    assert len(method.population_fitness) == 50
+
+
+def test_the_elite_stays_and_the_best_never_gets_worse() -> None:
+    method = new(generations=20)
+    best = -np.inf
+    while not method.done:
+        genomes = method.ask()
+        before = method.population_fitness
+        method.tell(-np.abs(genomes.astype(np.float64)).sum(axis=1))
+        after = method.population_fitness
+        assert after.max() >= best
+        if len(before):
+            # Asking keeps 8 of the elite and 5 others.
+            assert len(before) == 13
+            assert set(before) <= set(after)
+        best = after.max()
+
+
+def test_it_finds_what_random_search_does_not() -> None:
+    def best_of(kind: str) -> float:
+        component = METHODS.get(kind)
+        method = component(component.options_model(generations=60), representation(), seed=3)
+        best = -np.inf
+        while not method.done and method.evaluations < 2000:
+            fitness = -((method.ask().astype(np.float64) - 0.5) ** 2).sum(axis=1)
+            method.tell(fitness)
+            best = max(best, fitness.max())
+        return best
+
+    assert best_of("nnga") > 0.5 * best_of("random_search")
+    assert best_of("nnga") > -20
+
+
+@given(st.integers(1, 300))
+@settings(max_examples=40)
+def test_random_survivors_are_drawn_by_falling_probability(members: int) -> None:
+    tickets = members * (members + 1) // 2
+    drawn = np.bincount([_triangular(ticket, members) for ticket in range(tickets)], minlength=members)
+    assert drawn.tolist() == list(range(members, 0, -1))
+
+
+def test_survivors_are_different_members() -> None:
+    method = new(elite=0.1, random=0.5, mutate=0.2, crossover=0.1, renew=0.1)
+    fitness = np.arange(50.0)
+    method.ask()
+    method.tell(fitness)
+    method.ask()
+    survivors = method.population_fitness.tolist()
+    assert len(survivors) == len(set(survivors)) == 30
+    assert survivors[:5] == [49, 48, 47, 46, 45]
+
+
+def test_failed_members_never_stay() -> None:
+    method = new()
+    fitness = np.full(50, np.nan)
+    fitness[[7, 20, 33]] = [-5, 100, -1e300]
+    method.ask()
+    method.tell(fitness)
+    assert len(method.ask()) == 47
+    assert sorted(method.population_fitness) == [-1e300, -5, 100]
+
+
+def test_fitness_may_have_any_sign_and_scale() -> None:
+    for scale in (1e-300, -1.0, 1e300):
+        method = new(generations=3)
+        while not method.done:
+            method.tell(scale * np.linspace(1, 2, len(method.ask())))
+
+
+def test_equal_members_do_not_stop_it() -> None:
+    # All survivors the same: every crossover gives the same child again, and random members take the places.
+    method = new(severity=0.0)
+    method.ask()
+    fitness = np.full(50, np.nan)
+    fitness[0] = 1
+    method.tell(fitness)
+    children = method.ask()
+    assert len(children) == 49
+    assert len({child.tobytes() for child in children[20:]}) == 29
+
+
+def test_partners_are_the_most_different() -> None:
+    def spread(partners: int) -> float:
+        method = new(
+            partners=partners, elite=0.2, random=0.0, mutate=0.0, crossover=0.8, renew=0.0, population=200
+        )
+        genomes = method.ask()
+        method.tell(np.arange(len(genomes), dtype=np.float64))
+        children = method.ask()
+        return float(np.abs(children[:, None] - children[None]).sum(axis=2).mean())
+
+    assert spread(30) > spread(1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"elite": 0.5}, "must add up to 1, not 1.35"),
+        ({"population": 2}, "nobody new comes"),
+        ({"elite": 0.0, "random": 0.0, "mutate": 1.0, "crossover": 0.0, "renew": 0.0}, "nobody stays"),
+    ],
+)
+def test_shares_that_make_no_population_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        NngaOptions(**options)
+
+
+@given(st.integers(3, 500), st.lists(st.integers(0, 100), min_size=5, max_size=5).filter(any))
+def test_shares_always_fill_the_population(population: int, parts: list[int]) -> None:
+    shares = dict(
+        zip(
+            ("elite", "random", "mutate", "crossover", "renew"),
+            (part / sum(parts) for part in parts),
+            strict=True,
+        )
+    )
+    try:
+        counts = NngaOptions(population=population, **shares).shares()
+    except ValidationError:
+        # Refused only where nobody would stay or nobody new would come.
+        survivors = shares["elite"] + shares["random"]
+        assert survivors * population < 2 or (1 - survivors) * population < 5
+        return
+    assert counts.survivors + counts.new == population
+    assert min(counts.elite, counts.random, counts.mutate, counts.crossover, counts.renew) >= 0

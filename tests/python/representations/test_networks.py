@@ -1,0 +1,137 @@
+"""Both network representations: their layout and FREVO's genetic operators."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright._random import Stream
+from swarmwright.representations import REPRESENTATIONS
+from swarmwright.representations._network import NodeNetwork
+
+KINDS = ["layered", "fully_meshed"]
+SIZES = st.integers(1, 6)
+SEEDS = st.integers(0, 2**63)
+
+
+def network(kind: str, sensors: int = 4, actuators: int = 1, **options: Any) -> NodeNetwork:
+    component = REPRESENTATIONS.get(kind)
+    made = component(component.options_model(**options), sensors=sensors, actuators=actuators)
+    assert isinstance(made, NodeNetwork)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("hidden", "sensors", "actuators", "size"),
+    [([8], 4, 1, 8 * 5 + 9), ([], 4, 1, 5), ([3, 2], 4, 2, 3 * 5 + 2 * 4 + 2 * 3), ([1], 1, 1, 4)],
+)
+def test_genome_sizes_of_layered_networks(hidden: list[int], sensors: int, actuators: int, size: int) -> None:
+    assert network("layered", sensors, actuators, hidden=hidden).genome_size == size
+
+
+@pytest.mark.parametrize(
+    ("hidden", "sensors", "actuators", "size"), [(2, 10, 2, 4 * 15), (0, 4, 1, 6), (2, 4, 1, 3 * 8)]
+)
+def test_genome_sizes_of_fully_meshed_networks(hidden: int, sensors: int, actuators: int, size: int) -> None:
+    # FREVO: each of hidden + outputs has a bias and a weight from every node.
+    assert network("fully_meshed", sensors, actuators, hidden=hidden).genome_size == size
+
+
+def test_specifications_hold_the_genes_in_order_as_shortest_decimals() -> None:
+    genome = np.array([0.1, -2, 1e-7, 0.33, 1 / 3], dtype=np.float32)
+    assert network("layered", hidden=[]).specification(genome) == {
+        "version": 1,
+        "kind": "layered",
+        "sensors": 4,
+        "actuators": 1,
+        "hidden": [],
+        "activation": "tanh",
+        "output_range": [-1.0, 1.0],
+        "weights": [0.1, -2.0, 1e-7, 0.33, 0.33333334],
+    }
+
+
+@given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
+def test_decimals_read_back_as_the_same_binary32(genes: list[float]) -> None:
+    genome = np.array(genes, dtype=np.float32)
+    subject = network("fully_meshed", hidden=0)
+    weights = subject.specification(genome)["weights"]
+    assert np.array(weights, dtype=np.float32).tobytes() == genome.tobytes()
+
+
+@pytest.mark.parametrize("activation", ["clamp", "sigmoid"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_outputs_from_zero_to_one_are_declared(kind: str, activation: str) -> None:
+    subject = network(kind, activation=activation)
+    assert subject.specification(subject.initial(Stream(1, "x")))["output_range"] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(SIZES, SIZES, SEEDS)
+def test_initial_genes_fill_their_own_ranges(kind: str, sensors: int, actuators: int, seed: int) -> None:
+    subject = network(kind, sensors, actuators, weight_range=0.5, bias_range=3.0)
+    genome = subject.initial(Stream(seed, "initial"))
+    biases = np.zeros(subject.genome_size, dtype=bool)
+    biases[subject._starts[:-1]] = True
+    assert (np.abs(genome[~biases]) <= 0.5).all()
+    assert (np.abs(genome[biases]) <= 3.0).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(seed=SEEDS, severity=st.floats(0, 2), probability=st.floats(0, 1))
+def test_mutation_moves_each_gene_within_severity(
+    kind: str, seed: int, severity: float, probability: float
+) -> None:
+    subject = network(kind, weight_range=0.5, bias_range=3.0)
+    genome = subject.initial(Stream(seed, "initial"))
+    mutant = subject.mutate(genome, Stream(seed, "mutate"), severity=severity, probability=probability)
+    # The last bits: the sum is rounded to binary32.
+    border = subject._ranges * severity + 1e-6
+    assert (np.abs(mutant.astype(np.float64) - genome) <= border).all()
+
+
+def test_mutation_changes_the_share_of_genes_that_probability_says() -> None:
+    subject = network("layered", hidden=[1000])
+    genome = subject.initial(Stream(1, "initial"))
+    mutant = subject.mutate(genome, Stream(1, "mutate"), severity=0.3, probability=0.25)
+    assert (mutant != genome).mean() == pytest.approx(0.25, abs=0.02)
+
+
+def test_proportional_mutation_goes_by_the_size_of_the_gene() -> None:
+    subject = network("layered", hidden=[1000], mutation="proportional")
+    genome = np.full(subject.genome_size, -50, dtype=np.float32)
+    genome[::2] = 0.01
+    steps = np.abs(
+        subject.mutate(genome, Stream(1, "mutate"), severity=0, probability=1).astype(np.float64) - genome
+    )
+    assert steps[1::2].max() == pytest.approx(10, rel=0.01)
+    assert steps[::2].max() == pytest.approx(0.1, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(SIZES, SIZES, SEEDS)
+def test_crossover_takes_a_run_of_whole_nodes(kind: str, sensors: int, actuators: int, seed: int) -> None:
+    subject = network(kind, sensors, actuators)
+    mother = np.zeros(subject.genome_size, dtype=np.float32)
+    father = np.ones(subject.genome_size, dtype=np.float32)
+    child = subject.crossover(mother, father, Stream(seed, "x"))
+    starts = subject._starts
+    nodes = [child[begin:end] for begin, end in pairwise(starts)]
+    if len(nodes) > 1:
+        assert all(len(set(node.tolist())) == 1 for node in nodes)
+        taken = "".join(str(int(node[0])) for node in nodes)
+        # One run of ones, at least one node, never all.
+        assert taken.strip("0").strip("1") == ""
+        assert 1 <= taken.count("1") < len(nodes)
+    else:
+        assert 0 < child.sum() < len(child)
+
+
+def test_distance_is_the_sum_of_absolute_differences() -> None:
+    subject = network("layered", hidden=[])
+    one = np.array([1, 2, 3, 4, 5], dtype=np.float32)
+    assert subject.distance(one, np.zeros(5, dtype=np.float32)) == 15
+    assert subject.distance(one, -one) == 30
