@@ -16,6 +16,7 @@ VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_QUIET := 1
 unexport PYTHONHOME
 
 CARGO := cargo
@@ -106,7 +107,7 @@ $(VENV)/.tools: $(VENV)/.created pyproject.toml
 
 # What tests and checks need.
 $(VENV)/.dev: $(VENV)/.engine pyproject.toml
-	$(BIN)/python -m pip install --quiet --group dev
+	$(BIN)/python -m pip install --quiet --group checks
 	touch $@
 
 # The engine, compiled into the package, and the package's dependencies.

@@ -3,6 +3,7 @@
 import json
 import os
 import queue
+import shutil
 import subprocess
 import sys
 import threading
@@ -101,6 +102,7 @@ class Supervisor:
                 thread.join(GRACE)
 
     def _start(self, settings: Mapping[str, Any]) -> _Child:
+        columns = shutil.get_terminal_size().columns
         reading, writing = os.pipe()
         try:
             process = subprocess.Popen(
@@ -108,6 +110,7 @@ class Supervisor:
                 stdin=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 pass_fds=[writing],
+                env={**os.environ, "COLUMNS": str(columns)},  # for what it draws when asked to
                 process_group=0,  # Ctrl-C reaches the parent alone, which then ends them in order
                 text=True,
                 errors="replace",

@@ -1,5 +1,7 @@
 """`swarmwright simulate`: one run without optimization."""
 
+import os
+import shutil
 from pathlib import Path
 
 import click
@@ -30,6 +32,8 @@ def command(file: Path, controller: Path | None, broker: str | None, visual: boo
     show_warnings()
     experiment = Experiment.load(file)
     loaded = None if controller is None else Controller.load(controller)
+    if visual:  # the server's process, which draws, takes the width from its environment
+        os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
     broker = experiment_broker(broker, experiment.broker, experiment.servers)
     fitness = simulate(experiment, loaded, broker=broker, visual=visual)
     output.json({"fitness": fitness, "controller": None if controller is None else str(controller)})
