@@ -21,6 +21,21 @@ pub struct Description {
     pub actuators: usize,
 }
 
+/// What a simulation says of one of its parameters.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterInfo {
+    /// The name in a parameters message.
+    #[serde(skip)]
+    pub name: &'static str,
+    /// integer, number, string, position ([x, y]) or positions ([[x, y], ..]).
+    #[serde(rename = "type")]
+    pub kind: &'static str,
+    /// What it is when left out; null where that depends on other parameters, as the description says.
+    pub default: Value,
+    /// Meaning, unit and range, in a sentence.
+    pub description: &'static str,
+}
+
 /// A parameter that cannot be used; says which, why and what would be right.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("parameter {name}: {reason}")]
@@ -35,6 +50,11 @@ pub struct ParameterError {
 pub trait Simulation: Send {
     /// What this simulation offers; the same at any time.
     fn description(&self) -> Description;
+
+    /// Every parameter that `reset` understands, for documentation and checks.
+    fn parameters(&self) -> Vec<ParameterInfo> {
+        Vec::new()
+    }
 
     /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.
     ///

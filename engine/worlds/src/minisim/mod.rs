@@ -1,0 +1,259 @@
+//! Minisim: agents try to reach a goal before slower defenders catch them (D6.1, section 7.2.1).
+//!
+//! Arithmetic: every operation below is one IEEE 754 binary32 operation in the order written (square root
+//! included), until the fitness, which is summed in binary64. Numbers in parameters are rounded from binary64.
+//! cos_pi and sin_pi are those of `swarmwright_controllers::functions`. For a step, with `a` the actuator:
+//!
+//! 1. Every free agent, ascending: x = x + speedAgents * cos_pi(a), y = y + speedAgents * sin_pi(a), then each is
+//!    limited to 0..=mapWidth and 0..=mapHeight.
+//! 2. Every defender, ascending, looks at the free agents: dx = agent.x - x, dy = agent.y - y,
+//!    q = dx*dx + dy*dy; the smallest q is the closest, the lower index on ties. d = sqrt(q). If d <= speedDefenders
+//!    it goes to the agent's position, else f = speedDefenders / d, x = x + dx*f, y = y + dy*f.
+//! 3. Every free agent with sqrt(dx*dx + dy*dy) <= goalRadius, dx = goal.x - x, dy = goal.y - y, has arrived.
+//! 4. Of those still free, every one with sqrt(q) <= captureRadius, q its smallest as in 2 (dx = defender.x - x,
+//!    dy = defender.y - y), is caught.
+//!
+//! Sensors: (goal.x - x) / mapWidth, (goal.y - y) / mapHeight, then the same for the closest defender (smallest q,
+//! lower index on ties), or 0, 0 without defenders.
+//! Fitness: 0 - s / n, where s is the sum over agents, ascending, of the distance to the goal as in 3 (0 for those
+//! arrived); s, the division and the subtraction in binary64. At the start all agents are free, wherever they stand.
+
+mod settings;
+
+use crate::{Body, Description, ParameterError, ParameterInfo, Parameters, Scene, Simulation};
+use settings::{MAX_BODIES, Settings};
+use swarmwright_controllers::functions::{cos_pi, sin_pi};
+
+/// A position, x and y.
+type Point = [f32; 2];
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    Free,
+    Arrived,
+    Caught,
+}
+
+/// The simulation; see the module for its arithmetic.
+#[derive(Debug, Clone)]
+pub struct Minisim {
+    settings: Settings,
+    agents: Vec<Point>,
+    states: Vec<State>,
+    defenders: Vec<Point>,
+    /// Free agents, ascending; none once the episode has ended.
+    acting: Vec<u32>,
+    step: u32,
+}
+
+impl Default for Minisim {
+    /// At the start of an episode of the published example.
+    fn default() -> Self {
+        Self::at_start(Settings::default())
+    }
+}
+
+fn squared_distance(from: Point, to: Point) -> f32 {
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    dx * dx + dy * dy
+}
+
+fn distance(from: Point, to: Point) -> f32 {
+    squared_distance(from, to).sqrt()
+}
+
+/// The candidate closest to `from`, the first on ties, and its squared distance.
+fn closest(from: Point, candidates: impl Iterator<Item = Point>) -> Option<(Point, f32)> {
+    let mut best: Option<(Point, f32)> = None;
+    for candidate in candidates {
+        let q = squared_distance(from, candidate);
+        if best.is_none_or(|(_, least)| q < least) {
+            best = Some((candidate, q));
+        }
+    }
+    best
+}
+
+fn limit(value: f32, high: f32) -> f32 {
+    let value = if value < 0.0 { 0.0 } else { value };
+    if value > high { high } else { value }
+}
+
+impl Minisim {
+    fn at_start(settings: Settings) -> Self {
+        let (agents, defenders) = (settings.agents.clone(), settings.defenders.clone());
+        let acting = (0..settings.count()).collect();
+        Self {
+            states: vec![State::Free; agents.len()],
+            settings,
+            agents,
+            defenders,
+            acting,
+            step: 0,
+        }
+    }
+
+    fn closest_defender(&self, from: Point) -> Option<(Point, f32)> {
+        closest(from, self.defenders.iter().copied())
+    }
+
+    fn move_agents(&mut self, actuators: &[f32]) {
+        let Settings {
+            map, speed_agents, ..
+        } = self.settings;
+        for (agent, a) in self.acting.iter().zip(actuators) {
+            let [x, y] = &mut self.agents[*agent as usize];
+            *x = limit(*x + speed_agents * cos_pi(*a), map[0]);
+            *y = limit(*y + speed_agents * sin_pi(*a), map[1]);
+        }
+    }
+
+    fn move_defenders(&mut self) {
+        let speed = self.settings.speed_defenders;
+        for defender in &mut self.defenders {
+            let free = self.acting.iter().map(|agent| self.agents[*agent as usize]);
+            let Some((target, q)) = closest(*defender, free) else {
+                return;
+            };
+            let d = q.sqrt();
+            if d <= speed {
+                *defender = target;
+            } else {
+                let f = speed / d;
+                let (dx, dy) = (target[0] - defender[0], target[1] - defender[1]);
+                *defender = [defender[0] + dx * f, defender[1] + dy * f];
+            }
+        }
+    }
+
+    fn judge_agents(&mut self) {
+        for agent in &self.acting {
+            let agent = *agent as usize;
+            let position = self.agents[agent];
+            if distance(position, self.settings.goal) <= self.settings.goal_radius {
+                self.states[agent] = State::Arrived;
+            } else if let Some((_, q)) = self.closest_defender(position)
+                && q.sqrt() <= self.settings.capture_radius
+            {
+                self.states[agent] = State::Caught;
+            }
+        }
+    }
+}
+
+impl Simulation for Minisim {
+    fn description(&self) -> Description {
+        Description {
+            title: "minisim".to_owned(),
+            dimensions: 2,
+            max_agents: Some(MAX_BODIES),
+            sensors: 4,
+            actuators: 1,
+        }
+    }
+
+    fn parameters(&self) -> Vec<ParameterInfo> {
+        settings::parameters()
+    }
+
+    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        *self = Self::at_start(Settings::read(parameters)?);
+        Ok(())
+    }
+
+    fn acting(&self) -> &[u32] {
+        &self.acting
+    }
+
+    fn sense(&self, agent: u32, sensors: &mut [f32]) {
+        let [width, height] = self.settings.map;
+        let Some(&[x, y]) = self.agents.get(agent as usize) else {
+            return;
+        };
+        let goal = self.settings.goal;
+        let to_goal = [(goal[0] - x) / width, (goal[1] - y) / height];
+        let to_defender = self
+            .closest_defender([x, y])
+            .map_or([0.0; 2], |(defender, _)| {
+                [(defender[0] - x) / width, (defender[1] - y) / height]
+            });
+        for (sensor, value) in sensors
+            .iter_mut()
+            .zip(to_goal.into_iter().chain(to_defender))
+        {
+            *sensor = value;
+        }
+    }
+
+    fn step(&mut self, actuators: &[f32]) {
+        if self.acting.is_empty() {
+            return;
+        }
+        self.move_agents(actuators);
+        self.move_defenders();
+        self.judge_agents();
+        self.step += 1;
+        if self.step >= self.settings.max_steps {
+            self.acting.clear();
+        }
+        self.acting
+            .retain(|agent| self.states[*agent as usize] == State::Free);
+    }
+
+    fn fitness(&self) -> f64 {
+        let mut sum = 0.0_f64;
+        for (position, state) in self.agents.iter().zip(&self.states) {
+            if *state != State::Arrived {
+                sum += f64::from(distance(*position, self.settings.goal));
+            }
+        }
+        0.0 - sum / f64::from(self.settings.count())
+    }
+
+    fn scene(&self) -> Option<Scene> {
+        let Settings {
+            map,
+            goal,
+            goal_radius,
+            capture_radius,
+            ..
+        } = self.settings;
+        let body = |kind, position: Point, state, radius| Body {
+            kind,
+            x: position[0],
+            y: position[1],
+            state,
+            radius,
+        };
+        let defenders = self
+            .defenders
+            .iter()
+            .map(|d| body("defender", *d, "", capture_radius));
+        let agents = self
+            .agents
+            .iter()
+            .zip(&self.states)
+            .map(|(position, state)| {
+                let state = match state {
+                    State::Free => "free",
+                    State::Arrived => "arrived",
+                    State::Caught => "caught",
+                };
+                body("agent", *position, state, 0.0)
+            });
+        Some(Scene {
+            width: map[0],
+            height: map[1],
+            step: self.step,
+            message: self.settings.hello_message.clone(),
+            bodies: std::iter::once(body("goal", goal, "", goal_radius))
+                .chain(defenders)
+                .chain(agents)
+                .collect(),
+        })
+    }
+
+    fn step_size(&self) -> u64 {
+        u64::from(self.settings.step_size)
+    }
+}

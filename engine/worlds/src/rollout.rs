@@ -1,0 +1,166 @@
+//! Episodes computed in this process: a simulation and a controller for each of its agents.
+
+use crate::{ParameterError, Parameters, Simulation};
+use swarmwright_controllers::{Controller, ControllerError};
+
+/// Why an episode could not be computed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RolloutError {
+    /// The simulation refuses a parameter.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// The controller does not fit the simulation.
+    #[error(
+        "controller.{field}: {found}, but simulation {simulation} has {expected}; \
+         use a controller that was made for it"
+    )]
+    Mismatch {
+        /// Title of the simulation.
+        simulation: String,
+        /// sensors or actuators.
+        field: &'static str,
+        /// Numbers that the simulation has.
+        expected: usize,
+        /// Numbers that the controller has.
+        found: usize,
+    },
+    /// The simulation gave a sensor reading that the controller refuses.
+    #[error("agent {agent}: {source}")]
+    Controller {
+        /// Which agent.
+        agent: u32,
+        /// What the controller says.
+        source: ControllerError,
+    },
+}
+
+/// Controllers by agent, each with a state of its own, and room for a step.
+#[derive(Debug, Clone)]
+struct Crew {
+    /// Never stepped, so that its clones are at the start of an episode.
+    prototype: Controller,
+    controllers: Vec<Controller>,
+    sensors: Vec<f32>,
+    actuators: Vec<f32>,
+}
+
+impl Crew {
+    fn new(simulation: &dyn Simulation, controller: &Controller) -> Result<Self, RolloutError> {
+        let description = simulation.description();
+        for (field, expected, found) in [
+            ("sensors", description.sensors, controller.sensors()),
+            ("actuators", description.actuators, controller.actuators()),
+        ] {
+            if expected != found {
+                return Err(RolloutError::Mismatch {
+                    simulation: description.title,
+                    field,
+                    expected,
+                    found,
+                });
+            }
+        }
+        let mut prototype = controller.clone();
+        prototype.reset();
+        let sensors = vec![0.0; description.sensors];
+        Ok(Self {
+            prototype,
+            controllers: Vec::new(),
+            sensors,
+            actuators: Vec::new(),
+        })
+    }
+
+    /// All acting agents sense, then all controllers compute, then the simulation steps.
+    fn step(&mut self, simulation: &mut dyn Simulation) -> Result<(), RolloutError> {
+        let acting = simulation.acting();
+        if let Some(last) = acting.last() {
+            let agents = *last as usize + 1;
+            if self.controllers.len() < agents {
+                self.controllers.resize(agents, self.prototype.clone());
+            }
+        }
+        let width = self.prototype.actuators();
+        self.actuators.resize(acting.len() * width, 0.0);
+        for (agent, row) in acting.iter().zip(self.actuators.chunks_exact_mut(width)) {
+            simulation.sense(*agent, &mut self.sensors);
+            self.controllers[*agent as usize]
+                .step(&self.sensors, row)
+                .map_err(|source| RolloutError::Controller {
+                    agent: *agent,
+                    source,
+                })?;
+        }
+        simulation.step(&self.actuators);
+        Ok(())
+    }
+}
+
+/// Computes one episode and returns its fitness. `controller` gives the weights; every agent gets a state of its own.
+///
+/// # Errors
+/// A parameter that the simulation refuses, a controller with other numbers of sensors or actuators.
+pub fn rollout(
+    simulation: &mut dyn Simulation,
+    parameters: &Parameters,
+    controller: &Controller,
+) -> Result<f64, RolloutError> {
+    simulation.reset(parameters)?;
+    let mut crew = Crew::new(simulation, controller)?;
+    while !simulation.acting().is_empty() {
+        crew.step(simulation)?;
+    }
+    Ok(simulation.fitness())
+}
+
+/// One episode, a step at a time.
+pub struct Episode {
+    simulation: Box<dyn Simulation>,
+    crew: Crew,
+}
+
+impl Episode {
+    /// An episode at its start.
+    ///
+    /// # Errors
+    /// As [`rollout`].
+    pub fn new(
+        mut simulation: Box<dyn Simulation>,
+        parameters: &Parameters,
+        controller: &Controller,
+    ) -> Result<Self, RolloutError> {
+        simulation.reset(parameters)?;
+        let crew = Crew::new(simulation.as_ref(), controller)?;
+        Ok(Self { simulation, crew })
+    }
+
+    /// Whether the episode has ended.
+    pub fn done(&self) -> bool {
+        self.simulation.acting().is_empty()
+    }
+
+    /// One step; nothing happens once the episode has ended.
+    ///
+    /// # Errors
+    /// A sensor reading that is no finite number.
+    pub fn step(&mut self) -> Result<(), RolloutError> {
+        if self.done() {
+            Ok(())
+        } else {
+            self.crew.step(self.simulation.as_mut())
+        }
+    }
+
+    /// The simulation, to ask for fitness, scene and step size.
+    pub fn simulation(&self) -> &dyn Simulation {
+        self.simulation.as_ref()
+    }
+}
+
+impl std::fmt::Debug for Episode {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Episode")
+            .field("simulation", &self.simulation.description())
+            .finish_non_exhaustive()
+    }
+}

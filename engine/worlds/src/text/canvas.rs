@@ -1,0 +1,104 @@
+//! A grid of characters over the map.
+
+use super::glyphs::{Glyph, glyph, halo};
+use super::{TextStyle, paint};
+use crate::{Body, Scene};
+
+pub(super) struct Canvas {
+    width: usize,
+    height: usize,
+    /// Row after row from the top; None is empty.
+    cells: Vec<Option<Glyph>>,
+}
+
+impl Canvas {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            cells: vec![None; width * height],
+        }
+    }
+
+    /// Draws radii first and symbols above them, each in the order of the bodies.
+    pub(super) fn draw(&mut self, scene: &Scene, unicode: bool) {
+        for body in &scene.bodies {
+            self.disc(scene, body, halo(body.kind, unicode));
+        }
+        for body in &scene.bodies {
+            let column = cell(body.x / scene.width, self.width);
+            let row = cell(1.0 - body.y / scene.height, self.height);
+            self.cells[row * self.width + column] = Some(glyph(body.kind, body.state, unicode));
+        }
+    }
+
+    /// Marks the cells whose middle lies within the body's radius.
+    fn disc(&mut self, scene: &Scene, body: &Body, mark: Glyph) {
+        let (w, h) = (
+            scene.width / self.width as f32,
+            scene.height / self.height as f32,
+        );
+        let columns = span(body.x, body.radius, w, self.width);
+        let top = scene.height - body.y;
+        for row in span(top, body.radius, h, self.height) {
+            for column in columns.clone() {
+                let (dx, dy) = (
+                    (column as f32 + 0.5) * w - body.x,
+                    (row as f32 + 0.5) * h - top,
+                );
+                if dx * dx + dy * dy <= body.radius * body.radius {
+                    self.cells[row * self.width + column] = Some(mark);
+                }
+            }
+        }
+    }
+
+    /// The rows with a border.
+    pub(super) fn framed(&self, style: TextStyle) -> Vec<String> {
+        let [
+            left_top,
+            right_top,
+            left_bottom,
+            right_bottom,
+            flat,
+            upright,
+        ] = if style.unicode {
+            ['┌', '┐', '└', '┘', '─', '│']
+        } else {
+            ['+', '+', '+', '+', '-', '|']
+        };
+        let edge = |left: char, right: char| {
+            format!("{left}{}{right}", flat.to_string().repeat(self.width))
+        };
+        let row = |cells: &[Option<Glyph>]| {
+            let symbol = |c: &Option<Glyph>| {
+                c.map_or_else(
+                    || " ".to_owned(),
+                    |g| paint(&g.symbol.to_string(), g.color, style.color),
+                )
+            };
+            format!(
+                "{upright}{}{upright}",
+                cells.iter().map(symbol).collect::<String>()
+            )
+        };
+        let rows = self.cells.chunks_exact(self.width).map(row);
+        [edge(left_top, right_top)]
+            .into_iter()
+            .chain(rows)
+            .chain([edge(left_bottom, right_bottom)])
+            .collect()
+    }
+}
+
+/// The cell of `count` that holds the fraction; the last one for 1, the nearest one outside 0..=1.
+fn cell(fraction: f32, count: usize) -> usize {
+    // A cast to an integer saturates and makes NaN 0.
+    ((fraction * count as f32) as usize).min(count - 1)
+}
+
+/// Cells of size `size` that reach within `radius` of `middle`.
+fn span(middle: f32, radius: f32, size: f32, count: usize) -> std::ops::Range<usize> {
+    let (low, high) = ((middle - radius) / size, (middle + radius) / size);
+    low.max(0.0) as usize..(high.max(0.0).ceil() as usize).min(count)
+}

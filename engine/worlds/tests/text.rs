@@ -1,0 +1,146 @@
+//! Scenes as text: size, symbols, colour.
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
+
+use proptest::prelude::*;
+use serde_json::json;
+use swarmwright_worlds::{Body, Minisim, Scene, Simulation, TextStyle, render};
+
+fn example() -> Scene {
+    Minisim::default().scene().unwrap()
+}
+
+/// Without ANSI colours.
+fn bare(line: &str) -> String {
+    let mut parts = line.split('\x1b');
+    let first = parts.next().unwrap().to_owned();
+    parts.fold(first, |text, part| text + part.split_once('m').unwrap().1)
+}
+
+/// The row and the column, from 0, inside the border.
+fn find(lines: &[String], symbol: char) -> (usize, usize) {
+    let map = &lines[2..lines.len() - 2];
+    let hit =
+        |(row, line): (usize, &String)| Some((row, line.chars().position(|c| c == symbol)? - 1));
+    map.iter()
+        .enumerate()
+        .find_map(hit)
+        .unwrap_or_else(|| panic!("no {symbol} in {lines:#?}"))
+}
+
+#[test]
+fn the_published_example() {
+    let lines = render(&example(), TextStyle::default());
+    assert_eq!(lines.len(), 24);
+    assert!(
+        lines[0].starts_with("Welcome to minisim") && lines[0].ends_with("step 0"),
+        "{}",
+        lines[0]
+    );
+    assert_eq!(lines[1], format!("┌{}┐", "─".repeat(74)));
+    assert_eq!(lines[22], format!("└{}┘", "─".repeat(74)));
+    assert_eq!(lines[23], "● free 1   ◆ defender 1   ◎ goal");
+    let (agent, defender, goal) = (find(&lines, '●'), find(&lines, '◆'), find(&lines, '◎'));
+    assert_eq!((agent, defender, goal), ((10, 2), (10, 45), (10, 71)));
+}
+
+#[test]
+fn y_points_up() {
+    let mut simulation = Minisim::default();
+    simulation
+        .reset(
+            json!({"agents": [[0, 7]], "defenders": [[13, 0]]})
+                .as_object()
+                .unwrap(),
+        )
+        .unwrap();
+    let lines = render(
+        &simulation.scene().unwrap(),
+        TextStyle {
+            unicode: false,
+            ..TextStyle::default()
+        },
+    );
+    assert!(lines.iter().all(|line| line.is_ascii()));
+    assert_eq!(find(&lines, 'o'), (0, 0));
+    assert_eq!(find(&lines, 'D'), (19, 73));
+}
+
+#[test]
+fn colour_changes_nothing_but_colour() {
+    let style = TextStyle::default();
+    let plain = render(&example(), style);
+    let painted = render(
+        &example(),
+        TextStyle {
+            color: true,
+            ..style
+        },
+    );
+    assert_ne!(plain, painted);
+    assert_eq!(
+        painted.iter().map(|line| bare(line)).collect::<Vec<_>>(),
+        plain
+    );
+}
+
+#[test]
+fn a_message_cannot_steer_the_terminal() {
+    let scene = Scene {
+        message: "\x1b[2J\nhi\u{9b}".to_owned(),
+        ..example()
+    };
+    let lines = render(&scene, TextStyle::default());
+    assert!(
+        lines
+            .iter()
+            .all(|line| line.chars().all(|c| !c.is_control())),
+        "{}",
+        lines[0]
+    );
+}
+
+#[test]
+fn states_have_symbols_of_their_own() {
+    let body = |state, x| Body {
+        kind: "agent",
+        x,
+        y: 3.0,
+        state,
+        radius: 0.0,
+    };
+    let bodies = vec![body("free", 1.0), body("arrived", 3.0), body("caught", 5.0)];
+    let lines = render(
+        &Scene {
+            bodies,
+            ..example()
+        },
+        TextStyle::default(),
+    );
+    let columns = ['●', '★', '✗'].map(|symbol| find(&lines, symbol).1);
+    assert!(columns.is_sorted());
+    assert_eq!(lines[23], "● free 1   ★ arrived 1   ✗ caught 1");
+}
+
+proptest! {
+    #[test]
+    fn never_wider_or_higher_than_asked(
+        columns in 0..140_usize,
+        rows in 0..60_usize,
+        extent in prop::array::uniform2(1..2000_u32),
+        agents in 1..9_u32,
+        message in ".{0,200}",
+    ) {
+        let mut simulation = Minisim::default();
+        let document = json!({"mapWidth": extent[0], "mapHeight": extent[1], "numAgents": agents,
+            "placement": "random", "helloMessage": message});
+        simulation.reset(document.as_object().unwrap()).unwrap();
+        let lines = render(&simulation.scene().unwrap(), TextStyle { columns, rows, color: false, unicode: true });
+        prop_assert!(lines.len() <= rows.max(2), "{} lines", lines.len());
+        for line in &lines {
+            prop_assert!(line.chars().count() <= columns, "{} characters: {line}", line.chars().count());
+        }
+        if columns >= 10 && rows >= 10 {
+            prop_assert!(lines.iter().any(|line| line.contains('┌')), "a map is drawn");
+        }
+    }
+}
