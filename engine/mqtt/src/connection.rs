@@ -64,6 +64,8 @@ pub struct Connection {
     retry_at: Instant,
     pause: Duration,
     chunk: Box<[u8]>,
+    /// What came while the connection was being established: retained messages follow the subscription at once.
+    early: Vec<Event>,
 }
 
 impl Connection {
@@ -95,8 +97,9 @@ impl Connection {
             retry_at: Instant::now(),
             pause: FIRST_PAUSE,
             chunk: vec![0; CHUNK].into_boxed_slice(),
+            early: Vec::new(),
         };
-        connection.establish(&mut Vec::new())?;
+        connection.establish()?;
         Ok(connection)
     }
 
@@ -148,6 +151,7 @@ impl Connection {
     /// Sends what is queued and waits for messages until `until` or a wake-up, whichever comes first.
     pub fn poll(&mut self, until: Instant, events: &mut Vec<Event>) {
         self.reconnect(events);
+        events.append(&mut self.early);
         if self.link.is_none() || !events.is_empty() {
             self.wait(
                 if events.is_empty() {
@@ -211,8 +215,8 @@ impl Connection {
         if self.link.is_some() || Instant::now() < self.retry_at {
             return;
         }
-        match self.establish(events) {
-            Ok(()) => events.insert(0, Event::Connected),
+        match self.establish() {
+            Ok(()) => events.push(Event::Connected),
             Err(error) => {
                 log::debug!("{error}");
                 // Jitter, so that the servers of a cluster do not all come back in the same instant.
@@ -223,14 +227,12 @@ impl Connection {
     }
 
     /// One attempt: handshakes, CONNECT, SUBSCRIBE, all acknowledged.
-    fn establish(&mut self, events: &mut Vec<Event>) -> Result<(), ConnectError> {
-        self.out.clear();
-        let mut link = match self.handshake(Version::V5, events) {
+    fn establish(&mut self) -> Result<(), ConnectError> {
+        self.early.clear();
+        let mut link = match self.handshake(Version::V5) {
             Ok(link) => link,
             Err((error, false)) => return Err(error),
-            Err((_, true)) => self
-                .handshake(Version::V3, events)
-                .map_err(|(error, _)| error)?,
+            Err((_, true)) => self.handshake(Version::V3).map_err(|(error, _)| error)?,
         };
         let failed = |error: std::io::Error| ConnectError::NoBroker {
             url: self.settings.url.to_string(),
@@ -251,11 +253,7 @@ impl Connection {
     }
 
     /// The flag of the error: whether an older version of MQTT is worth a try.
-    fn handshake(
-        &mut self,
-        version: Version,
-        events: &mut Vec<Event>,
-    ) -> Result<Link, (ConnectError, bool)> {
+    fn handshake(&mut self, version: Version) -> Result<Link, (ConnectError, bool)> {
         let url = self.settings.url.to_string();
         let not_mqtt = |reason: String| {
             (
@@ -268,6 +266,7 @@ impl Connection {
         };
         let mut transport = Transport::connect(&self.settings).map_err(|error| (error, false))?;
         let mut session = Session::new(version);
+        self.out.clear();
         let wrong = |error| not_mqtt(format!("{error:?}"));
         session
             .connect(&self.settings, &self.client_id, &mut self.out)
@@ -275,6 +274,7 @@ impl Connection {
         let deadline = Instant::now() + self.settings.timeout;
         let mut answers = Vec::new();
         let mut accepted = false;
+        let mut subscribed = false;
         loop {
             while !self.out.is_empty() {
                 let count = transport
@@ -306,11 +306,8 @@ impl Connection {
                     Received::Accepted => {
                         accepted = true;
                         if self.subscriptions.is_empty() {
-                            return Ok(Link {
-                                transport,
-                                session,
-                                readable: true,
-                            });
+                            subscribed = true;
+                            continue;
                         }
                         session
                             .subscribe(&self.subscriptions, &mut self.out)
@@ -342,17 +339,20 @@ impl Connection {
                                 false,
                             ));
                         }
-                        return Ok(Link {
-                            transport,
-                            session,
-                            readable: true,
-                        });
+                        subscribed = true;
                     }
-                    Received::Publish(message) => events.push(Event::Message(message)),
+                    Received::Publish(message) => self.early.push(Event::Message(message)),
                     Received::Closed(reason) => {
                         return Err((not_mqtt(reason).0, !accepted && version == Version::V5));
                     }
                 }
+            }
+            if subscribed {
+                return Ok(Link {
+                    transport,
+                    session,
+                    readable: true,
+                });
             }
         }
     }
