@@ -58,7 +58,9 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return f"must be {_WANTED[kind]}, not {shown(value)}"
     if kind in _LIMITS:
         name, words = _LIMITS[kind]
-        return f"must be {words} {context[name]}, not {shown(value)}"
+        limit = context[name]
+        whole = int(limit) if isinstance(limit, float) and limit.is_integer() else limit
+        return f"must be {words} {whole}, not {shown(value)}"
     if kind == "literal_error":
         choices = str(context["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
         hint = did_you_mean(value, choices) if isinstance(value, str) else ""

@@ -216,6 +216,10 @@ class Run:
         """Return the record's columns and the lines of finished generations."""
         text = (self.path / "record.csv").read_text(encoding="utf-8", errors="replace")
         header, *lines = text.splitlines() or [""]
+        missing = self.evaluations - len(lines)
+        if missing > 0:
+            file = self.path / "record.csv"
+            raise InputError(f"{file}: is damaged: {missing} of {self.evaluations} evaluations are missing")
         return header.split(","), lines[: self.evaluations]
 
     def __repr__(self) -> str:

@@ -83,6 +83,5 @@ def test_the_schema_is_plain_json() -> None:
 
 def test_the_reference_page_is_up_to_date(root: Path) -> None:
     page = root / "docs" / "reference" / "experiment.md"
-    assert page.read_text(encoding="utf-8") == reference(), (
-        "run `python -m swarmwright._reference > docs/reference/experiment.md`"
-    )
+    command = "python -m swarmwright._reference > docs/reference/experiment.md"
+    assert page.read_text(encoding="utf-8") == reference(), f"run `{command}`"

@@ -149,7 +149,7 @@ def test_shares_always_fill_the_population(population: int, parts: list[int]) ->
         )
     )
     try:
-        counts = NngaOptions(population=population, **shares).shares()
+        counts = NngaOptions.model_validate({"population": population, **shares}).shares()
     except ValidationError:
         # Refused only where nobody would stay or nobody new would come.
         survivors = shares["elite"] + shares["random"]

@@ -1,0 +1,256 @@
+"""Whole runs: the goal is reached, the record does not depend on who evaluated, nothing is left behind."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, Generation, InputError, Run, RunError, evaluate, optimize, simulate
+
+SMALL: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"maxSteps": 6},
+    "method": {"population": 12, "generations": 3},
+    "timeouts": {"discovery": 5, "step": 10},
+}
+
+
+def small(**changes: Any) -> Experiment:
+    return Experiment.from_mapping(SMALL | changes)
+
+
+def test_the_published_example_reaches_the_goal(root: Path, tmp_path: Path) -> None:
+    run = optimize(
+        Experiment.load(root / "experiments" / "minisim.yaml"), servers="local", out=tmp_path / "run"
+    )
+    assert run.best.fitness == 0
+    assert run.generations <= 20
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The run that all others must equal."""
+    return optimize(small(), servers="local", out=tmp_path_factory.mktemp("local") / "run")
+
+
+RECORD = ("record.csv", "generations.csv", "best.json", "experiment.yaml")
+
+
+@pytest.mark.parametrize("servers", [1, 2, 8])
+def test_the_record_is_the_same_bytes_on_any_number_of_servers(
+    servers: int, any_broker: str, expected: Run, tmp_path: Path
+) -> None:
+    run = optimize(small(), broker=any_broker, servers=servers, out=tmp_path / "run")
+    for name in RECORD:
+        assert (run.path / name).read_bytes() == (expected.path / name).read_bytes(), name
+    episodes = [entry for entry in run.journal() if entry["event"] == "episode"]
+    assert len(episodes) >= run.evaluations
+    assert 1 <= len({entry["server"] for entry in episodes}) <= servers
+
+
+def test_without_a_broker_one_is_started(expected: Run, tmp_path: Path) -> None:
+    run = optimize(small(), servers=2, out=tmp_path / "run")
+    assert (run.path / "record.csv").read_bytes() == (expected.path / "record.csv").read_bytes()
+
+
+def test_another_seed_is_another_run(expected: Run, tmp_path: Path) -> None:
+    run = optimize(small(), servers="local", seed=2, out=tmp_path / "run")
+    assert (run.path / "record.csv").read_bytes() != (expected.path / "record.csv").read_bytes()
+    assert run.experiment.seed == 2
+
+
+def test_callbacks_tell_how_far_it_is(tmp_path: Path) -> None:
+    generations: list[Generation] = []
+    progress: list[tuple[int, int, str]] = []
+    run = optimize(
+        small(ranking={"episodes": 2}),
+        generations.append,
+        on_progress=lambda *now: progress.append(now),
+        servers=2,
+        out=tmp_path / "run",
+    )
+    assert [one.generation for one in generations] == [0, 1, 2]
+    assert [one.evaluations for one in generations] == [one.evaluations for one in run.history]
+    assert [one.seconds_left > 0 for one in generations] == [True, True, False]
+    assert all(one.evaluations_per_second > 0 for one in generations)
+    assert generations[-1].best_so_far == run.best.fitness
+    assert progress
+    assert all(0 <= done <= total and total in {24, 14} for done, total, _ in progress)
+
+
+def test_a_callback_can_end_it(tmp_path: Path) -> None:
+    run = optimize(
+        small(), lambda generation: generation.generation < 1, servers="local", out=tmp_path / "run"
+    )
+    assert run.generations == 2
+    assert not run.interrupted
+
+
+def test_a_target_ends_it(tmp_path: Path) -> None:
+    experiment = small(method={"population": 12, "generations": 3, "target": -1000.0})
+    assert optimize(experiment, servers="local", out=tmp_path / "run").generations == 1
+
+
+SCRIPT = """
+    import sys
+    import swarmwright
+    experiment = swarmwright.Experiment.from_mapping({
+        "simulation": "minisim",
+        "parameters": {"placement": "random", "numAgents": 3},
+        "method": {"generations": 1_000_000},
+        "ranking": {"episodes": 2},
+    })
+    if __name__ == "__main__":
+        run = swarmwright.optimize(
+            experiment, lambda g: print(g.generation, flush=True), servers=2, out=sys.argv[1]
+        )
+        print("kept", run.interrupted, run.generations, run.best.fitness, flush=True)
+"""
+
+
+def children(parent: int) -> list[int]:
+    text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
+    return [int(child) for child in text.split()]
+
+
+def alive(pid: int) -> bool:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def start_script(tmp_path: Path) -> "subprocess.Popen[str]":
+    (tmp_path / "script.py").write_text(textwrap.dedent(SCRIPT))
+    process = subprocess.Popen(
+        [sys.executable, tmp_path / "script.py", tmp_path / "run"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    while process.stdout.readline().strip() != "2":
+        assert process.poll() is None, process.communicate()[1]
+    return process
+
+
+def gone(pids: list[int], seconds: float = 8) -> bool:
+    deadline = time.monotonic() + seconds
+    while any(map(alive, pids)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return not any(map(alive, pids))
+
+
+def test_ctrl_c_keeps_the_results_so_far(tmp_path: Path) -> None:
+    process = start_script(tmp_path)
+    servers = children(process.pid)
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert time.monotonic() - began < 10
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    words = out.splitlines()[-1].split()
+    assert words[:2] == ["kept", "True"]
+    run = Run.open(tmp_path / "run")
+    assert run.interrupted
+    assert run.generations == int(words[2]) >= 3
+    assert len(run.record.fitness) == run.evaluations
+    assert (tmp_path / "run" / "fitness.png").exists()
+    assert len(servers) == 2
+    assert gone(servers)
+
+
+def test_a_killed_run_leaves_its_results_and_no_servers(tmp_path: Path) -> None:
+    process = start_script(tmp_path)
+    servers = children(process.pid)
+    process.kill()
+    process.communicate()
+    run = Run.open(tmp_path / "run")
+    assert run.interrupted
+    assert run.generations >= 3
+    assert (
+        evaluate(run.experiment, run.record.genomes[:20], servers="local").tolist()
+        == run.record.fitness[:20].tolist()
+    )
+    assert len(servers) == 2
+    assert gone(servers)
+
+
+def test_a_server_that_dies_is_replaced_by_the_others(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def kill_one(generation: Generation) -> None:
+        if generation.generation == 0:
+            os.kill(children(os.getpid())[0], signal.SIGKILL)
+
+    experiment = small(method={"population": 12, "generations": 5}, timeouts={"step": 1, "discovery": 5})
+    local = optimize(experiment, servers="local", out=tmp_path / "local")
+    run = optimize(experiment, kill_one, servers=2, out=tmp_path / "run")
+    assert (run.path / "record.csv").read_bytes() == (local.path / "record.csv").read_bytes()
+    assert "was killed by signal 9" in caplog.text
+
+
+def test_when_all_servers_die_the_run_says_so(tmp_path: Path) -> None:
+    def kill_all(_: Generation) -> None:
+        for child in children(os.getpid()):
+            os.kill(child, signal.SIGKILL)
+
+    with pytest.raises(
+        RunError, match="no simulation server is left:\nsimulation server 1 was killed by signal 9"
+    ):
+        optimize(small(), kill_all, servers=1, out=tmp_path / "run")
+    run = Run.open(tmp_path / "run")
+    assert run.generations == 1
+    assert np.isfinite(run.best.fitness)
+
+
+def test_no_broker_there(unused_port: int, tmp_path: Path) -> None:
+    address = f"127.0.0.1:{unused_port}"
+    with pytest.raises(RunError, match=address):
+        optimize(small(), broker=f"mqtt://{address}", out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_no_server_fits(any_broker: str, tmp_path: Path) -> None:
+    experiment = small(timeouts={"discovery": 0.5})
+    with pytest.raises(RunError, match="minisim"):
+        optimize(experiment, broker=any_broker, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_near_miss_that_no_server_offers(embedded_broker: str) -> None:
+    experiment = small(
+        simulation="minisym", parameters={}, sensors=4, actuators=1, timeouts={"discovery": 0.5}
+    )
+    with pytest.raises(RunError, match=r"minisym.*did you mean 'minisim'\?"):
+        simulate(experiment, broker=embedded_broker)
+
+
+@pytest.mark.parametrize("servers", ["local", 2, "auto"])
+def test_an_unknown_simulation_without_a_broker(servers: Any, tmp_path: Path) -> None:
+    experiment = small(simulation="minisym", parameters={})
+    with pytest.raises(
+        InputError, match=r"unknown simulation 'minisym'; did you mean 'minisim'\? there is: .*minisim"
+    ):
+        optimize(experiment, servers=servers, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_offloading_is_not_there_yet() -> None:
+    with pytest.raises(InputError, match="mode: 'offloaded' is not possible yet"):
+        evaluate(small(mode="offloaded"), np.zeros((1, 49)))
+
+
+def test_local_and_a_broker_exclude_each_other() -> None:
+    with pytest.raises(InputError, match="servers are 'local', so no broker is used"):
+        evaluate(small(), np.zeros((1, 49)), servers="local", broker="mqtt://localhost")
+    with pytest.raises(InputError, match="broker: must begin with one of"):
+        evaluate(small(), np.zeros((1, 49)), broker="localhost")
