@@ -9,7 +9,7 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    Control, Discovery, Message, ParametersMessage, Presence, ServerMessage,
+    Control, Discovery, MAX_PAYLOAD, Message, ParametersMessage, Presence, ServerMessage,
     State as PresenceState, Topic, Topics,
 };
 use swarmwright_worlds::{Description, Parameters, Scene, Simulation};
@@ -168,6 +168,9 @@ impl Machine {
             ));
             return;
         }
+        if topic == Topic::Actuator && self.is_foreign(payload) {
+            return;
+        }
         match Message::decode(topic, payload) {
             Ok(Message::Discovery(discovery)) => self.discovery(discovery),
             Ok(Message::Parameters(message)) if message.server == self.identity.id => {
@@ -193,6 +196,20 @@ impl Machine {
             Ok(_) => {}
             Err(error) => self.complain(format!("refusing a message on {}: {error}", topic.name())),
         }
+    }
+
+    /// Whether an actuator message belongs to another server's run, seen without reading it as JSON: all servers get
+    /// all actuator messages, so with many servers nearly every one is foreign.
+    fn is_foreign(&self, payload: &[u8]) -> bool {
+        let State::Running(run) = &self.state else {
+            return false;
+        };
+        let object = payload.first() == Some(&b'{') && payload.last() == Some(&b'}');
+        // A hash may be spelt with escapes.
+        object
+            && payload.len() <= MAX_PAYLOAD
+            && memchr::memmem::find(payload, run.hash.as_bytes()).is_none()
+            && memchr::memchr(b'\\', payload).is_none()
     }
 
     fn discovery(&mut self, discovery: Discovery) {
