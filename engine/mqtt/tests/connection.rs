@@ -1,0 +1,319 @@
+//! The connection against real brokers and against listeners that are none.
+
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use swarmwright_broker::{Broker, Config};
+use swarmwright_mqtt::{
+    ConnectError, Connection, Event, QoS, Settings, Subscription, Version, Will,
+};
+
+const PATIENCE: Duration = Duration::from_secs(10);
+
+fn settings(url: &str) -> Settings {
+    let mut settings = Settings::new(url.parse().unwrap());
+    settings.timeout = Duration::from_millis(500);
+    settings
+}
+
+fn subscription(filter: &str) -> Vec<Subscription> {
+    vec![Subscription {
+        filter: filter.into(),
+        qos: QoS::AtLeastOnce,
+    }]
+}
+
+fn open(url: &str, filter: &str) -> Connection {
+    Connection::open(settings(url), subscription(filter)).unwrap()
+}
+
+/// Polls until `count` messages are there.
+fn messages(connection: &mut Connection, count: usize) -> Vec<(String, Vec<u8>, bool)> {
+    let deadline = Instant::now() + PATIENCE;
+    let mut found = Vec::new();
+    let mut events = Vec::new();
+    while found.len() < count {
+        assert!(
+            Instant::now() < deadline,
+            "{} of {count} messages came",
+            found.len()
+        );
+        connection.poll(deadline, &mut events);
+        for event in events.drain(..) {
+            if let Event::Message(message) = event {
+                found.push((
+                    message.topic().to_owned(),
+                    message.payload().to_vec(),
+                    message.retained(),
+                ));
+            }
+        }
+    }
+    found
+}
+
+/// Polls until an event of a kind is there.
+fn until(connection: &mut Connection, wanted: impl Fn(&Event) -> bool) {
+    let deadline = Instant::now() + PATIENCE;
+    let mut events = Vec::new();
+    while !events.drain(..).any(|event| wanted(&event)) {
+        assert!(Instant::now() < deadline, "the event did not come");
+        connection.poll(deadline, &mut events);
+    }
+}
+
+#[test]
+fn messages_of_any_size_arrive_in_order() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let mut reader = open(&broker.url(), "t/#");
+    let mut writer = open(&broker.url(), "nothing");
+    assert_eq!(writer.version(), Some(Version::V5));
+    let sent: Vec<Vec<u8>> = (0..300u32)
+        .map(|size| vec![size as u8; (size * size) as usize])
+        .collect();
+    let expected = sent.clone();
+    let writing = thread::spawn(move || {
+        let mut events = Vec::new();
+        for (index, payload) in sent.iter().enumerate() {
+            let qos = if index % 2 == 0 {
+                QoS::AtMostOnce
+            } else {
+                QoS::AtLeastOnce
+            };
+            writer.publish("t/x", payload, qos, false, None);
+            if index % 10 == 0 {
+                writer.poll(Instant::now(), &mut events);
+            }
+        }
+        writer.close(PATIENCE);
+    });
+    let found = messages(&mut reader, expected.len());
+    writing.join().unwrap();
+    let payloads: Vec<Vec<u8>> = found.into_iter().map(|(_, payload, _)| payload).collect();
+    assert_eq!(payloads, expected);
+}
+
+#[test]
+fn what_is_retained_comes_with_the_subscription_and_is_marked() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let mut writer = open(&broker.url(), "nothing");
+    writer.publish("r/1", b"kept", QoS::AtLeastOnce, true, Some(60));
+    writer.close(PATIENCE);
+    let mut reader = open(&broker.url(), "r/#");
+    assert_eq!(
+        messages(&mut reader, 1),
+        [("r/1".to_owned(), b"kept".to_vec(), true)]
+    );
+}
+
+#[test]
+fn the_last_will_is_published_for_the_dead_and_not_for_the_departed() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let mut reader = open(&broker.url(), "w");
+    let with_will = || {
+        let mut settings = settings(&broker.url());
+        settings.will = Some(Will {
+            topic: "w".into(),
+            payload: b"lost".to_vec(),
+            expiry: 60,
+        });
+        Connection::open(settings, subscription("nothing")).unwrap()
+    };
+    with_will().close(PATIENCE);
+    drop(with_will());
+    assert_eq!(messages(&mut reader, 1)[0].1, b"lost");
+    let mut events = Vec::new();
+    reader.poll(Instant::now() + Duration::from_millis(100), &mut events);
+    assert!(events.is_empty(), "{events:?}");
+}
+
+#[test]
+fn a_connection_comes_back_with_its_subscriptions() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let (url, port) = (broker.url(), broker.port());
+    let mut reader = open(&url, "t");
+    broker.stop();
+    until(&mut reader, |event| {
+        matches!(event, Event::Disconnected { .. })
+    });
+    assert_eq!(reader.version(), None);
+    reader.publish("t", b"into the void", QoS::AtMostOnce, false, None);
+    let _broker = Broker::start(&Config {
+        port,
+        ..Config::default()
+    })
+    .unwrap();
+    until(&mut reader, |event| matches!(event, Event::Connected));
+    let mut writer = open(&url, "nothing");
+    writer.publish("t", b"again", QoS::AtMostOnce, false, None);
+    writer.close(PATIENCE);
+    assert_eq!(messages(&mut reader, 1)[0].1, b"again");
+}
+
+#[test]
+fn a_waker_ends_a_poll() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let mut reader = open(&broker.url(), "t");
+    let waker = reader.waker();
+    let start = Instant::now();
+    let waking = thread::spawn(move || {
+        thread::sleep(Duration::from_millis(50));
+        waker.wake();
+    });
+    let mut events = Vec::new();
+    while !waking.is_finished() {
+        assert!(start.elapsed() < PATIENCE);
+        reader.poll(Instant::now() + PATIENCE, &mut events);
+    }
+    waking.join().unwrap();
+}
+
+#[test]
+fn websockets_carry_the_same() {
+    let broker = Broker::start(&Config {
+        websocket_port: Some(0),
+        ..Config::default()
+    })
+    .unwrap();
+    let url = broker.websocket_url().unwrap();
+    let mut reader = open(&url, "t");
+    let mut writer = open(&url, "nothing");
+    let big = vec![7; 300_000];
+    writer.publish("t", &big, QoS::AtMostOnce, false, None);
+    writer.publish("t", b"small", QoS::AtMostOnce, false, None);
+    writer.close(PATIENCE);
+    let found = messages(&mut reader, 2);
+    assert_eq!(
+        (found[0].1.len(), found[1].1.as_slice()),
+        (big.len(), &b"small"[..])
+    );
+}
+
+#[test]
+fn tls_is_checked_against_the_named_authority() {
+    let folder = tempfile::tempdir().unwrap();
+    let identity = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
+    let (certificate, key) = (
+        folder.path().join("cert.pem"),
+        folder.path().join("key.pem"),
+    );
+    std::fs::write(&certificate, identity.cert.pem()).unwrap();
+    std::fs::write(&key, identity.signing_key.serialize_pem()).unwrap();
+    let config = Config {
+        certificate: Some(certificate.clone()),
+        key: Some(key),
+        ..Config::default()
+    };
+    let broker = Broker::start(&config).unwrap();
+    let url = format!("mqtts://localhost:{}", broker.port());
+
+    let stranger = Connection::open(settings(&url), subscription("t"))
+        .err()
+        .unwrap();
+    assert!(matches!(stranger, ConnectError::Tls { .. }), "{stranger}");
+    assert!(
+        stranger.to_string().contains("SWARMWRIGHT_CA_FILE"),
+        "{stranger}"
+    );
+
+    let mut trusting = settings(&url);
+    trusting.ca_file = Some(certificate);
+    let mut both = Connection::open(trusting.clone(), subscription("t")).unwrap();
+    let mut writer = Connection::open(trusting, subscription("nothing")).unwrap();
+    writer.publish("t", &vec![1; 200_000], QoS::AtMostOnce, false, None);
+    writer.close(PATIENCE);
+    assert_eq!(messages(&mut both, 1)[0].1.len(), 200_000);
+}
+
+#[test]
+fn nobody_there_is_said_with_the_way_out() {
+    let port = TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    let error = Connection::open(
+        settings(&format!("mqtt://127.0.0.1:{port}")),
+        subscription("t"),
+    )
+    .err()
+    .unwrap();
+    assert!(matches!(error, ConnectError::NoBroker { .. }), "{error}");
+    assert!(error.to_string().contains("swarmwright broker"), "{error}");
+}
+
+#[test]
+fn a_listener_that_is_no_broker_is_named_as_such() {
+    for answer in [&b"HTTP/1.1 400 Bad Request\r\n\r\n"[..], &b""[..]] {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("mqtt://{}", listener.local_addr().unwrap());
+        thread::spawn(move || {
+            // MQTT 5 and 3.1.1 are both tried.
+            for _ in 0..2 {
+                let Ok((mut socket, _)) = listener.accept() else {
+                    return;
+                };
+                let _ = socket.read(&mut [0; 1000]);
+                let _ = socket.write_all(answer);
+            }
+        });
+        let error = Connection::open(settings(&url), subscription("t"))
+            .err()
+            .unwrap();
+        assert!(matches!(error, ConnectError::NoMqtt { .. }), "{error}");
+    }
+}
+
+#[test]
+fn silence_is_not_waited_for_for_ever() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let start = Instant::now();
+    let url = format!("mqtt://{}", listener.local_addr().unwrap());
+    let error = Connection::open(settings(&url), subscription("t"))
+        .err()
+        .unwrap();
+    assert!(matches!(error, ConnectError::NoMqtt { .. }), "{error}");
+    assert!(start.elapsed() < PATIENCE);
+}
+
+/// A broker that knows only MQTT 3.1.1: to MQTT 5 it answers as the old standard says, with return code 1, and closes.
+#[test]
+fn a_broker_of_the_old_standard_is_spoken_to_in_its_language() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("mqtt://{}", listener.local_addr().unwrap());
+    let (levels, seen) = mpsc::channel();
+    let serving = thread::spawn(move || {
+        for _ in 0..2 {
+            let (mut socket, _) = listener.accept().unwrap();
+            let mut buffer = [0; 1000];
+            let count = socket.read(&mut buffer).unwrap();
+            // Fixed header of two bytes, the name "MQTT" with its length, then the level.
+            assert!(count > 9 && buffer[0] == 0x10 && &buffer[4..8] == b"MQTT");
+            levels.send(buffer[8]).unwrap();
+            if buffer[8] == 5 {
+                socket.write_all(&[0x20, 2, 0, 1]).unwrap();
+                continue;
+            }
+            socket.write_all(&[0x20, 2, 0, 0]).unwrap();
+            let count = socket.read(&mut buffer).unwrap();
+            assert!(count > 4 && buffer[0] == 0x82);
+            socket
+                .write_all(&[0x90, 3, buffer[2], buffer[3], 0])
+                .unwrap();
+            socket.write_all(b"\x30\x06\x00\x01told").unwrap();
+            let _ = socket.read(&mut buffer);
+        }
+    });
+    let mut connection = Connection::open(settings(&url), subscription("t")).unwrap();
+    assert_eq!(connection.version(), Some(Version::V3));
+    assert_eq!(
+        messages(&mut connection, 1),
+        [("t".to_owned(), b"old".to_vec(), false)]
+    );
+    assert_eq!(seen.try_iter().collect::<Vec<_>>(), [5, 4]);
+    drop(connection);
+    serving.join().unwrap();
+}
