@@ -56,6 +56,11 @@ impl Connection {
 
     /// Blocks until bytes arrive; returns how many PUBLISH packets they complete, None after 10 s of silence.
     pub fn publishes(&mut self) -> Result<Option<u64>, Failure> {
+        self.publishes_each(|_| {})
+    }
+
+    /// The same, and shows each of these packets.
+    pub fn publishes_each(&mut self, mut show: impl FnMut(&[u8])) -> Result<Option<u64>, Failure> {
         if self.start > 0 {
             self.buffer.copy_within(self.start..self.end, 0);
             self.end -= self.start;
@@ -77,7 +82,10 @@ impl Connection {
             if length > self.end - self.start {
                 break;
             }
-            count += u64::from(kind == 3);
+            if kind == 3 {
+                count += 1;
+                show(&self.buffer[self.start..self.start + length]);
+            }
             self.start += length;
         }
         Ok(Some(count))

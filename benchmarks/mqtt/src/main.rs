@@ -7,6 +7,7 @@ mod options;
 mod packet;
 mod pingpong;
 mod relay;
+mod swarm;
 
 use options::{Options, Test, USAGE};
 use std::process::ExitCode;
@@ -32,10 +33,14 @@ fn main() -> ExitCode {
         Test::Flood => flood::run(&options),
         Test::Burst => burst::run(&options),
         Test::Relay => relay::run(&options),
+        Test::Swarm => swarm::run(&options),
+        Test::SwarmServer => swarm::serve(&options),
     };
     match outcome {
         Ok(line) => {
-            println!("{line}");
+            if !line.is_empty() {
+                println!("{line}");
+            }
             ExitCode::SUCCESS
         }
         Err(error) => {

@@ -45,6 +45,21 @@ pub fn head(bytes: &[u8]) -> Option<(u8, usize)> {
     None
 }
 
+/// The payload of a PUBLISH packet at QoS 0.
+pub fn payload(packet: &[u8], five: bool) -> Option<&[u8]> {
+    let length_bytes = packet[1..].iter().position(|byte| byte & 0x80 == 0)? + 1;
+    let body = packet.get(1 + length_bytes..)?;
+    let topic = usize::from(u16::from_be_bytes([*body.first()?, *body.get(1)?]));
+    let rest = body.get(2 + topic..)?;
+    // Brokers add no property to a message that has none; should one, its length fits a byte.
+    let properties = if five {
+        1 + usize::from(*rest.first()?)
+    } else {
+        0
+    };
+    rest.get(properties..)
+}
+
 fn string(text: &str) -> Vec<u8> {
     let length = u16::try_from(text.len()).unwrap_or(u16::MAX);
     let mut bytes = length.to_be_bytes().to_vec();
@@ -77,6 +92,17 @@ mod tests {
             for five in [false, true] {
                 let bytes = publish("bare", &vec![0; size], five);
                 assert_eq!(head(&bytes), Some((3, bytes.len())), "{size}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_payload_is_found_behind_any_topic() {
+        for size in [0, 2, 127, 200, 20_000] {
+            let sent: Vec<u8> = (0..size).map(|i| i as u8).collect();
+            for (topic, five) in [("", true), ("bare/back", true), ("bare/back", false)] {
+                let bytes = publish(topic, &sent, five);
+                assert_eq!(payload(&bytes, five), Some(sent.as_slice()));
             }
         }
     }

@@ -11,7 +11,8 @@ pub fn run(options: &Options) -> Result<String, Failure> {
     let warm_up = options.count / 20 + 1;
     let rounds = options.count + warm_up;
     let there = packet::publish(&options.topic, &options.payload, options.five);
-    let back = packet::publish(&options.back, &options.payload, options.five);
+    let answer = vec![b'x'; options.bytes_back];
+    let back = packet::publish(&options.back, &answer, options.five);
     let echo = thread::spawn(move || -> Result<(), String> {
         for _ in 0..rounds {
             far.await_publish().map_err(|error| error.to_string())?;
