@@ -4,6 +4,7 @@ use crate::hub::Hub;
 use crate::transport::Layers;
 use mio::net::TcpStream;
 use std::io::{self, ErrorKind, Write};
+use std::net::Shutdown;
 use std::time::Instant;
 
 /// Bytes read at a time.
@@ -18,6 +19,7 @@ pub struct Connection {
     pub is_ready: bool,
     /// The other side sends no more: read to the end.
     pub is_ended: bool,
+    is_finished: bool,
     pub closing_since: Option<Instant>,
 }
 
@@ -30,6 +32,7 @@ impl Connection {
             input: Vec::new(),
             is_ready: false,
             is_ended: false,
+            is_finished: false,
             closing_since: None,
         }
     }
@@ -67,6 +70,14 @@ impl Connection {
                 .map_err(|error| error.to_string())?;
         }
         outcome
+    }
+
+    /// Says that nothing more comes.
+    pub fn finish(&mut self) -> io::Result<()> {
+        if !std::mem::replace(&mut self.is_finished, true) {
+            self.socket.shutdown(Shutdown::Write)?;
+        }
+        Ok(())
     }
 
     /// Sends as much as the socket takes; true = everything.

@@ -1,10 +1,14 @@
 //! Bytes on their way to one client.
 
-/// A queue of bytes, contiguous so that one system call sends many packets.
+use crate::codec::frame;
+
+/// A queue of packets, contiguous so that one system call sends many.
 #[derive(Default)]
 pub struct Outbox {
     bytes: Vec<u8>,
     start: usize,
+    /// Where some packet begins, at `start` or before it.
+    boundary: usize,
 }
 
 /// Memory that an empty outbox may keep.
@@ -35,12 +39,82 @@ impl Outbox {
         if self.start == self.bytes.len() {
             self.bytes.clear();
             self.start = 0;
-            if self.bytes.capacity() > KEPT {
-                self.bytes.shrink_to(KEPT);
-            }
+            self.boundary = 0;
+            self.bytes.shrink_to(KEPT);
         } else if self.start > KEPT && self.start > self.bytes.len() / 2 {
-            self.bytes.drain(..self.start);
-            self.start = 0;
+            self.find_boundary();
+            self.bytes.drain(..self.boundary);
+            self.start -= self.boundary;
+            self.boundary = 0;
+        }
+    }
+
+    /// Drops what waits, but for the rest of a packet that was sent in part, so that other packets can follow.
+    pub fn abandon(&mut self) {
+        self.find_boundary();
+        let end = if self.boundary == self.start {
+            self.start
+        } else {
+            self.next(self.boundary)
+        };
+        self.bytes.truncate(end);
+        self.bytes.shrink_to_fit();
+        self.sent(0);
+    }
+
+    /// Moves `boundary` to the beginning of the packet that `start` is in.
+    fn find_boundary(&mut self) {
+        while self.boundary < self.start {
+            let next = self.next(self.boundary);
+            if next > self.start {
+                return;
+            }
+            self.boundary = next;
+        }
+    }
+
+    /// The end of the packet that begins here.
+    fn next(&self, place: usize) -> usize {
+        match frame(&self.bytes[place..], usize::MAX) {
+            Ok(Some((_, head, body))) => (place + head + body).min(self.bytes.len()),
+            _ => self.bytes.len(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn after_abandoning_the_stream_is_still_whole_packets(
+            sizes in prop::collection::vec(0usize..60_000, 1..60),
+            cuts in prop::collection::vec(1usize..200_000, 0..40),
+        ) {
+            let mut outbox = Outbox::default();
+            let mut stream = Vec::new();
+            for size in &sizes {
+                let end = outbox.end();
+                end.extend([0x30, (size & 0x7f) as u8 | 0x80, (size >> 7 & 0x7f) as u8 | 0x80, (size >> 14) as u8]);
+                end.resize(end.len() + size, 7);
+            }
+            for cut in cuts {
+                let sent = cut.min(outbox.len());
+                stream.extend_from_slice(&outbox.pending()[..sent]);
+                outbox.sent(sent);
+            }
+            outbox.abandon();
+            stream.extend_from_slice(outbox.pending());
+            let (mut place, mut count) = (0, 0);
+            while let Ok(Some((first, head, body))) = frame(&stream[place..], usize::MAX) {
+                prop_assert_eq!((first, body), (0x30, sizes[count]));
+                place += head + body;
+                count += 1;
+            }
+            prop_assert_eq!(place, stream.len());
+            prop_assert!(outbox.len() < 60_010);
         }
     }
 }

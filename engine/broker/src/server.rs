@@ -11,7 +11,6 @@ use mio::net::{TcpListener, TcpStream};
 use mio::{Events, Interest, Poll, Token, Waker};
 use rustls::ServerConfig;
 use std::io::{self, ErrorKind, Read};
-use std::net::Shutdown;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -20,7 +19,7 @@ const TICK: Duration = Duration::from_secs(1);
 /// How often a publisher that is held back is looked at again.
 const HELD: Duration = Duration::from_millis(2);
 /// How long a connection that was told to end may take to hear it.
-const LINGER: Duration = Duration::from_secs(1);
+const LINGER: Duration = Duration::from_secs(2);
 /// How often a connection is read before the others get their turn.
 const CHUNKS: usize = 4;
 const WAKE: Token = Token(usize::MAX);
@@ -282,19 +281,19 @@ impl Server {
         let Some(Some(connection)) = self.connections.get_mut(id) else {
             return;
         };
-        match connection.flush(&mut self.hub, id, now) {
-            Ok(true) if self.hub.is_closing(id) && connection.closing_since.is_none() => {
-                // The client reads our last words, then the end; its own end is awaited, lest a reset destroys them.
-                connection.closing_since = Some(now);
-                if connection.socket.shutdown(Shutdown::Write).is_err() {
-                    self.close(id, now);
-                }
-            }
-            Ok(false) if self.hub.is_closing(id) => {
-                connection.closing_since.get_or_insert(now);
-            }
-            Ok(_) => {}
-            Err(_) => self.close(id, now),
+        let outcome = connection.flush(&mut self.hub, id, now);
+        if outcome.is_ok() && !self.hub.is_closing(id) {
+            return;
+        }
+        // The client reads our last words, then the end; its own end is awaited, lest a reset destroys them.
+        let is_over = match outcome {
+            Ok(true) => connection.finish().is_err(),
+            Ok(false) => false,
+            Err(_) => true,
+        };
+        connection.closing_since.get_or_insert(now);
+        if is_over {
+            self.close(id, now);
         }
     }
 

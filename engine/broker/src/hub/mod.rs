@@ -24,6 +24,8 @@ use std::time::{Duration, Instant};
 
 /// A connection must introduce itself within this time.
 const INTRODUCTION: Duration = Duration::from_secs(10);
+/// Client identifier, will, user name and password with 64 KiB each, and properties.
+const LARGEST_CONNECT: usize = 1 << 19;
 /// A reader that took nothing for this long no longer slows down those who publish to it.
 const STANDSTILL: Duration = Duration::from_secs(2);
 
@@ -112,9 +114,9 @@ impl Hub {
         let mut done = 0;
         self.links[id].heard = now;
         while !self.links[id].closing {
-            let (first, head, body) = match codec::frame(&bytes[done..], self.limits.packet) {
-                Ok(Some(frame)) if bytes.len() - done >= frame.1 + frame.2 => frame,
-                Ok(_) => return done,
+            let (first, head, body) = match self.frame(id, &bytes[done..]) {
+                Ok(Some(frame)) => frame,
+                Ok(None) => return done,
                 Err(refusal) => {
                     self.refuse(id, refusal, now);
                     break;
@@ -131,6 +133,21 @@ impl Hub {
             self.settle(now);
         }
         bytes.len()
+    }
+
+    /// The first packet of `bytes`, where it is complete. Strangers may send a CONNECT and nothing else, at once.
+    fn frame(&self, id: usize, bytes: &[u8]) -> Result<Option<(u8, usize, usize)>, Refusal> {
+        let is_known = self.links[id].session.is_some();
+        if !is_known && bytes.first().is_some_and(|&first| first != 0x10) {
+            return Err(Refusal::protocol("the first packet must be CONNECT"));
+        }
+        let limit = if is_known {
+            self.limits.packet
+        } else {
+            self.limits.packet.min(LARGEST_CONNECT)
+        };
+        let frame = codec::frame(bytes, limit)?;
+        Ok(frame.filter(|(_, head, body)| bytes.len() >= head + body))
     }
 
     /// The connection is gone.
@@ -338,14 +355,15 @@ impl Hub {
     /// Disconnects those that fell too far behind while messages were routed.
     fn settle(&mut self, now: Instant) {
         while let Some(id) = self.doomed.pop() {
-            if self.links.contains(id) {
+            if self.links.get(id).is_some_and(|link| !link.closing) {
                 // What waits would not reach the client before the connection ends.
-                let pending = self.links[id].out.len();
+                let link = &mut self.links[id];
                 log::warn!(
-                    "{}: {pending} bytes behind and not reading",
-                    self.links[id].peer
+                    "{}: {} bytes behind and not reading",
+                    link.peer,
+                    link.out.len()
                 );
-                self.links[id].out.sent(pending);
+                link.out.abandon();
                 self.refuse(
                     id,
                     Refusal::new(reason::QUOTA_EXCEEDED, "too far behind in reading"),
