@@ -53,9 +53,11 @@ class Stall:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people read them: 8 s, 3 min 05 s, 2 h 07 min."""
+    """Seconds as people read them: 8.2 s, 3 min 05 s, 2 h 07 min."""
     if not math.isfinite(seconds):
         return "?"
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -129,13 +131,14 @@ class BarProgress:
 
         last = self._last
         finished = 0 if last is None else last.generation + 1
+        name = "generation " if options.max_width >= 50 else ""
         left = "" if last is None else f"{duration(last.seconds_left)} left"
         line = Table.grid(padding=(0, 1), expand=True)
         line.add_column(no_wrap=True)
         line.add_column(ratio=1)
         line.add_column(no_wrap=True)
         line.add_row(
-            Text(f"generation {finished}/{self._total}"),
+            Text(f"{name}{finished}/{self._total}"),
             ProgressBar(total=max(self._total, 1), completed=min(finished + self._part, self._total)),
             Text(left),
         )

@@ -1,5 +1,8 @@
 """`swarmwright optimize`: evolve a controller."""
 
+import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,9 +124,8 @@ def _conclude(output: Output, run: "Run") -> None:
     if run.interrupted:
         output.text("Interrupted; the results so far are kept.")
     rate = run.evaluations / max(run.seconds, 1e-3)
-    output.text(
-        f"Best fitness {best.fitness + 0.0:.6g} (generation {best.generation}, candidate {best.candidate})."
-    )
+    whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
+    output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
@@ -132,5 +134,16 @@ def _conclude(output: Output, run: "Run") -> None:
             output.text(f"  {name:<16} {meaning}")
     output.text()
     output.text("See the best controller at work:")
-    output.text(f"  swarmwright replay {run.path}")
-    output.text(f"  swarmwright replay {run.path} --save best.gif")
+    program, folder = _program(), shlex.quote(str(run.path))
+    output.text(f"  {program} replay {folder}")
+    output.text(f"  {program} replay {folder} --save best.gif")
+
+
+def _program() -> str:
+    """How this program is called from where the person is."""
+    if shutil.which("swarmwright"):
+        return "swarmwright"
+    own = Path(sys.argv[0])
+    if own.name != "swarmwright":
+        return f"{shlex.quote(sys.executable)} -m swarmwright"
+    return shlex.quote(str(own.relative_to(Path.cwd()) if own.is_relative_to(Path.cwd()) else own))
