@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
 from swarmwright._errors import InputError, engine_errors
+from swarmwright._files import write_text
 
 
 class Controller:
@@ -70,8 +71,8 @@ class Controller:
             raise InputError(f"{file}: {error}") from error
 
     def save(self, path: str | Path) -> None:
-        """Write the specification as JSON."""
-        Path(path).write_text(json.dumps(self.specification, indent=2) + "\n", encoding="utf-8")
+        """Write the specification as JSON. Raises InputError when the file cannot be written."""
+        write_text(path, json.dumps(self.specification, indent=2) + "\n")
 
     @property
     def specification(self) -> dict[str, Any]:

@@ -7,11 +7,14 @@ from typing import Any, Literal, Self
 
 from swarmwright._document import Requirements, Timeouts
 from swarmwright._errors import InputError
+from swarmwright._files import write_text
 from swarmwright._yaml import Source, dump, read
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
 
+LARGEST_GENOME = 1_000_000
+"""Genes of a controller, at most; the engine's own limit."""
 _SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts")
 
 
@@ -76,21 +79,33 @@ class Experiment:
         return result
 
     def save(self, path: str | Path) -> None:
-        """Write the experiment as a file that loads to an equal one, every default written out."""
-        Path(path).write_text(dump(self.to_mapping()), encoding="utf-8")
+        """Write the experiment as a file that loads to an equal one, every default written out.
+
+        Raises InputError when the file cannot be written.
+        """
+        write_text(path, dump(self.to_mapping()))
 
     def replace(self, **changes: Any) -> Self:  # noqa: ANN401 - keys of the experiment
         """Return a copy with changed keys, checked like a file.
 
         Mappings are merged: `replace(method={"generations": 5})` keeps the other options of the method,
-        unless another `kind` is given, which starts from that kind's defaults.
+        unless another `kind` is given, which starts from that kind's defaults. None takes a key back to its
+        default: `replace(broker=None, parameters={"agents": None})`.
         """
         values = self.to_mapping()
+        if changes.get("simulation", self.simulation) != self.simulation:
+            # What the old simulation announced does not hold for the new one.
+            for name in ("sensors", "actuators", "requirements"):
+                values.pop(name, None)
         for name, change in changes.items():
             old = values.get(name)
             if isinstance(old, dict) and isinstance(change, Mapping):
                 starts_anew = "kind" in change and change["kind"] != old.get("kind")
-                values[name] = dict(change) if starts_anew else {**old, **change}
+                merged = dict(change) if starts_anew else {**old, **change}
+                dropped = {key for key, value in change.items() if value is None}
+                values[name] = {key: value for key, value in merged.items() if key not in dropped}
+            elif change is None:
+                values.pop(name, None)
             else:
                 values[name] = change.model_dump() if hasattr(change, "model_dump") else change
         changed = self.from_mapping(values)
@@ -133,9 +148,14 @@ class Experiment:
                 f"{missing}: not known: {self.simulation!r} is not built in; give 'sensors' and 'actuators' "
                 "in the experiment, or ask a server that announces them"
             )
-        return REPRESENTATIONS.get(self.controller.kind)(
-            self.controller, sensors=sensors, actuators=actuators
-        )
+        component = REPRESENTATIONS.get(self.controller.kind)
+        made = component(self.controller, sensors=sensors, actuators=actuators)
+        if made.genome_size > LARGEST_GENOME:
+            raise InputError(
+                f"controller: {made.genome_size} genes are too many, at most {LARGEST_GENOME} are possible; "
+                "take fewer hidden nodes"
+            )
+        return made
 
     def new_method(self, representation: Representation) -> Method:
         """Return the method, at its start."""

@@ -67,7 +67,8 @@ def optimize(
 
     Without a broker (here or in the experiment) an embedded one is started, with servers; with one, the
     servers found there are used. Ctrl-C ends the run early: the results of all finished generations are kept,
-    and the run that is returned has `interrupted` set.
+    and the run that is returned has `interrupted` set. Before the first generation is finished there is
+    nothing to keep: KeyboardInterrupt is raised.
 
     Args:
         experiment: what to do.
@@ -105,8 +106,7 @@ def optimize(
             )
             loop.run(on_generation, on_progress)
     run = Run(folder)
-    if run.generations:
-        run.plot()
+    run.plot()
     return run
 
 
@@ -146,6 +146,8 @@ class _Loop:
                     break
         except KeyboardInterrupt:
             interrupted = True
+            if not self._method.evaluations:
+                raise
         finally:
             ending = {
                 "seconds": self._seconds(),

@@ -99,7 +99,7 @@ def draw(run: "Run", path: Path) -> None:
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color("#9aa5b1")
-    axes.legend(loc="lower right", fontsize=11, frameon=False, labelcolor=_INK)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=11, frameon=False, labelcolor=_INK)
     try:
         figure.savefig(path, format="png")
     except OSError as error:

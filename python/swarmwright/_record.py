@@ -7,7 +7,8 @@ is complete.
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import IO, Any, Self
@@ -15,7 +16,7 @@ from typing import IO, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
+from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
 from swarmwright._statistics import Summary
 from swarmwright.rankings._base import Fitness
@@ -123,9 +124,11 @@ class RecordWriter:
     def _write_best(self) -> None:
         """Write the best candidate, in one piece. Done again on exit, should Ctrl-C have come in between."""
         if self._best is not None:
+            text = json.dumps(self._best, indent=2, allow_nan=False) + "\n"
             temporary = self.folder / "best.json.new"
-            temporary.write_text(json.dumps(self._best, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-            temporary.replace(self.folder / "best.json")
+            with _disk_errors(temporary):
+                temporary.write_text(text, encoding="utf-8")
+                temporary.replace(self.folder / "best.json")
             self._best = None
 
     def journal(self, entries: Iterable[dict[str, Any]]) -> None:
@@ -135,13 +138,25 @@ class RecordWriter:
     def _write(self, name: str, lines: Sequence[str]) -> None:
         if lines:
             file = self._files[name]
-            file.write("".join(f"{line}\n" for line in lines).encode())
-            file.flush()
+            with _disk_errors(self.folder / name):
+                file.write("".join(f"{line}\n" for line in lines).encode())
+                file.flush()
 
     def _mark(self, best: dict[str, Any] | None = None) -> None:
         """Note that everything written so far counts."""
         state = {name: file.tell() for name, file in self._files.items()}
         self._complete, self._best = state, best or self._best
+
+
+@contextmanager
+def _disk_errors(path: Path) -> Iterator[None]:
+    """Say what stops a run when the disk does."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"{path}: cannot be written: {error.strerror}; what was written before is kept"
+        ) from error
 
 
 def _new(path: Path) -> IO[bytes]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
+from swarmwright._files import write_text
 from swarmwright._statistics import Summary
 from swarmwright.rankings._base import best_first
 
@@ -194,12 +195,7 @@ class Run:
         Raises InputError when the file cannot be written.
         """
         header, lines = self._record_lines()
-        try:
-            Path(path).write_text(
-                "".join(f"{line}\n" for line in (",".join(header), *lines)), encoding="utf-8"
-            )
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        write_text(path, "".join(f"{line}\n" for line in (",".join(header), *lines)))
 
     def plot(self, path: str | Path | None = None) -> Path:
         """Draw fitness over generations as a PNG (default.

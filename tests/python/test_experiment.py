@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError
@@ -232,6 +232,31 @@ def test_replacing_merges_sections_and_checks() -> None:
         experiment.replace(method={"generatons": 3})
 
 
+def test_replacing_by_none_takes_a_key_back_to_its_default() -> None:
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "seed": 4,
+            "broker": "mqtt://h",
+            "parameters": {"agents": [[1, 1]], "maxSteps": 3},
+            "method": {"target": 1.0, "generations": 5},
+        }
+    )
+    changed = experiment.replace(
+        seed=None, broker=None, parameters={"agents": None}, method={"target": None, "generations": None}
+    )
+    assert (changed.seed, changed.broker, changed.parameters) == (1, None, {"maxSteps": 3})
+    assert (changed.method.target, changed.generations) == (None, 200)
+
+
+def test_another_simulation_has_sensors_of_its_own() -> None:
+    experiment = Experiment.from_mapping(
+        {"simulation": "x", "sensors": 7, "actuators": 3, "requirements": {"dimensions": 3}}
+    )
+    changed = experiment.replace(simulation="minisim")
+    assert (changed.sensors, changed.actuators, changed.requirements.dimensions) == (4, 1, 2)
+
+
 def test_experiments_do_not_change() -> None:
     experiment = Experiment.from_mapping({"simulation": "minisim"})
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -245,3 +270,40 @@ def test_simulation_seeds_that_are_none(seed: object) -> None:
     )
     with pytest.raises(InputError, match=r"parameters\.seed: must be an integer"):
         _ = experiment.first_seed
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.binary(max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["kind", "hidden", "population", "dimensions", "x", 3]), inner, max_size=3
+        )
+    ),
+    max_leaves=6,
+)
+KEYS = sorted(Experiment.json_schema()["properties"])
+
+
+@given(st.dictionaries(st.sampled_from([*KEYS, "nonsense"]) | st.integers(), JUNK), st.booleans())
+@settings(max_examples=400)
+def test_junk_is_an_input_error_and_nothing_else(values: dict[Any, Any], named: bool) -> None:
+    if named:
+        values = values | {"simulation": "minisim"}
+    try:
+        experiment = Experiment.from_mapping(values)
+    except InputError:
+        return
+    assert Experiment.from_mapping(experiment.to_mapping()) == experiment
+
+
+def test_genomes_without_bounds_are_refused() -> None:
+    with pytest.raises(InputError, match="controller: 100070006 genes are too many, at most 1000000"):
+        _ = Experiment.from_mapping(
+            {"simulation": "minisim", "controller": {"kind": "fully_meshed", "hidden": 10_000}}
+        ).genome_size
+
+
+def test_files_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
+        Experiment.from_mapping({"simulation": "minisim"}).save(tmp_path / "none" / "x.yaml")

@@ -219,6 +219,32 @@ def test_no_broker_there(unused_port: int, tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_a_broker_that_refuses_the_password(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from swarmwright import _engine
+
+    (tmp_path / "users").write_text("ada:s3cret\n")
+    broker = _engine.Broker(users=str(tmp_path / "users"))
+    try:
+        monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
+        monkeypatch.setenv("SWARMWRIGHT_PASSWORD", "wr0ng")
+        with pytest.raises(RunError, match="refuses") as caught:
+            simulate(small(), broker=broker.url, servers=1)
+        assert "SWARMWRIGHT_PASSWORD" in str(caught.value)
+        assert "wr0ng" not in str(caught.value)
+        monkeypatch.setenv("SWARMWRIGHT_PASSWORD", "s3cret")
+        run = optimize(small(), broker=broker.url, servers=1, out=tmp_path / "run")
+    finally:
+        broker.stop()
+    for file in run.path.iterdir():
+        assert b"s3cret" not in file.read_bytes(), file
+
+
+def test_requirements_that_no_server_fulfils(embedded_broker: str) -> None:
+    experiment = small(requirements={"dimensions": 3}, timeouts={"discovery": 0.5})
+    with pytest.raises(RunError, match=r"required: .*3 dimensions.*found: .*2 dimensions"):
+        simulate(experiment, broker=embedded_broker, servers=1)
+
+
 def test_no_server_fits(any_broker: str, tmp_path: Path) -> None:
     experiment = small(timeouts={"discovery": 0.5})
     with pytest.raises(RunError, match="minisim"):

@@ -1,0 +1,99 @@
+"""A simulation server as somebody else would write it: D6.1 alone, with a plain MQTT client."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
+
+import paho.mqtt.client as mqtt
+import pytest
+from paho.mqtt.enums import CallbackAPIVersion
+
+Message = dict[str, Any]
+
+
+class ForeignServer:
+    """Offers `title`: 2 sensors, 1 actuator, an agent on a line that should stop at 1 after `steps` steps.
+
+    It never heard of Swarmwright's extensions. `trouble` may change or withhold what it publishes; `noise` is
+    published before every message, on the same topic.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        steps: int = 4,
+        server: int = 77,
+        trouble: Callable[[str, Message], Message | str | None] = lambda _, message: message,
+        noise: Sequence[str] = (),
+    ) -> None:
+        self.title, self.steps, self.server, self.trouble, self.noise = title, steps, server, trouble, noise
+        self.parameters: list[Message] = []
+        self.episodes = 0
+        self._hash = ""
+        self._position, self._left = 0.0, 0
+        self.client = mqtt.Client(CallbackAPIVersion.VERSION2)
+        self.client.on_message = self._on_message
+
+    def publish(self, topic: str, message: Message) -> None:
+        for payload in self.noise:
+            self.client.publish(topic, payload)
+        changed = self.trouble(topic, message)
+        if changed is not None:
+            self.client.publish(topic, changed if isinstance(changed, str) else json.dumps(changed))
+
+    def _on_message(self, client: mqtt.Client, userdata: Any, received: mqtt.MQTTMessage) -> None:  # noqa: ARG002
+        message = json.loads(received.payload)
+        if received.topic == "discovery":
+            if message["simulation"] == self.title and message["requirements"]["dimensions"] == 1:
+                answer = {
+                    "server": self.server,
+                    "simulation_hash": message["simulation_hash"],
+                    "simulations": [self.title],
+                    "capabilities": {"dimensions": 1},
+                }
+                self.publish("server", answer)
+        elif received.topic == "parameters" and message["server"] == self.server:
+            self.parameters.append(message)
+        elif received.topic == "control" and message["server"] == self.server and message.get("run", True):
+            self._hash, self._position, self._left = message["simulation_hash"], 0.0, self.steps
+            self._sense()
+        elif received.topic == "actuator" and message["simulation_hash"] == self._hash and self._left:
+            self._position += message["actuator"][0]
+            self._left -= 1
+            if self._left:
+                self._sense()
+            else:
+                self.episodes += 1
+                self.publish("fitness", {"simulation_hash": self._hash, "fitness": -abs(self._position - 1)})
+
+    def _sense(self) -> None:
+        self.publish(
+            "sensor",
+            {
+                "simulation_hash": self._hash,
+                "agent": 0,
+                "sensor": [1 - self._position, self._left / self.steps],
+            },
+        )
+
+
+@contextmanager
+def _serving(broker: str, title: str, **options: Any) -> Iterator[ForeignServer]:
+    server = ForeignServer(title, **options)
+    host, _, port = broker.removeprefix("mqtt://").rpartition(":")
+    server.client.connect(host, int(port))
+    for topic in ("discovery", "parameters", "control", "actuator"):
+        server.client.subscribe(topic)
+    server.client.loop_start()
+    try:
+        yield server
+    finally:
+        server.client.disconnect()
+        server.client.loop_stop()
+
+
+@pytest.fixture
+def foreign() -> Callable[..., AbstractContextManager[ForeignServer]]:
+    """Runs a `ForeignServer` for the time of a `with` block: `foreign(broker, title, **options)`."""
+    return _serving
