@@ -1,5 +1,12 @@
 //! Conversations with a client library, in MQTT 3.1.1 and 5, at every quality of service.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "tests"
+)]
+
 mod common;
 
 use common::{broker, in_time};

@@ -1,5 +1,12 @@
 //! Starting, and what keeps the broker from it.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "tests"
+)]
+
 mod common;
 
 use common::{Client, Hello, broker, in_time};

@@ -1,5 +1,12 @@
 //! What arrives of what is sent.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "tests"
+)]
+
 mod common;
 
 use common::{CONNACK, Client, DISCONNECT, Hello, broker, in_time, packet, text};

@@ -1,5 +1,12 @@
 //! Passwords, access rules, TLS.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "tests"
+)]
+
 mod common;
 
 use common::{CONNACK, Client, Hello, in_time, packet, text};

@@ -1,5 +1,12 @@
 //! Stopping: nothing stays behind.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "tests"
+)]
+
 mod common;
 
 use common::{Client, DISCONNECT, Hello, broker, in_time};

@@ -1,5 +1,12 @@
 //! MQTT over WebSocket, spoken by a client library that knows nothing of this broker.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "tests"
+)]
+
 mod common;
 
 use common::{CONNACK, Client, Hello, in_time};
