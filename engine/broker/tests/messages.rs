@@ -251,7 +251,7 @@ fn large_messages_arrive_whole_and_too_large_ones_are_refused() {
         let mut client = Client::join(&broker, &Hello::default());
         client.subscribe("blob", 0);
         let blob: Vec<u8> = (0..10_000_000u32)
-            .map(|place| (place * 7 >> 3) as u8)
+            .map(|place| ((place * 7) >> 3) as u8)
             .collect();
         client.publish("blob", false, &blob);
         assert!(client.hear().3 == blob);

@@ -183,7 +183,7 @@ fn tls_carries_large_and_many_messages_and_turns_plain_clients_away() {
         assert_eq!(client.expect(CONNACK)[1], 0);
         client.subscribe("t", 0);
         let blob: Vec<u8> = (0..3_000_000u32)
-            .map(|place| (place * 31 >> 5) as u8)
+            .map(|place| ((place * 31) >> 5) as u8)
             .collect();
         client.publish("t", false, &blob);
         assert!(client.hear().3 == blob);
