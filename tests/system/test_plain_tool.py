@@ -1,0 +1,52 @@
+"""A plain script plays the optimization tool against our server: the conversations of the contract, word for word."""
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from tests.system.brokers import BrokerProcess
+from tests.system.conftest import Serve
+from tests.system.plain_tool import VECTORS, PlainTool
+
+CONVERSATIONS = {
+    path.stem: json.loads(path.read_text(encoding="utf-8"))
+    for path in sorted((VECTORS / "conversations").glob("*.json"))
+}
+
+
+@pytest.mark.parametrize("version", [3, 5], ids=["mqtt3", "mqtt5"])
+def test_conversations(broker: BrokerProcess, serve: Serve, version: int) -> None:
+    """Every conversation with a server of its own: one may leave the server reserved."""
+    assert len(CONVERSATIONS) >= 8
+    servers = serve(broker.url)
+    for name, conversation in CONVERSATIONS.items():
+        with PlainTool(broker.url, version) as tool:
+            heard = tool.replay(conversation)
+            said = [entry for entry in conversation["messages"] if entry.get("from") == "server"]
+            assert heard == len(said), name
+            if name == "reserved":  # the named tool says good-bye; else nobody gets an answer for 5 s
+                bye = {"server": 1, "simulation_hash": "d" * 64, "run": False, "tool": "ada@lab-3/4711"}
+                tool.send("control", **bye)
+    assert servers.process.poll() is None
+
+
+def test_a_plain_tool_steers_agents_to_the_goal(broker: BrokerProcess, serve: Serve, connect: Any) -> None:
+    """A controller written by hand: head for the goal. Two agents, no hash but a word, no `simulation`."""
+    serve(broker.url, first=7)
+    tool: PlainTool = connect(PlainTool, broker.url)
+    answer = tool.discover("any text", dimensions=2, max_agents=2)
+    assert answer is not None
+    assert answer["server"] == 7
+    parameters = {"mapWidth": 10, "mapHeight": 8, "agents": [[1, 1], [2, 7]], "numDefenders": 0, "maxSteps": 30}
+    message: dict[str, Any] = tool.begin(7, "any text", **parameters)
+    topic = "sensor"
+    while topic == "sensor":
+        dx, dy = message["sensor"][0] * 10, message["sensor"][1] * 8
+        heading = math.atan2(dy, dx) / math.pi
+        tool.send("actuator", simulation_hash="any text", agent=message["agent"], actuator=[heading])
+        topic, message = tool.hear()
+    assert topic == "fitness"
+    assert message["fitness"] == 0
+    assert message["simulation_hash"] == "any text"
