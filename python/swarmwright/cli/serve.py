@@ -34,8 +34,24 @@ LARGEST_ID = 2**31 - 1
     "--count", type=click.IntRange(1, 1024), default=1, show_default=True, metavar="K", help="How many."
 )
 @prefix_option
+@click.option(
+    "--step-timeout",
+    type=click.FloatRange(0.1, 86400.0),
+    default=60.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long an episode may wait for an agent's actuators before it is given up.",
+)
 @json_option
-def command(simulation: str, broker: str, first: int | None, count: int, prefix: str, as_json: bool) -> int:
+def command(
+    simulation: str,
+    broker: str,
+    first: int | None,
+    count: int,
+    prefix: str,
+    step_timeout: float,
+    as_json: bool,
+) -> int:
     """Offer a built-in SIMULATION on a broker until Ctrl-C.
 
     Every server is a process of its own and serves one optimization tool at a time.
@@ -49,9 +65,8 @@ def command(simulation: str, broker: str, first: int | None, count: int, prefix:
         first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
     elif first + count - 1 > LARGEST_ID:
         raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
-    settings = [
-        {"title": simulation, "broker": broker, "id": first + i, "prefix": prefix} for i in range(count)
-    ]
+    shared = {"title": simulation, "broker": broker, "prefix": prefix, "step_timeout": step_timeout}
+    settings = [{**shared, "id": first + i} for i in range(count)]
     reporter = Reporter(Output(as_json=as_json), simulation, broker)
     try:
         with Supervisor(settings) as servers:
