@@ -1,0 +1,102 @@
+//! Which instruction set runs a kernel.
+
+use crate::Lanes;
+
+/// An instruction set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Level {
+    /// What every processor of the architecture has (SSE2, NEON): 4 lanes.
+    Portable,
+    /// AVX2: 8 lanes.
+    Avx2,
+    /// AVX-512 F, BW, DQ, VL: 16 lanes.
+    Avx512,
+}
+
+/// Work that can be done with any number of lanes.
+pub trait Kernel {
+    /// What comes out.
+    type Output;
+    /// Does the work. Mark the implementation, and whatever it calls with `L`, `#[inline(always)]`: only what is
+    /// inlined into [`Level::run`] is compiled for the instruction set.
+    fn run<L: Lanes>(self) -> Self::Output;
+}
+
+impl Level {
+    /// The instruction sets of this processor, the best one last.
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        let mut levels = vec![Self::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") {
+                levels.push(Self::Avx2);
+            }
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl")
+            {
+                levels.push(Self::Avx512);
+            }
+        }
+        levels
+    }
+
+    /// The best instruction set of this processor.
+    #[must_use]
+    pub fn best() -> Self {
+        Self::available().last().copied().unwrap_or(Self::Portable)
+    }
+
+    /// Lanes of a vector.
+    #[must_use]
+    pub const fn width(self) -> usize {
+        match self {
+            Self::Portable => 4,
+            Self::Avx2 => 8,
+            Self::Avx512 => 16,
+        }
+    }
+
+    /// The name: portable, avx2, avx512.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Portable => "portable",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
+    }
+
+    /// Runs a kernel. Panics when the processor lacks the instruction set.
+    #[allow(unsafe_code)]
+    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        assert!(
+            Self::available().contains(&self),
+            "this processor has no {}",
+            self.name()
+        );
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the processor has the features that the function enables, as asserted above.
+            Self::Avx512 => unsafe { avx512(kernel) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx2 => unsafe { avx2(kernel) },
+            _ => kernel.run::<crate::portable::F32s>(),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<crate::x86::avx512::F32s>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<crate::x86::avx2::F32s>()
+}

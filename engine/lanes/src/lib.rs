@@ -1,0 +1,131 @@
+//! Vectors of lanes: one kernel, every instruction set, the same bits.
+//!
+//! A lane is an episode of a candidate. A kernel is written once over [`Lanes`] and compiled for every [`Level`]; the
+//! best one that the processor has is chosen at run time. Every operation is one IEEE 754 binary32 operation per lane
+//! in the order of the source: nothing is fused, nothing is summed across lanes (DESIGN.md section 5).
+//!
+//! ```
+//! use swarmwright_lanes::{Kernel, Lanes, Level};
+//!
+//! struct Square<'a>(&'a mut [f32]);
+//! impl Kernel for Square<'_> {
+//!     type Output = ();
+//!     #[inline(always)]
+//!     fn run<L: Lanes>(self) {
+//!         for part in self.0.chunks_exact_mut(L::WIDTH) {
+//!             let x = L::load(part);
+//!             x.mul(x).store(part);
+//!         }
+//!     }
+//! }
+//! let mut numbers = [3.0; 16];
+//! Level::best().run(Square(&mut numbers));
+//! assert_eq!(numbers, [9.0; 16]);
+//! ```
+
+mod level;
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub use level::{Kernel, Level};
+
+/// A vector of binary32, one number per lane, and its companions: integers and conditions.
+///
+/// Implementations for instruction sets that not every processor has are to be used only inside [`Level::run`], which
+/// is why nobody can name them.
+pub trait Lanes: Copy {
+    /// Number of lanes.
+    const WIDTH: usize;
+    /// One condition per lane.
+    type Mask: Mask;
+    /// One 32-bit integer per lane.
+    type Int: Int<Mask = Self::Mask>;
+
+    /// The same number in every lane.
+    fn splat(value: f32) -> Self;
+    /// The first `WIDTH` numbers of a slice. Panics when there are fewer.
+    fn load(from: &[f32]) -> Self;
+    /// Into the first `WIDTH` places of a slice. Panics when there are fewer.
+    fn store(self, to: &mut [f32]);
+    /// self + other
+    fn add(self, other: Self) -> Self;
+    /// self - other
+    fn sub(self, other: Self) -> Self;
+    /// self * other
+    fn mul(self, other: Self) -> Self;
+    /// self / other
+    fn div(self, other: Self) -> Self;
+    /// The correctly rounded square root.
+    fn sqrt(self) -> Self;
+    /// `if self > limit { limit } else { self }`: a NaN passes.
+    fn at_most(self, limit: Self) -> Self;
+    /// `if self < limit { limit } else { self }`: a NaN passes.
+    fn at_least(self, limit: Self) -> Self;
+    /// self < other; false for NaN.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// self <= other; false for NaN.
+    fn le(self, other: Self) -> Self::Mask;
+    /// Whether a lane is NaN.
+    fn is_nan(self) -> Self::Mask;
+    /// self where the condition holds, else other.
+    fn select(self, other: Self, condition: Self::Mask) -> Self;
+    /// The largest integer that is not greater, as an integer; lanes must lie well within 32 bits.
+    fn floor(self) -> Self::Int;
+    /// The integers as binary32.
+    fn from_int(int: Self::Int) -> Self;
+}
+
+/// One condition per lane.
+pub trait Mask: Copy {
+    /// Bit i is the condition of lane i.
+    fn bits(self) -> u32;
+    /// The conditions in the lowest bits.
+    fn from_bits(bits: u32) -> Self;
+    /// Both hold.
+    fn and(self, other: Self) -> Self;
+    /// At least one holds.
+    fn or(self, other: Self) -> Self;
+    /// This holds and the other does not.
+    fn and_not(self, other: Self) -> Self;
+    /// Whether it holds in any lane.
+    fn any(self) -> bool {
+        self.bits() != 0
+    }
+}
+
+/// One 32-bit integer per lane.
+pub trait Int: Copy {
+    /// One condition per lane.
+    type Mask: Mask;
+    /// The same integer in every lane.
+    fn splat(value: i32) -> Self;
+    /// The first `WIDTH` integers of a slice. Panics when there are fewer.
+    fn load(from: &[i32]) -> Self;
+    /// Into the first `WIDTH` places of a slice. Panics when there are fewer.
+    fn store(self, to: &mut [i32]);
+    /// self + other, wrapping.
+    fn add(self, other: Self) -> Self;
+    /// self - other, wrapping.
+    fn sub(self, other: Self) -> Self;
+    /// The low 32 bits of the product.
+    fn mul(self, other: Self) -> Self;
+    /// Bitwise and.
+    fn and(self, other: Self) -> Self;
+    /// Bitwise or.
+    fn or(self, other: Self) -> Self;
+    /// Bitwise exclusive or.
+    fn xor(self, other: Self) -> Self;
+    /// self shifted left by the other, 0 to 31.
+    fn shl(self, other: Self) -> Self;
+    /// self shifted right by the other, 0 to 31, zeros coming in.
+    fn shr(self, other: Self) -> Self;
+    /// self == other
+    fn eq(self, other: Self) -> Self::Mask;
+    /// self < other, signed.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// self where the condition holds, else other.
+    fn select(self, other: Self, condition: Self::Mask) -> Self;
+    /// `table[self]` per lane. Panics when a lane lies outside of the table.
+    fn lookup(self, table: &[i32]) -> Self;
+}

@@ -1,0 +1,197 @@
+//! AVX-512: 16 lanes.
+
+use std::arch::x86_64::*;
+
+use crate::{Int, Lanes, Mask};
+
+const WIDTH: usize = 16;
+
+#[derive(Clone, Copy)]
+pub struct F32s(__m512);
+
+#[derive(Clone, Copy)]
+pub struct I32s(__m512i);
+
+#[derive(Clone, Copy)]
+pub struct Conditions(__mmask16);
+
+/// Calls an intrinsic. SAFETY: see the module above.
+macro_rules! simd {
+    ($call:expr) => {
+        // SAFETY: the processor has the instruction set, see the module above.
+        unsafe { $call }
+    };
+}
+
+impl Lanes for F32s {
+    const WIDTH: usize = WIDTH;
+    type Mask = Conditions;
+    type Int = I32s;
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self(simd!(_mm512_set1_ps(value)))
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let from = &from[..WIDTH];
+        Self(simd!(_mm512_loadu_ps(from.as_ptr())))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let to = &mut to[..WIDTH];
+        simd!(_mm512_storeu_ps(to.as_mut_ptr(), self.0));
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(simd!(_mm512_add_ps(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(simd!(_mm512_sub_ps(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(simd!(_mm512_mul_ps(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self(simd!(_mm512_div_ps(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(simd!(_mm512_sqrt_ps(self.0)))
+    }
+    #[inline(always)]
+    fn at_most(self, limit: Self) -> Self {
+        // MINPS is `first < second ? first : second`.
+        Self(simd!(_mm512_min_ps(limit.0, self.0)))
+    }
+    #[inline(always)]
+    fn at_least(self, limit: Self) -> Self {
+        // MAXPS is `first > second ? first : second`.
+        Self(simd!(_mm512_max_ps(limit.0, self.0)))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Conditions {
+        Conditions(simd!(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Conditions {
+        Conditions(simd!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn is_nan(self) -> Conditions {
+        Conditions(simd!(_mm512_cmp_ps_mask::<_CMP_UNORD_Q>(self.0, self.0)))
+    }
+    #[inline(always)]
+    fn select(self, other: Self, condition: Conditions) -> Self {
+        Self(simd!(_mm512_mask_blend_ps(condition.0, other.0, self.0)))
+    }
+    #[inline(always)]
+    fn floor(self) -> I32s {
+        let floor = simd!(_mm512_roundscale_ps::<
+            { _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC },
+        >(self.0));
+        I32s(simd!(_mm512_cvttps_epi32(floor)))
+    }
+    #[inline(always)]
+    fn from_int(int: I32s) -> Self {
+        Self(simd!(_mm512_cvtepi32_ps(int.0)))
+    }
+}
+
+impl Mask for Conditions {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        u32::from(self.0)
+    }
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "16 lanes")]
+    fn from_bits(bits: u32) -> Self {
+        Self(bits as u16)
+    }
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+    #[inline(always)]
+    fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+    #[inline(always)]
+    fn and_not(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+}
+
+impl Int for I32s {
+    type Mask = Conditions;
+
+    #[inline(always)]
+    fn splat(value: i32) -> Self {
+        Self(simd!(_mm512_set1_epi32(value)))
+    }
+    #[inline(always)]
+    fn load(from: &[i32]) -> Self {
+        let from = &from[..WIDTH];
+        Self(simd!(_mm512_loadu_epi32(from.as_ptr())))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [i32]) {
+        let to = &mut to[..WIDTH];
+        simd!(_mm512_storeu_epi32(to.as_mut_ptr(), self.0));
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(simd!(_mm512_add_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(simd!(_mm512_sub_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(simd!(_mm512_mullo_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self(simd!(_mm512_and_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn or(self, other: Self) -> Self {
+        Self(simd!(_mm512_or_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn xor(self, other: Self) -> Self {
+        Self(simd!(_mm512_xor_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn shl(self, other: Self) -> Self {
+        Self(simd!(_mm512_sllv_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn shr(self, other: Self) -> Self {
+        Self(simd!(_mm512_srlv_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> Conditions {
+        Conditions(simd!(_mm512_cmpeq_epi32_mask(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Conditions {
+        Conditions(simd!(_mm512_cmplt_epi32_mask(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn select(self, other: Self, condition: Conditions) -> Self {
+        Self(simd!(_mm512_mask_blend_epi32(condition.0, other.0, self.0)))
+    }
+    #[inline(always)]
+    fn lookup(self, table: &[i32]) -> Self {
+        let length = i32::try_from(table.len()).unwrap_or(i32::MAX);
+        let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
+        assert!(inside == u16::MAX, "an index lies outside of the table");
+        // SAFETY: every lane's index lies within the table, as asserted.
+        Self(unsafe { _mm512_i32gather_epi32::<4>(self.0, table.as_ptr()) })
+    }
+}

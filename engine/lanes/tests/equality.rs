@@ -1,0 +1,202 @@
+//! Every instruction set computes the same bits as plain scalar arithmetic, on every kind of number.
+
+use proptest::prelude::*;
+use swarmwright_lanes::{Int, Kernel, Lanes, Level, Mask};
+
+/// Applies every operation to two slices of 16 and collects the bits.
+struct All<'a>(&'a [f32], &'a [f32], &'a [i32], &'a [i32]);
+
+impl Kernel for All<'_> {
+    type Output = Vec<u32>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Vec<u32> {
+        let mut columns: Vec<Vec<u32>> = Vec::new();
+        for start in (0..16).step_by(L::WIDTH) {
+            let (a, b) = (L::load(&self.0[start..]), L::load(&self.1[start..]));
+            let (i, j) = (
+                L::Int::load(&self.2[start..]),
+                L::Int::load(&self.3[start..]),
+            );
+            let small = a
+                .at_most(L::splat(1000.0))
+                .at_least(L::splat(-1000.0))
+                .select(L::splat(0.0), a.le(a));
+            let mut column = Vec::new();
+            let floats = [
+                a.add(b),
+                a.sub(b),
+                a.mul(b),
+                a.div(b),
+                a.sqrt(),
+                a.at_most(b),
+                a.at_least(b),
+                a.select(b, a.lt(b)),
+                a.select(b, a.le(b)),
+                a.select(b, a.is_nan()),
+                L::from_int(i),
+                a.select(b, a.lt(b).and(i.lt(j))),
+                a.select(b, a.lt(b).or(i.lt(j))),
+                a.select(b, a.lt(b).and_not(i.lt(j))),
+                a.select(
+                    b,
+                    <L::Mask as Mask>::from_bits(0b1010_0110_0101_1100 >> start),
+                ),
+            ];
+            let ints = [
+                i.add(j),
+                i.sub(j),
+                i.mul(j),
+                i.and(j),
+                i.or(j),
+                i.xor(j),
+                i.shl(j.and(L::Int::splat(31))),
+                i.shr(j.and(L::Int::splat(31))),
+                i.select(j, i.eq(j)),
+                i.select(j, i.lt(j)),
+                small.floor(),
+                i.and(L::Int::splat(3)).lookup(&[7, -5, 1 << 30, 0]),
+            ];
+            let mut lanes = vec![0.0; L::WIDTH];
+            for value in floats {
+                value.store(&mut lanes);
+                column.push(
+                    lanes
+                        .iter()
+                        .map(|lane| {
+                            if lane.is_nan() {
+                                u32::MAX
+                            } else {
+                                lane.to_bits()
+                            }
+                        })
+                        .collect::<Vec<_>>(),
+                );
+            }
+            let mut lanes = vec![0; L::WIDTH];
+            for value in ints {
+                value.store(&mut lanes);
+                column.push(lanes.iter().map(|lane| *lane as u32).collect());
+            }
+            let bits = a.lt(b).bits();
+            column.push((0..L::WIDTH).map(|lane| bits >> lane & 1).collect());
+            for (index, part) in column.into_iter().enumerate() {
+                if columns.len() <= index {
+                    columns.push(Vec::new());
+                }
+                columns[index].extend(part);
+            }
+        }
+        columns.concat()
+    }
+}
+
+/// The same with one number at a time.
+fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 28];
+    for lane in 0..16 {
+        let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
+        let choose = |condition: bool| if condition { a } else { b };
+        let small = if a > 1000.0 { 1000.0 } else { a };
+        let small = if small < -1000.0 { -1000.0 } else { small };
+        let small = if a <= a { small } else { 0.0 };
+        let floats = [
+            a + b,
+            a - b,
+            a * b,
+            a / b,
+            a.sqrt(),
+            if a > b { b } else { a },
+            if a < b { b } else { a },
+            choose(a < b),
+            choose(a <= b),
+            choose(a.is_nan()),
+            i as f32,
+            choose(a < b && i < j),
+            choose(a < b || i < j),
+            choose(a < b && !(i < j)),
+            choose(0b1010_0110_0101_1100 >> lane & 1 == 1),
+        ];
+        let ints = [
+            i.wrapping_add(j),
+            i.wrapping_sub(j),
+            i.wrapping_mul(j),
+            i & j,
+            i | j,
+            i ^ j,
+            i << (j & 31),
+            ((i as u32) >> (j & 31)) as i32,
+            if i == j { i } else { j },
+            if i < j { i } else { j },
+            small.floor() as i32,
+            [7, -5, 1 << 30, 0][(i & 3) as usize],
+        ];
+        let column = floats
+            .map(|value| {
+                if value.is_nan() {
+                    u32::MAX
+                } else {
+                    value.to_bits()
+                }
+            })
+            .into_iter()
+            .chain(ints.map(|value| value as u32))
+            .chain([u32::from(a < b)]);
+        for (part, value) in columns.iter_mut().zip(column) {
+            part.push(value);
+        }
+    }
+    columns.concat()
+}
+
+/// Any bits: NaN, infinities, subnormals and both zeros come often enough.
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        any::<u32>().prop_map(f32::from_bits),
+        -10.0f32..10.0,
+        prop::sample::select(vec![
+            0.0,
+            -0.0,
+            f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            f32::MIN_POSITIVE / 2.0,
+            1.0,
+            -1.0
+        ]),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn all_instruction_sets_agree_with_scalar_arithmetic(
+        a in prop::collection::vec(number(), 16), b in prop::collection::vec(number(), 16),
+        i in prop::collection::vec(any::<i32>(), 16), j in prop::collection::vec(any::<i32>(), 16),
+    ) {
+        let expected = scalar(&a, &b, &i, &j);
+        for level in Level::available() {
+            prop_assert_eq!(&level.run(All(&a, &b, &i, &j)), &expected, "{}", level.name());
+        }
+    }
+}
+
+struct Outside;
+impl Kernel for Outside {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut out = vec![0; L::WIDTH];
+        L::Int::splat(4).lookup(&[1, 2, 3, 4]).store(&mut out);
+    }
+}
+
+#[test]
+fn a_lookup_outside_of_the_table_panics() {
+    for level in Level::available() {
+        assert!(
+            std::panic::catch_unwind(|| level.run(Outside)).is_err(),
+            "{}",
+            level.name()
+        );
+    }
+}
