@@ -5,6 +5,9 @@
 //! the source is what runs. Comparisons are written so that a NaN passes through. Error against the true value:
 //! at most 2e-7 absolute. Decision 002 repeats the sequences and the coefficients for other languages.
 
+/// The same sequences for lanes.
+pub mod lanes;
+
 /// From here on tanh is 1 in binary32.
 const TANH_LIMIT: f32 = 9.15;
 const TANH_P: [f32; 4] = [0.5, 0.015736774, 7.970824e-5, 4.2581547e-8];

@@ -23,7 +23,7 @@ pub struct Layered {
 
 impl Layered {
     /// Nodes of each layer above the sensors.
-    fn layers(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(crate) fn layers(&self) -> impl Iterator<Item = usize> + '_ {
         self.hidden.iter().copied().chain([self.actuators])
     }
 

@@ -28,6 +28,11 @@ impl OutputRange {
             .then_some(Self { low, high })
     }
 
+    /// Lower and upper end.
+    pub fn bounds(self) -> (f32, f32) {
+        (self.low, self.high)
+    }
+
     /// The actuator for a network output: linear, then limited to -1..=1; a NaN (from an overflow) gives 0.
     ///
     /// -1..1 maps by o, 0..1 by 2*o - 1, any other by ((o - low) / (high - low)) * 2 - 1, all in binary32.

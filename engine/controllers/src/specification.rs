@@ -152,6 +152,14 @@ impl Architecture {
         self.checked_weight_count().unwrap_or(usize::MAX)
     }
 
+    /// What every node does to its sum.
+    pub fn activation(&self) -> Activation {
+        match self {
+            Self::Layered(net) => net.activation,
+            Self::FullyMeshed(net) => net.activation,
+        }
+    }
+
     /// Numbers in.
     pub fn sensors(&self) -> usize {
         match self {

@@ -54,6 +54,8 @@ pub trait Lanes: Copy {
     fn sub(self, other: Self) -> Self;
     /// self * other
     fn mul(self, other: Self) -> Self;
+    /// The opposite sign, of zeros and NaN too.
+    fn neg(self) -> Self;
     /// self / other
     fn div(self, other: Self) -> Self;
     /// The correctly rounded square root.

@@ -61,6 +61,10 @@ impl Lanes for F32s {
         Self(each(self.0, other.0, |a, b| a * b))
     }
     #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|a| -a))
+    }
+    #[inline(always)]
     fn div(self, other: Self) -> Self {
         Self(each(self.0, other.0, |a, b| a / b))
     }

@@ -29,6 +29,7 @@ impl Kernel for All<'_> {
                 a.mul(b),
                 a.div(b),
                 a.sqrt(),
+                a.neg(),
                 a.at_most(b),
                 a.at_least(b),
                 a.select(b, a.lt(b)),
@@ -93,7 +94,7 @@ impl Kernel for All<'_> {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 28];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 29];
     for lane in 0..16 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -106,6 +107,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             a * b,
             a / b,
             a.sqrt(),
+            -a,
             if a > b { b } else { a },
             if a < b { b } else { a },
             choose(a < b),

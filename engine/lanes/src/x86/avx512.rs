@@ -55,6 +55,10 @@ impl Lanes for F32s {
         Self(simd!(_mm512_mul_ps(self.0, other.0)))
     }
     #[inline(always)]
+    fn neg(self) -> Self {
+        Self(simd!(_mm512_xor_ps(self.0, _mm512_set1_ps(-0.0))))
+    }
+    #[inline(always)]
     fn div(self, other: Self) -> Self {
         Self(simd!(_mm512_div_ps(self.0, other.0)))
     }

@@ -1,0 +1,126 @@
+//! Lanes compute what one controller at a time computes, to the bit, in every instruction set.
+
+use proptest::prelude::*;
+use serde_json::json;
+use swarmwright_controllers::{Controller, LaneController, Specification};
+use swarmwright_lanes::{Kernel, Lanes, Level};
+
+/// Steps every lane's controller through the sensors of its lane; the outputs lane by lane.
+struct Steps<'a> {
+    specifications: &'a [Specification],
+    /// By step, then lane.
+    sensors: &'a [Vec<Vec<f32>>],
+}
+
+impl Kernel for Steps<'_> {
+    type Output = Vec<Vec<f32>>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Vec<Vec<f32>> {
+        let architecture = self.specifications[0].architecture();
+        let mut outputs = vec![Vec::new(); self.specifications.len()];
+        for (block, specifications) in self.specifications.chunks_exact(L::WIDTH).enumerate() {
+            let mut controllers = LaneController::<L>::new(architecture);
+            let genomes: Vec<&[f32]> = specifications.iter().map(Specification::weights).collect();
+            controllers.load(&genomes);
+            let mut state = vec![L::splat(0.0); controllers.state_length()];
+            let mut actuators = vec![L::splat(0.0); architecture.actuators()];
+            let first = block * L::WIDTH;
+            for step in self.sensors {
+                let sensors: Vec<L> = (0..architecture.sensors())
+                    .map(|sensor| {
+                        L::load(
+                            &(0..L::WIDTH)
+                                .map(|lane| step[first + lane][sensor])
+                                .collect::<Vec<_>>(),
+                        )
+                    })
+                    .collect();
+                controllers.step(&mut state, &sensors, &mut actuators);
+                for actuator in &actuators {
+                    let mut lanes = vec![0.0; L::WIDTH];
+                    actuator.store(&mut lanes);
+                    for (lane, value) in lanes.into_iter().enumerate() {
+                        outputs[first + lane].push(value);
+                    }
+                }
+            }
+        }
+        outputs
+    }
+}
+
+fn architecture() -> impl Strategy<Value = serde_json::Value> {
+    let range = prop::sample::select(vec![[-1.0, 1.0], [0.0, 1.0], [-3.0, 2.5]]);
+    let layered = (
+        prop::collection::vec(1usize..6, 0..3),
+        prop::sample::select(vec!["tanh", "sigmoid", "relu", "clamp", "linear"]),
+    )
+        .prop_map(|(hidden, activation)| json!({"kind": "layered", "hidden": hidden, "activation": activation}));
+    let meshed = (0usize..5, 1u32..4, prop::sample::select(vec!["tanh", "sigmoid", "relu", "clamp"])).prop_map(
+        |(hidden, iterations, activation)| {
+            json!({"kind": "fully_meshed", "hidden": hidden, "iterations": iterations, "activation": activation})
+        },
+    );
+    (prop_oneof![layered, meshed], range, 1usize..6, 1usize..4).prop_map(
+        |(mut specification, range, sensors, actuators)| {
+            specification["version"] = json!(1);
+            specification["sensors"] = json!(sensors);
+            specification["actuators"] = json!(actuators);
+            specification["output_range"] = json!(range);
+            specification
+        },
+    )
+}
+
+/// Weights of every size: large ones overflow, and what comes of it must agree too.
+fn weight() -> impl Strategy<Value = f32> {
+    prop_oneof![8 => -4.0f32..4.0, 1 => -1e30f32..1e30, 1 => prop::sample::select(vec![0.0, -0.0, 3e38])]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn lanes_agree_with_single_controllers(
+        architecture in architecture(),
+        weights in prop::collection::vec(weight(), 2000),
+        readings in prop::collection::vec(-2.0f32..2.0, 500),
+    ) {
+        let count = swarmwright_controllers::Architecture::from_json(&architecture.to_string()).unwrap().weight_count();
+        let mut drawn = weights.iter().cycle();
+        let specifications: Vec<Specification> = (0..16)
+            .map(|_| {
+                let mut specification = architecture.clone();
+                specification["weights"] = json!(drawn.by_ref().take(count).collect::<Vec<_>>());
+                Specification::from_json(&specification.to_string()).unwrap()
+            })
+            .collect();
+        let width = specifications[0].architecture().sensors();
+        let mut read = readings.iter().cycle();
+        let sensors: Vec<Vec<Vec<f32>>> =
+            (0..4).map(|_| (0..16).map(|_| read.by_ref().take(width).copied().collect()).collect()).collect();
+        let expected: Vec<Vec<u32>> = specifications
+            .iter()
+            .enumerate()
+            .map(|(lane, specification)| {
+                let mut controller = Controller::new(specification);
+                let mut actuators = vec![0.0; controller.actuators()];
+                sensors
+                    .iter()
+                    .flat_map(|step| {
+                        controller.step(&step[lane], &mut actuators).unwrap();
+                        actuators.iter().map(|value| value.to_bits()).collect::<Vec<_>>()
+                    })
+                    .collect()
+            })
+            .collect();
+        for level in Level::available() {
+            let found: Vec<Vec<u32>> = level
+                .run(Steps { specifications: &specifications, sensors: &sensors })
+                .into_iter()
+                .map(|lane| lane.into_iter().map(f32::to_bits).collect())
+                .collect();
+            prop_assert_eq!(&found, &expected, "{}", level.name());
+        }
+    }
+}
