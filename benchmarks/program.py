@@ -1,0 +1,56 @@
+"""The program as its users meet it: start-up, the example from start to end, memory."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+from benchmarks.processes import PROGRAM, ROOT, Broker, peak_memory, servers
+
+EXAMPLE = ROOT / "experiments" / "minisim.yaml"
+
+
+def start_up(*arguments: str) -> float:
+    """Milliseconds of one run of Python."""
+    start = time.perf_counter()
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True, timeout=60)
+    return (time.perf_counter() - start) * 1e3
+
+
+def help_start_up() -> float:
+    """Milliseconds of `swarmwright --help`."""
+    return start_up(*PROGRAM[1:], "--help")
+
+
+def whole_run() -> tuple[float, int]:
+    """Seconds of the example with two servers of its own on the embedded broker; and its evaluations."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [*PROGRAM, "optimize", str(EXAMPLE), "--servers", "2", "--out", f"{folder}/run", "--json"]
+        start = time.perf_counter()
+        output = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300).stdout
+        seconds = time.perf_counter() - start
+    return seconds, int(json.loads(output.splitlines()[-1])["evaluations"])
+
+
+def peak_memories(broker: Broker) -> tuple[float, float]:
+    """Peak memory in MB of the optimization tool and of a server, in the example with two servers."""
+    with servers(broker, 2, "") as pids, tempfile.TemporaryDirectory() as folder:
+        command = [
+            *PROGRAM,
+            "optimize",
+            str(EXAMPLE),
+            "--broker",
+            broker.url,
+            "--out",
+            f"{folder}/run",
+            "--json",
+        ]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        _, status, usage = os.wait4(process.pid, 0)
+        # Popen must not wait for it a second time.
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode != 0:
+            raise SystemExit(f"{' '.join(command)}: exit status {process.returncode}")
+        return usage.ru_maxrss * 1024 / 1e6, max(map(peak_memory, pids))

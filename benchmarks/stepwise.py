@@ -1,0 +1,129 @@
+"""Stepwise evaluation: the optimization tool's pool in this process, Minisim servers in others."""
+
+import json
+import random
+import struct
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import paho.mqtt.client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
+
+from benchmarks.processes import Broker
+from swarmwright import _engine
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a block of episodes took. episode_seconds: from its parameters message to its fitness, summed."""
+
+    agent_steps: int
+    steps: int
+    episodes: int
+    seconds: float
+    episode_seconds: float
+
+
+class Stepwise:
+    """A pool on one broker, under one prefix, that waits for `servers` servers.
+
+    agents, steps: of every episode. Nobody arrives and nobody is caught, so that each takes all its steps:
+    the map is large, the agents are slow, there is no defender.
+    """
+
+    def __init__(self, broker: Broker, prefix: str, servers: int, agents: int, steps: int) -> None:
+        self._agents = agents
+        self._parameters = {
+            "mapWidth": 10_000,
+            "mapHeight": 10_000,
+            "numAgents": agents,
+            "numDefenders": 0,
+            "speedAgents": 0.01,
+            "maxSteps": steps,
+        }
+        self._pool = _engine.Pool(
+            broker.url,
+            simulation="minisim",
+            parameters=json.dumps(self._parameters),
+            requirements='{"dimensions": 2}',
+            prefix=prefix,
+            tool="bench",
+        )
+        self._pool.wait_for_server()
+        # The others answer the same round of discovery; a first block shows that they are all at work.
+        used: set[int] = set()
+        deadline = time.monotonic() + 10
+        while len(used) < servers:
+            _, journal = self._pool.evaluate(_controllers(2 * servers), [0])
+            used |= {attempt["server"] for attempt in map(json.loads, journal.splitlines())}
+            if time.monotonic() > deadline:
+                raise SystemExit(f"only {len(used)} of {servers} servers take part")
+
+    def evaluate(self, episodes: int) -> Evaluation:
+        """Run a block of episodes, whose fitness must be that of the same episodes without a broker."""
+        controllers = _controllers(episodes)
+        start = time.perf_counter()
+        fitness, journal = self._pool.evaluate(controllers, [0])
+        seconds = time.perf_counter() - start
+        expected = _engine.rollout("minisim", json.dumps(self._parameters), controllers, [0])
+        if fitness.tobytes() != expected.tobytes():
+            raise SystemExit("stepwise evaluation and a rollout in this process give different fitness")
+        attempts: list[dict[str, Any]] = [json.loads(line) for line in journal.splitlines()]
+        steps = sum(int(attempt["steps"]) for attempt in attempts)
+        return Evaluation(
+            agent_steps=steps * self._agents,
+            steps=steps,
+            episodes=len(attempts),
+            seconds=seconds,
+            episode_seconds=sum(float(attempt["seconds"]) for attempt in attempts),
+        )
+
+    def close(self) -> None:
+        """Free the servers."""
+        self._pool.close()
+
+
+def message_sizes(broker: Broker, prefix: str) -> tuple[int, int]:
+    """Mean bytes of a sensor and of an actuator message of an episode, as they cross the broker."""
+    seen: dict[str, list[int]] = {"sensor": [], "actuator": []}
+    client = mqtt.Client(CallbackAPIVersion.VERSION2, protocol=mqtt.MQTTv5)
+    client.on_message = lambda _client, _data, message: seen[message.topic.rsplit("/", 1)[-1]].append(
+        len(message.payload)
+    )
+    subscribed: list[bool] = []
+    client.on_subscribe = lambda *_: subscribed.append(True)
+    client.connect("127.0.0.1", broker.port)
+    client.subscribe([(f"{prefix}/sensor", 0), (f"{prefix}/actuator", 0)])
+    client.loop_start()
+    while not subscribed:
+        time.sleep(0.01)
+    pool = Stepwise(broker, prefix, servers=1, agents=1, steps=200)
+    pool.close()
+    time.sleep(0.2)
+    client.disconnect()
+    client.loop_stop()
+    sensor, actuator = (round(sum(sizes) / len(sizes)) for sizes in seen.values())
+    return sensor, actuator
+
+
+def _controllers(count: int) -> list[str]:
+    """Specifications of 4-8-1 networks with random weights, the same ones every time."""
+    source = random.Random(1)
+    specification = {
+        "version": 1,
+        "kind": "layered",
+        "sensors": 4,
+        "actuators": 1,
+        "hidden": [8],
+        "activation": "tanh",
+        "output_range": [-1, 1],
+    }
+    weights = [[_single(source.uniform(-2, 2)) for _ in range(49)] for _ in range(count)]
+    return [json.dumps({**specification, "weights": each}) for each in weights]
+
+
+def _single(value: float) -> float:
+    """The nearest binary32."""
+    nearest: float = struct.unpack("f", struct.pack("f", value))[0]
+    return nearest

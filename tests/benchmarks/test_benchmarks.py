@@ -1,0 +1,58 @@
+"""The benchmarks run, and what they write has the form that scripts rely on."""
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KEYS = {"name", "value", "unit", "against", "ratio"}
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.skipif(shutil.which("cargo") is None, reason="the bare client is compiled by cargo")
+def test_a_quick_run_compares_every_stepwise_figure_with_its_floor(root: Path, tmp_path: Path) -> None:
+    file = tmp_path / "build" / "bench.json"
+    result = subprocess.run(
+        [sys.executable, "-m", "benchmarks", str(file), "--quick"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        timeout=170,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    measurements = json.loads(file.read_text())
+    names = [one["name"] for one in measurements]
+    assert len(set(names)) == len(names)
+    for one in measurements:
+        assert set(one) == KEYS
+        assert math.isfinite(one["value"])
+        assert one["unit"]
+        assert (one["against"] is None) == (one["ratio"] is None)
+        assert one["against"] is None or one["against"] in names
+    by_name = {one["name"]: one for one in measurements}
+    for broker in ("embedded", "Mosquitto"):
+        step = by_name[f"step round trip ({broker})"]
+        floor = by_name[f"bare ping-pong ({broker})"]
+        # With one repetition the ratio is that of the two values.
+        assert step["ratio"] == pytest.approx(step["value"] / floor["value"])
+        for agents in ("1 agent", "10 agents", "100 agents"):
+            ours = by_name[f"stepwise, 8 servers, {agents} each ({broker})"]
+            assert ours["against"] == f"bare messages, 8 servers, {agents} each ({broker})"
+            assert ours["value"] > 0
+    for word in ("ratio", "aim", "<= 1.5", ">= 0.8", str(file)):
+        assert word in result.stdout, result.stdout
+
+
+def test_a_repetition_is_compared_with_its_own_floor() -> None:
+    from benchmarks.measurement import Samples
+
+    floor = Samples("floor", "us", values=[10.0, 20.0, 30.0])
+    ours = Samples("ours", "us", floor, values=[20.0, 20.0, 90.0])
+    measurement = ours.measurement()
+    assert measurement.value == 20.0
+    assert measurement.ratio == 2.0  # the median of 2, 1 and 3, not 20 / 20
