@@ -1,10 +1,12 @@
 //! The MQTT connection of the optimization tool and of the simulation wrapper.
 //!
-//! The protocol itself is the crate `mqtt-protocol-core`, which does no I/O. Here are the socket (TCP, TLS,
+//! The protocol itself is the crate `mqtt-protocol-core`, which does no I/O; the one packet that comes by the million
+//! is read and written by hand (`plain`). Here are the socket (TCP, TLS,
 //! websocket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
 //! published since the last in one write, since a step of many agents is many small messages.
 
 mod connection;
+mod plain;
 mod session;
 mod settings;
 mod transport;

@@ -1,5 +1,7 @@
 //! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and packets out. A thin face over `mqtt-protocol-core`.
 
+use std::ops::Range;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use mqtt_protocol_core::mqtt::common::Cursor;
@@ -11,6 +13,7 @@ use mqtt_protocol_core::mqtt::prelude::*;
 use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode, MqttError};
 use mqtt_protocol_core::mqtt::{self, role};
 
+use crate::plain::{self, Cut};
 use crate::settings::Settings;
 
 /// Quality of service of a message.
@@ -55,8 +58,15 @@ pub struct Incoming(Publish);
 
 #[derive(Debug, Clone)]
 enum Publish {
-    V5(v5_0::Publish),
-    V3(v3_1_1::Publish),
+    /// At QoS 0 without properties; `bytes` is everything that one read brought.
+    Plain {
+        bytes: Arc<[u8]>,
+        topic: Range<usize>,
+        payload: Range<usize>,
+        retained: bool,
+    },
+    V5(Box<v5_0::Publish>),
+    V3(Box<v3_1_1::Publish>),
 }
 
 impl Incoming {
@@ -64,6 +74,10 @@ impl Incoming {
     #[must_use]
     pub fn topic(&self) -> &str {
         match &self.0 {
+            // It was found to be UTF-8 when it was read.
+            Publish::Plain { bytes, topic, .. } => {
+                std::str::from_utf8(&bytes[topic.clone()]).unwrap_or_default()
+            }
             Publish::V5(publish) => publish.topic_name(),
             Publish::V3(publish) => publish.topic_name(),
         }
@@ -73,6 +87,7 @@ impl Incoming {
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         match &self.0 {
+            Publish::Plain { bytes, payload, .. } => &bytes[payload.clone()],
             Publish::V5(publish) => publish.payload().as_slice(),
             Publish::V3(publish) => publish.payload().as_slice(),
         }
@@ -82,6 +97,7 @@ impl Incoming {
     #[must_use]
     pub fn retained(&self) -> bool {
         match &self.0 {
+            Publish::Plain { retained, .. } => *retained,
             Publish::V5(publish) => publish.retain(),
             Publish::V3(publish) => publish.retain(),
         }
@@ -107,6 +123,14 @@ pub(crate) struct Session {
     core: mqtt::Connection<role::Client>,
     ping_at: Option<Instant>,
     silent_at: Option<Instant>,
+    /// The beginning of a packet whose end has not come.
+    partial: Vec<u8>,
+    /// The broker has accepted the connection: plain messages need not go through the core.
+    accepted: bool,
+    /// Nothing that comes after this counts.
+    over: bool,
+    /// The largest packet that the broker takes.
+    largest: usize,
 }
 
 impl Session {
@@ -122,6 +146,10 @@ impl Session {
             core,
             ping_at: None,
             silent_at: None,
+            partial: Vec::new(),
+            accepted: false,
+            over: false,
+            largest: usize::MAX,
         }
     }
 
@@ -213,6 +241,23 @@ impl Session {
         expiry: Option<u32>,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
+        // The keep-alive timer runs on meanwhile: a ping too many is harmless.
+        let plain = self.accepted && qos == QoS::AtMostOnce && !retain && expiry.is_none();
+        if plain && plain::write(topic, payload, self.version, self.largest, out) {
+            return Ok(());
+        }
+        self.publish_by_core(topic, payload, qos, retain, expiry, out)
+    }
+
+    fn publish_by_core(
+        &mut self,
+        topic: &str,
+        payload: &[u8],
+        qos: QoS,
+        retain: bool,
+        expiry: Option<u32>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), MqttError> {
         let id = match qos {
             QoS::AtMostOnce => None,
             QoS::AtLeastOnce => Some(self.core.acquire_packet_id()?),
@@ -272,12 +317,58 @@ impl Session {
         out: &mut Vec<u8>,
         received: &mut impl FnMut(Received),
     ) {
-        let mut cursor = Cursor::new(bytes);
-        while !cursor.remaining_slice().is_empty() {
-            for event in self.core.recv(&mut cursor) {
-                self.handle(event, out, received);
-            }
+        if self.partial.is_empty() {
+            let done = self.receive_packets(bytes, out, received);
+            self.partial.extend_from_slice(&bytes[done..]);
+        } else {
+            let mut joined = std::mem::take(&mut self.partial);
+            joined.extend_from_slice(bytes);
+            let done = self.receive_packets(&joined, out, received);
+            joined.drain(..done);
+            self.partial = joined;
         }
+    }
+
+    /// Takes all packets that are there as a whole; how many bytes they are.
+    fn receive_packets(
+        &mut self,
+        bytes: &[u8],
+        out: &mut Vec<u8>,
+        received: &mut impl FnMut(Received),
+    ) -> usize {
+        let mut shared: Option<Arc<[u8]>> = None;
+        let mut start = 0;
+        while start < bytes.len() && !self.over {
+            let (header, end) = match plain::cut(&bytes[start..]) {
+                Cut::Incomplete => return start,
+                // The core says what is wrong.
+                Cut::Malformed => (0, bytes.len()),
+                Cut::Whole { header, length } => (header, start + length),
+            };
+            let packet = &bytes[start..end];
+            let found = if self.accepted {
+                plain::read(packet, header, self.version)
+            } else {
+                None
+            };
+            if let Some((topic, payload)) = found {
+                received(Received::Publish(Incoming(Publish::Plain {
+                    retained: packet[0] & 1 == 1,
+                    bytes: Arc::clone(shared.get_or_insert_with(|| bytes.into())),
+                    topic: start + topic.start..start + topic.end,
+                    payload: start + payload.start..start + payload.end,
+                })));
+            } else {
+                let mut cursor = Cursor::new(packet);
+                while !cursor.remaining_slice().is_empty() {
+                    for event in self.core.recv(&mut cursor) {
+                        self.handle(event, out, received);
+                    }
+                }
+            }
+            start = end;
+        }
+        bytes.len()
     }
 
     /// The next time at which `tick` is needed.
@@ -319,20 +410,27 @@ impl Session {
             }
             CoreEvent::NotifyPacketReceived(packet) => match packet {
                 Packet::V5_0Publish(publish) => {
-                    received(Received::Publish(Incoming(Publish::V5(publish))))
+                    received(Received::Publish(Incoming(Publish::V5(Box::new(publish)))))
                 }
                 Packet::V3_1_1Publish(publish) => {
-                    received(Received::Publish(Incoming(Publish::V3(publish))))
+                    received(Received::Publish(Incoming(Publish::V3(Box::new(publish)))))
                 }
                 Packet::V5_0Connack(connack) => received(match connack.reason_code() {
-                    ConnectReasonCode::Success => Received::Accepted,
+                    ConnectReasonCode::Success => {
+                        self.accepted = true;
+                        self.largest = largest(connack.props());
+                        Received::Accepted
+                    }
                     code => Received::Refused(
                         code.to_string(),
                         matches!(code, ConnectReasonCode::UnsupportedProtocolVersion),
                     ),
                 }),
                 Packet::V3_1_1Connack(connack) => received(match connack.return_code() {
-                    ConnectReturnCode::Accepted => Received::Accepted,
+                    ConnectReturnCode::Accepted => {
+                        self.accepted = true;
+                        Received::Accepted
+                    }
                     code => Received::Refused(code.to_string(), false),
                 }),
                 Packet::V5_0Suback(suback) => {
@@ -354,6 +452,7 @@ impl Session {
                     ));
                 }
                 Packet::V5_0Disconnect(disconnect) => {
+                    self.over = true;
                     received(Received::Closed(disconnect.reason_code().map_or_else(
                         || "the broker disconnected".to_owned(),
                         |code| code.to_string(),
@@ -362,9 +461,11 @@ impl Session {
                 _ => {}
             },
             CoreEvent::NotifyError(error) => {
+                self.over = true;
                 received(Received::Closed(format!("MQTT protocol error: {error:?}")))
             }
             CoreEvent::RequestClose => {
+                self.over = true;
                 received(Received::Closed("the MQTT protocol demands it".to_owned()))
             }
             CoreEvent::NotifyPacketIdReleased(_) => {}
@@ -379,3 +480,16 @@ impl Session {
         }
     }
 }
+
+fn largest(properties: &[Property]) -> usize {
+    properties
+        .iter()
+        .find_map(|property| match property {
+            Property::MaximumPacketSize(size) => usize::try_from(size.val()).ok(),
+            _ => None,
+        })
+        .unwrap_or(usize::MAX)
+}
+
+#[cfg(test)]
+mod tests;

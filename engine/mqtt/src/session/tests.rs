@@ -1,0 +1,135 @@
+use super::*;
+
+const VERSIONS: [Version; 2] = [Version::V5, Version::V3];
+
+/// A session that the broker has accepted, with `properties` (MQTT 5) in its CONNACK.
+fn accepted(version: Version, properties: &[u8]) -> Session {
+    let mut session = Session::new(version);
+    let settings = Settings::new("mqtt://localhost".parse().unwrap());
+    session.connect(&settings, "me", &mut Vec::new()).unwrap();
+    let mut connack = vec![0x20, 2, 0, 0];
+    if version == Version::V5 {
+        let length = u8::try_from(properties.len()).unwrap();
+        connack[1] = 3 + length;
+        connack.push(length);
+        connack.extend_from_slice(properties);
+    }
+    let mut answers = Vec::new();
+    session.receive(&connack, &mut Vec::new(), &mut |it| answers.push(it));
+    assert!(matches!(answers[..], [Received::Accepted]), "{answers:?}");
+    session
+}
+
+/// What came in, as far as it can be seen from outside.
+fn messages(session: &mut Session, pieces: &[&[u8]]) -> Vec<(String, Vec<u8>, bool)> {
+    let mut found = Vec::new();
+    for piece in pieces {
+        session.receive(piece, &mut Vec::new(), &mut |received| match received {
+            Received::Publish(it) => {
+                found.push((it.topic().to_owned(), it.payload().to_vec(), it.retained()));
+            }
+            other => panic!("{other:?}"),
+        });
+    }
+    found
+}
+
+#[test]
+fn a_plain_message_is_written_as_the_crate_writes_it() {
+    for version in VERSIONS {
+        let mut session = accepted(version, &[]);
+        for topic in ["s", "sensor", "lab/1/äctuator", &"x".repeat(200)] {
+            for size in [0, 1, 100, 127, 128, 16_300, 16_384, 2_100_000] {
+                let payload: Vec<u8> = (0..size).map(|_| fastrand::u8(..)).collect();
+                let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+                assert!(plain::write(
+                    topic,
+                    &payload,
+                    version,
+                    usize::MAX,
+                    &mut ours
+                ));
+                session
+                    .publish_by_core(topic, &payload, QoS::AtMostOnce, false, None, &mut theirs)
+                    .unwrap();
+                assert_eq!(ours, theirs, "{version:?} {topic} {size}");
+            }
+        }
+    }
+}
+
+#[test]
+fn messages_are_read_as_the_crate_reads_them_wherever_the_stream_is_cut() {
+    let mut random = fastrand::Rng::with_seed(7);
+    for version in VERSIONS {
+        let mut stream = Vec::new();
+        let mut sender = accepted(version, &[]);
+        for number in 0..300 {
+            let size = [0, 3, 150, 300, 20_000][random.usize(..5)];
+            let payload: Vec<u8> = (0..size).map(|_| random.u8(..)).collect();
+            let qos = [QoS::AtMostOnce, QoS::AtMostOnce, QoS::AtLeastOnce][random.usize(..3)];
+            let expiry = (version == Version::V5 && random.u8(..4) == 0).then_some(60);
+            let topic = format!("topic/{number}");
+            sender
+                .publish_by_core(&topic, &payload, qos, random.bool(), expiry, &mut stream)
+                .unwrap();
+        }
+        let mut reference = accepted(version, &[]);
+        reference.accepted = false; // everything through the crate
+        let expected = messages(&mut reference, &[&stream]);
+        assert_eq!(expected.len(), 300);
+        let mut pieces = Vec::new();
+        let mut rest = &stream[..];
+        while !rest.is_empty() {
+            let most = [1, 5, 400, 65_536][random.usize(..4)].min(rest.len());
+            let (piece, later) = rest.split_at(random.usize(1..=most));
+            pieces.push(piece);
+            rest = later;
+        }
+        assert_eq!(messages(&mut accepted(version, &[]), &pieces), expected);
+    }
+}
+
+#[test]
+fn a_message_larger_than_the_broker_takes_is_refused() {
+    // Property 39, maximum packet size: 100.
+    let mut session = accepted(Version::V5, &[39, 0, 0, 0, 100]);
+    let mut send = |size: usize| {
+        let mut out = Vec::new();
+        let sent = session.publish("t", &vec![0; size], QoS::AtMostOnce, false, None, &mut out);
+        (sent.is_ok(), out.len())
+    };
+    // Fixed header 2, topic 3, property length 1.
+    assert_eq!(send(94), (true, 100));
+    assert_eq!(send(95), (false, 0));
+}
+
+#[test]
+fn what_is_malformed_ends_the_connection_and_nothing_after_it_counts() {
+    let plain = [0x30, 4, 0, 1, b't', 0];
+    for version in VERSIONS {
+        for bad in [
+            &[0x30, 0xff, 0xff, 0xff, 0xff, 1][..], // no length
+            &[0x30, 3, 0, 9, b't'],                 // a topic longer than its packet
+            &[0x36, 5, 0, 1, b't', 0, 0],           // QoS 3
+            &[0x30, 5, 0, 2, b't', 0xff, 0],        // a topic that is no UTF-8
+        ] {
+            let mut session = accepted(version, &[]);
+            let mut events = Vec::new();
+            session.receive(
+                &[&plain, bad, &plain].concat(),
+                &mut Vec::new(),
+                &mut |it| {
+                    events.push(it);
+                },
+            );
+            assert!(matches!(events[0], Received::Publish(_)), "{events:?}");
+            assert!(events.len() > 1, "{version:?} {bad:?}");
+            let closed = |event: &Received| matches!(event, Received::Closed(_));
+            assert!(
+                events[1..].iter().all(closed),
+                "{version:?} {bad:?} {events:?}"
+            );
+        }
+    }
+}
