@@ -34,7 +34,7 @@ class Generation:
     generations: int
     """Generations of the whole run."""
     best: float
-    """Best fitness in the population; None does not occur: a run whose candidates all fail is stopped."""
+    """Best fitness in the population."""
     mean: float
     """Mean fitness of the population."""
     best_so_far: float

@@ -1,4 +1,4 @@
-"""A simulation server as somebody else would write it: D6.1 alone, with a plain MQTT client."""
+"""What the library's tests share: a simulation server as somebody else would write it, with D6.1 alone."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -7,7 +7,12 @@ from typing import Any
 
 import paho.mqtt.client as mqtt
 import pytest
+from hypothesis import settings
 from paho.mqtt.enums import CallbackAPIVersion
+
+# Other work on the machine must not make an example look slow; every test has its time-out.
+settings.register_profile("swarmwright", deadline=None)
+settings.load_profile("swarmwright")
 
 Message = dict[str, Any]
 

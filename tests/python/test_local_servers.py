@@ -60,9 +60,14 @@ def test_two_servers_with_one_id(embedded_broker: str) -> None:
 
 def test_an_error_in_the_block_leaves_nobody_behind(embedded_broker: str) -> None:
     pids: list[int] = []
-    with pytest.raises(ZeroDivisionError), LocalServers([settings(embedded_broker)]) as servers:
-        pids += servers.pids
-        raise ZeroDivisionError
+
+    def fail() -> None:
+        with LocalServers([settings(embedded_broker)]) as servers:
+            pids.extend(servers.pids)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
     assert pids
     assert not any(map(alive, pids))
 

@@ -1,9 +1,11 @@
 """How a genome becomes a controller: one file and one line below for each representation."""
 
+from swarmwright._options import Options
+from swarmwright._random import Stream
 from swarmwright._registry import Registry
-from swarmwright.representations._base import Representation
+from swarmwright.representations._base import Genome, Genomes, Representation
 
-__all__ = ["REPRESENTATIONS", "Representation"]
+__all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Options", "Representation", "Stream"]
 
 REPRESENTATIONS: Registry[Representation] = Registry(
     "controller",

@@ -15,7 +15,9 @@ def check_options(registry: Registry[Any], kind: str) -> Options:
     component = registry.get(kind)
     assert component.kind == kind, f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
     model: type[Options] = component.options_model
-    assert issubclass(model, Options), f"{model.__name__} must derive from swarmwright._options.Options"
+    assert issubclass(model, Options), (
+        f"{model.__name__} must derive from swarmwright.representations.Options"
+    )
     field = model.model_fields.get("kind")
     assert field is not None, f"{model.__name__} needs kind: Literal[{kind!r}] = {kind!r}"
     assert field.default == kind, f"{model.__name__}.kind must default to {kind!r}"
