@@ -7,11 +7,11 @@ from typing import Any
 
 import paho.mqtt.client as mqtt
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from paho.mqtt.enums import CallbackAPIVersion
 
 # Other work on the machine must not make an example look slow; every test has its time-out.
-settings.register_profile("swarmwright", deadline=None)
+settings.register_profile("swarmwright", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("swarmwright")
 
 Message = dict[str, Any]

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -10,17 +9,16 @@ import swarmwright
 
 
 def test_importing_is_fast_and_lazy() -> None:
+    # Processor time, because others may work beside the test.
     code = (
-        "import sys, swarmwright; print([m for m in ('numpy', 'pydantic', 'matplotlib') if m in sys.modules])"
+        "import sys, time; began = time.process_time(); import swarmwright; "
+        "print(time.process_time() - began); "
+        "print([name for name in ('numpy', 'pydantic', 'matplotlib') if name in sys.modules])"
     )
-    began = time.perf_counter()
-    bare = subprocess.run([sys.executable, "-c", "import sys"], check=True)
-    middle = time.perf_counter()
     result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert bare.returncode == 0
-    assert result.stdout.strip() == "[]"
-    # 150 ms is the promise for an idle machine; here others may work beside the test.
-    assert time.perf_counter() - middle < middle - began + 1
+    seconds, heavy = result.stdout.splitlines()
+    assert float(seconds) < 0.15
+    assert heavy == "[]"
 
 
 def test_plotting_libraries_are_not_needed_to_optimize() -> None:
