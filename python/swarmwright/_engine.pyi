@@ -6,6 +6,23 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Broker",
+    "Controller",
+    "EngineError",
+    "Episode",
+    "InputError",
+    "Pool",
+    "__version__",
+    "check_parameters",
+    "describe",
+    "genome_size",
+    "rollout",
+    "serve",
+    "servers",
+    "simulations",
+]
+
 __version__: str
 
 class EngineError(RuntimeError):
@@ -63,7 +80,9 @@ class Episode:
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
-def rollout(title: str, parameters: str, controllers: Sequence[str], seeds: Sequence[int]) -> NDArray[np.float64]:
+def rollout(
+    title: str, parameters: str, controllers: Sequence[str], seeds: Sequence[int]
+) -> NDArray[np.float64]:
     """Evaluate in this process: (candidates, episodes) fitness; the parameter `seed` of episode e is seeds[e]."""
 
 @final

@@ -18,10 +18,10 @@ pub struct PyBroker {
 #[pymethods]
 impl PyBroker {
     #[new]
-    #[pyo3(signature = (host="127.0.0.1".to_owned(), port=0, *, websocket_port=None, users=None, certificate=None, key=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, certificate=None, key=None))]
     fn new(
         py: Python<'_>,
-        host: String,
+        host: &str,
         port: u16,
         websocket_port: Option<u16>,
         users: Option<PathBuf>,
@@ -29,7 +29,7 @@ impl PyBroker {
         key: Option<PathBuf>,
     ) -> PyResult<Self> {
         let config = Config {
-            host,
+            host: host.to_owned(),
             port,
             websocket_port,
             users,
