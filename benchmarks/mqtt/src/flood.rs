@@ -29,8 +29,12 @@ pub fn run(options: &Options) -> Result<String, Failure> {
         .into_iter()
         .map(|(topic, writer, readers)| {
             let message = packet::publish(&topic, &options.payload, options.five);
-            let (count, window) = (options.count, options.window);
-            thread::spawn(move || flood(writer, readers, &message, count, window))
+            let (count, window, batch) = (
+                options.count,
+                options.window,
+                options.batch.min(options.window),
+            );
+            thread::spawn(move || flood(writer, readers, &message, (count, window, batch)))
         })
         .collect();
     for part in parts {
@@ -39,10 +43,11 @@ pub fn run(options: &Options) -> Result<String, Failure> {
     let seconds = start.elapsed().as_secs_f64();
     let messages = options.count as f64 * options.pairs as f64;
     Ok(format!(
-        r#"{{"test":"flood","bytes":{},"count":{},"window":{},"pairs":{},"readers":{},"seconds":{seconds:.3},"messages_per_s":{:.0},"deliveries_per_s":{:.0}}}"#,
+        r#"{{"test":"flood","bytes":{},"count":{},"window":{},"batch":{},"pairs":{},"readers":{},"seconds":{seconds:.3},"messages_per_s":{:.0},"deliveries_per_s":{:.0}}}"#,
         options.payload.len(),
         options.count,
         options.window,
+        options.batch,
         options.pairs,
         options.readers,
         messages / seconds,
@@ -54,8 +59,7 @@ fn flood(
     mut writer: Connection,
     readers: Vec<Connection>,
     message: &[u8],
-    count: u64,
-    window: u64,
+    (count, window, batch): (u64, u64, u64),
 ) -> Result<(), String> {
     let me = thread::current();
     let mut arrived = Vec::new();
@@ -78,7 +82,7 @@ fn flood(
             Ok(())
         }));
     }
-    let batch = message.repeat(usize::try_from(window.min(64)).unwrap_or(64));
+    let bytes = message.repeat(usize::try_from(batch).map_err(|error| error.to_string())?);
     let mut sent = 0;
     while sent < count {
         let slowest = arrived
@@ -86,7 +90,7 @@ fn flood(
             .map(|counter| counter.load(Ordering::Acquire))
             .min()
             .unwrap_or(0);
-        let room = (slowest + window - sent).min(count - sent).min(64);
+        let room = (slowest + window - sent).min(count - sent).min(batch);
         if room == 0 {
             if parts.iter().any(JoinHandle::is_finished) {
                 break;
@@ -94,9 +98,9 @@ fn flood(
             thread::park_timeout(Duration::from_millis(100));
             continue;
         }
-        let bytes = message.len() * usize::try_from(room).unwrap_or(0);
+        let length = message.len() * usize::try_from(room).unwrap_or(0);
         writer
-            .write(&batch[..bytes])
+            .write(&bytes[..length])
             .map_err(|error| error.to_string())?;
         sent += room;
     }

@@ -21,7 +21,8 @@ usage: mqtt-bare pingpong|flood|burst|swarm --port P [options]
   --bytes N      200             --payload T   this text in place of N bytes
   --bytes-back N 200             the answer's, pingpong and swarm; default: as --bytes
   --count N      pingpong 20000, flood 500000, burst 10000, swarm 2000
-  --window N     500             --topic T     bare          --back T   bare/back
+  --window N     500             --batch N     1 messages per write, flood only
+  --topic T     bare          --back T   bare/back
   --pairs N      1 writers, each with a topic (T/0, T/1, ... when several) and readers of its own
   --readers N    1 readers per writer
   --servers N    8               --agents N    1             swarm only
@@ -63,6 +64,8 @@ pub struct Options {
     pub count: u64,
     /// Messages under way per pair, flood only.
     pub window: u64,
+    /// Messages handed to the operating system at once, flood only. Plain clients write each message on its own.
+    pub batch: u64,
     /// Topic there.
     pub topic: String,
     /// Topic back, ping-pong only.
@@ -112,6 +115,7 @@ impl Options {
                 Test::PingPong | Test::Relay => 20_000,
             },
             window: 500,
+            batch: 1,
             topic: "bare".into(),
             back: "bare/back".into(),
             pairs: 1,
@@ -141,6 +145,7 @@ impl Options {
                 "--payload" => payload = Some(value.into_bytes()),
                 "--count" => options.count = number(&name, &value)?,
                 "--window" => options.window = number(&name, &value)?,
+                "--batch" => options.batch = number(&name, &value)?,
                 "--topic" => options.topic = value,
                 "--back" => options.back = value,
                 "--pairs" => options.pairs = number(&name, &value)?,
@@ -166,7 +171,7 @@ impl Options {
             .min(options.agents as u64);
         if positive == 0 {
             return Err(
-                "--count, --window, --pairs, --readers, --servers and --agents must be at least 1"
+                "--count, --window, --batch, --pairs, --readers, --servers and --agents must be at least 1"
                     .into(),
             );
         }
