@@ -190,7 +190,7 @@ impl Connection {
         }
     }
 
-    /// Says good-bye (no last will) and closes, after sending what is queued for at most `patience`.
+    /// Says good-bye (no last will) and closes, once the broker has read what was queued, or after `patience`.
     pub fn close(mut self, patience: Duration) {
         let deadline = Instant::now() + patience;
         let mut events = Vec::new();
@@ -199,15 +199,29 @@ impl Connection {
         {
             return;
         }
-        while self.link.is_some() && Instant::now() < deadline {
+        while self.link.is_some() && !self.out.is_empty() && Instant::now() < deadline {
             self.flush(&mut events);
-            if self.out.is_empty() {
-                break;
+            if !self.out.is_empty() {
+                self.wait(
+                    deadline.min(Instant::now() + Duration::from_millis(10)),
+                    &mut events,
+                );
             }
-            self.wait(
-                deadline.min(Instant::now() + Duration::from_millis(10)),
-                &mut events,
-            );
+        }
+        // The broker closes once it has read the good-bye. To close before, with bytes unread here, would reset the
+        // connection, and what the broker has not read yet would be lost.
+        while let Some(link) = &mut self.link
+            && Instant::now() < deadline
+        {
+            match link.transport.read(&mut self.chunk) {
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    self.flush(&mut events);
+                    self.wait(deadline, &mut events);
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Ok(0) | Err(_) => break,
+                Ok(_) => {}
+            }
         }
     }
 
