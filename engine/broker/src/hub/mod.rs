@@ -221,7 +221,8 @@ impl Hub {
 
     /// Should this publisher not be read for now, because a reader that does read is far behind?
     pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
-        let Some(reader) = self.links[id].held_by else {
+        // The connection may have ended since it was noted as readable.
+        let Some(reader) = self.links.get(id).and_then(|link| link.held_by) else {
             return false;
         };
         let held = self.links.get(reader).is_some_and(|reader| {
