@@ -27,7 +27,7 @@ pub struct ParameterInfo {
     /// The name in a parameters message.
     #[serde(skip)]
     pub name: &'static str,
-    /// integer, number, string, position ([x, y]) or positions ([[x, y], ..]).
+    /// integer, number, string, position ([x, y]), positions ([[x, y], ..]) or object.
     #[serde(rename = "type")]
     pub kind: &'static str,
     /// What it is when left out; null where that depends on other parameters, as the description says.
@@ -109,7 +109,7 @@ pub struct Body {
     pub x: f32,
     /// Position in y.
     pub y: f32,
-    /// How it fares: free, arrived, caught, or empty.
+    /// How it fares: free, arrived, caught, out, or empty.
     pub state: &'static str,
     /// Radius, same unit as the position; 0 for a point.
     pub radius: f32,

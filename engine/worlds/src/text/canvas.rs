@@ -1,6 +1,6 @@
 //! A grid of characters over the map.
 
-use super::glyphs::{Glyph, glyph, halo};
+use super::glyphs::{Glyph, fills_cell, glyph, halo};
 use super::{TextStyle, paint};
 use crate::{Body, Scene};
 
@@ -26,9 +26,26 @@ impl Canvas {
             self.disc(scene, body, halo(body.kind, unicode));
         }
         for body in &scene.bodies {
+            let mark = glyph(body.kind, body.state, unicode);
+            if fills_cell(body.kind) {
+                self.square(scene, body, mark);
+            }
             let column = cell(body.x / scene.width, self.width);
             let row = cell(1.0 - body.y / scene.height, self.height);
-            self.cells[row * self.width + column] = Some(glyph(body.kind, body.state, unicode));
+            self.cells[row * self.width + column] = Some(mark);
+        }
+    }
+
+    /// Marks the characters whose middle lies within the cell of a grid that the body is in the middle of.
+    fn square(&mut self, scene: &Scene, body: &Body, mark: Glyph) {
+        let (w, h) = (
+            scene.width / self.width as f32,
+            scene.height / self.height as f32,
+        );
+        for row in within(scene.height - body.y, h, self.height) {
+            for column in within(body.x, w, self.width) {
+                self.cells[row * self.width + column] = Some(mark);
+            }
         }
     }
 
@@ -101,4 +118,10 @@ fn cell(fraction: f32, count: usize) -> usize {
 fn span(middle: f32, radius: f32, size: f32, count: usize) -> std::ops::Range<usize> {
     let (low, high) = ((middle - radius) / size, (middle + radius) / size);
     low.max(0.0) as usize..(high.max(0.0).ceil() as usize).min(count)
+}
+
+/// Characters of size `size` whose middle is less than half a cell away from `middle`.
+fn within(middle: f32, size: f32, count: usize) -> std::ops::Range<usize> {
+    let bound = |edge: f32| ((edge / size - 0.5).ceil().max(0.0) as usize).min(count);
+    bound(middle - 0.5)..bound(middle + 0.5)
 }

@@ -50,7 +50,7 @@ pub(super) fn glyph(kind: &str, state: &str, unicode: bool) -> Glyph {
         ("agent", _) => ('●', 'o', Color::Agent),
         ("defender", _) => ('◆', 'D', Color::Defender),
         ("goal", _) => ('◎', 'G', Color::Arrived),
-        ("exit", _) => ('□', 'E', Color::Arrived),
+        ("exit", _) => ('░', 'E', Color::Arrived),
         ("blockade", _) => ('█', '#', Color::Faint),
         _ => ('?', '?', Color::Default),
     };
@@ -58,6 +58,11 @@ pub(super) fn glyph(kind: &str, state: &str, unicode: bool) -> Glyph {
         symbol: if unicode { fancy } else { ascii },
         color,
     }
+}
+
+/// Whether a body fills a cell of a grid.
+pub(super) fn fills_cell(kind: &str) -> bool {
+    matches!(kind, "blockade" | "exit")
 }
 
 /// Fills the radius of a body.
