@@ -71,6 +71,11 @@ pub trait Simulation: Send {
     /// Moves on by one step. `actuators` holds one row per acting agent, in the order of `acting`, each number in -1..=1.
     fn step(&mut self, actuators: &[f32]);
 
+    /// Whether a step is under way: some of the agents that act in turn have acted in it, others have not.
+    fn mid_step(&self) -> bool {
+        false
+    }
+
     /// Fitness of the episode so far; larger is better.
     fn fitness(&self) -> f64;
 

@@ -88,10 +88,12 @@ fn rollouts_agree_step_by_step() {
         while !episode.done() {
             episode.step().unwrap();
             let scene = episode.simulation().scene().unwrap();
-            // In sequential update most calls are only an agent's part of a step.
-            if scene.step as usize == ways.len() {
-                ways.push(agents(&scene).0);
-            }
+            assert_eq!(
+                scene.step as usize,
+                ways.len(),
+                "{name}: a step of all agents"
+            );
+            ways.push(agents(&scene).0);
         }
         if let Some(expected) = case.get("cells") {
             let expected: Vec<Vec<[u32; 2]>> = read(expected);

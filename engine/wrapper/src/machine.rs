@@ -440,7 +440,9 @@ impl Machine {
             return;
         };
         let simulation = &self.simulations[run.simulation].1;
+        // Where agents act in turn there is a frame a step, not one for every agent.
         if run.visual
+            && !simulation.mid_step()
             && let Some(scene) = simulation.scene()
         {
             run.resume_at = Some(now + Duration::from_millis(simulation.step_size()));

@@ -261,6 +261,10 @@ impl Simulation for EmergencyExit {
         }
     }
 
+    fn mid_step(&self) -> bool {
+        self.turn > 0
+    }
+
     fn fitness(&self) -> f64 {
         let steps = self.settings.steps;
         let finished = self.finished.unwrap_or(steps);
