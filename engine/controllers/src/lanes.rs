@@ -56,44 +56,71 @@ impl<'a, L: Lanes> LaneController<'a, L> {
     pub fn step(&mut self, state: &mut [L], sensors: &[L], actuators: &mut [L]) {
         let (weights, scratch) = (self.weights.as_slice(), self.scratch.as_mut_slice());
         macro_rules! with {
-            ($function:expr) => {
+            ($function:ty) => {
                 match self.architecture {
                     Architecture::Layered(net) => {
-                        layered(net, weights, scratch, sensors, actuators, $function)
+                        layered::<L, $function>(net, weights, scratch, sensors, actuators);
                     }
                     Architecture::FullyMeshed(net) => {
-                        fully_meshed(net, weights, state, scratch, sensors, actuators, $function)
+                        fully_meshed::<L, $function>(
+                            net, weights, state, scratch, sensors, actuators,
+                        );
                     }
                 }
             };
         }
         match self.architecture.activation() {
-            Activation::Tanh => with!(functions::tanh),
-            Activation::Sigmoid => with!(functions::sigmoid),
-            Activation::Relu => with!(|a: L| a.at_least(L::splat(0.0))),
-            Activation::Clamp => with!(|a: L| a.at_least(L::splat(0.0)).at_most(L::splat(1.0))),
-            Activation::Linear => with!(|a: L| a),
+            Activation::Tanh => with!(Tanh),
+            Activation::Sigmoid => with!(Sigmoid),
+            Activation::Relu => with!(Relu),
+            Activation::Clamp => with!(Clamp),
+            Activation::Linear => with!(Linear),
         }
     }
+}
+
+/// An activation as a type: unlike a closure it is inlined wherever it is used, and so compiled for the instruction set.
+trait Function {
+    fn apply<L: Lanes>(a: L) -> L;
+}
+
+macro_rules! functions {
+    ($($name:ident: $a:ident => $value:expr;)*) => {$(
+        struct $name;
+        impl Function for $name {
+            #[inline(always)]
+            fn apply<L: Lanes>($a: L) -> L {
+                $value
+            }
+        }
+    )*};
+}
+
+functions! {
+    Tanh: a => functions::tanh(a);
+    Sigmoid: a => functions::sigmoid(a);
+    Relu: a => a.at_least(L::splat(0.0));
+    Clamp: a => a.at_least(L::splat(0.0)).at_most(L::splat(1.0));
+    Linear: a => a;
 }
 
 /// 0, then each product added in turn.
 #[inline(always)]
 fn sum<L: Lanes>(start: L, weights: &[L], inputs: &[L]) -> L {
-    weights
-        .iter()
-        .zip(inputs)
-        .fold(start, |sum, (weight, input)| sum.add(weight.mul(*input)))
+    let mut sum = start;
+    for (weight, input) in weights.iter().zip(inputs) {
+        sum = sum.add(weight.mul(*input));
+    }
+    sum
 }
 
 #[inline(always)]
-fn layered<L: Lanes>(
+fn layered<L: Lanes, F: Function>(
     net: &Layered,
     weights: &[L],
     scratch: &mut [L],
     sensors: &[L],
     actuators: &mut [L],
-    function: impl Fn(L) -> L,
 ) {
     let (mut below, mut above) = scratch.split_at_mut(scratch.len() / 2);
     below[..sensors.len()].copy_from_slice(sensors);
@@ -102,7 +129,7 @@ fn layered<L: Lanes>(
     for nodes in net.layers() {
         let (layer, behind) = rest.split_at(nodes * (width + 1));
         for (output, row) in above.iter_mut().zip(layer.chunks_exact(width + 1)) {
-            *output = function(row[0].add(sum(L::splat(0.0), &row[1..], below)));
+            *output = F::apply(row[0].add(sum(L::splat(0.0), &row[1..], below)));
         }
         (below, above) = (above, below);
         (width, rest) = (nodes, behind);
@@ -113,14 +140,13 @@ fn layered<L: Lanes>(
 }
 
 #[inline(always)]
-fn fully_meshed<L: Lanes>(
+fn fully_meshed<L: Lanes, F: Function>(
     net: &FullyMeshed,
     weights: &[L],
     state: &mut [L],
     scratch: &mut [L],
     sensors: &[L],
     actuators: &mut [L],
-    function: impl Fn(L) -> L,
 ) {
     let active = net.hidden + net.actuators;
     let (state, sensors) = (&mut state[..active], &sensors[..net.sensors]);
@@ -137,7 +163,7 @@ fn fully_meshed<L: Lanes>(
             .zip(heard.iter())
             .zip(weights.chunks_exact(row_length))
         {
-            *next = function(row[0].add(sum(*heard, &row[1 + net.sensors..], state)));
+            *next = F::apply(row[0].add(sum(*heard, &row[1 + net.sensors..], state)));
         }
         state.copy_from_slice(&next[..active]);
     }

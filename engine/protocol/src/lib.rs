@@ -2,6 +2,7 @@
 //!
 //! The contract itself is in `protocol/` at the root of the repository; the tests here replay its golden vectors.
 
+mod extension;
 mod hash;
 mod messages;
 mod numbers;
@@ -9,13 +10,17 @@ mod presence;
 mod readings;
 mod topics;
 
+pub use extension::{
+    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s, F64s,
+    Failure, MAX_BLOCK, Refusal, RefusalKind, ToServer, ToTool, U32s, U64s,
+};
 pub use hash::EpisodeHasher;
 pub use messages::{
     Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
     ServerMessage,
 };
 pub use presence::{Presence, State};
-pub use readings::{Actuator, Fitness, Sensor};
+pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};
 pub use topics::{Topic, TopicError, Topics};
 
 /// Larger payloads are refused unread.

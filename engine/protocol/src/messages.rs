@@ -6,7 +6,9 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
 use crate::numbers::Id;
-use crate::{Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, Topic};
+use crate::{
+    Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, ToServer, ToTool, Topic,
+};
 
 /// Any message, by topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +22,8 @@ pub enum Message {
     Actuator(Actuator),
     Fitness(Fitness),
     Presence(Presence),
+    ToServer(ToServer),
+    ToTool(ToTool),
 }
 
 impl Message {
@@ -37,6 +41,8 @@ impl Message {
             Topic::Actuator => Self::Actuator(Actuator::decode(payload)?),
             Topic::Fitness => Self::Fitness(Fitness::decode(payload)?),
             Topic::Presence => Self::Presence(Presence::decode(payload)?),
+            Topic::ToServer => Self::ToServer(ToServer::decode(payload)?),
+            Topic::ToTool => Self::ToTool(ToTool::decode(payload)?),
         })
     }
 }

@@ -3,6 +3,7 @@
 //! They are read without an intermediate tree, since a run sends millions of them. Repeated keys: the last one wins;
 //! unknown keys are ignored.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use serde::Serialize;
@@ -53,9 +54,9 @@ pub struct Fitness {
 
 /// All keys of the three messages; which of them count depends on the topic.
 #[derive(Default)]
-struct Fields {
-    simulation: Option<String>,
-    simulation_hash: Option<String>,
+struct Fields<'a> {
+    simulation: Option<Cow<'a, str>>,
+    simulation_hash: Option<Cow<'a, str>>,
     agent: Option<u64>,
     sensor: Option<Vec<f32>>,
     actuator: Option<Vec<f32>>,
@@ -104,20 +105,42 @@ impl<'de> Deserialize<'de> for Key {
     }
 }
 
-fn read(payload: &[u8], kind: Kind) -> Result<Fields, DecodeError> {
+/// A string, copied only where it is spelt with escapes.
+struct Text<'a>(Cow<'a, str>);
+
+impl<'de> Deserialize<'de> for Text<'de> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct TextVisitor;
+        impl<'de> Visitor<'de> for TextVisitor {
+            type Value = Text<'de>;
+            fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+                formatter.write_str("a string")
+            }
+            fn visit_borrowed_str<E>(self, text: &'de str) -> Result<Text<'de>, E> {
+                Ok(Text(Cow::Borrowed(text)))
+            }
+            fn visit_str<E>(self, text: &str) -> Result<Text<'de>, E> {
+                Ok(Text(Cow::Owned(text.to_owned())))
+            }
+        }
+        deserializer.deserialize_str(TextVisitor)
+    }
+}
+
+fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
     struct FieldsVisitor(Kind);
     impl<'de> Visitor<'de> for FieldsVisitor {
-        type Value = Fields;
+        type Value = Fields<'de>;
         fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
             formatter.write_str("an object")
         }
-        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Fields, A::Error> {
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Fields<'de>, A::Error> {
             let mut fields = Fields::default();
             let vector = |values: Vec<Real32>| values.into_iter().map(|value| value.0).collect();
             while let Some(key) = map.next_key()? {
                 match key {
-                    Key::Simulation => fields.simulation = Some(map.next_value()?),
-                    Key::Hash => fields.simulation_hash = Some(map.next_value()?),
+                    Key::Simulation => fields.simulation = Some(map.next_value::<Text>()?.0),
+                    Key::Hash => fields.simulation_hash = Some(map.next_value::<Text>()?.0),
                     Key::Agent if self.0 != Kind::Fitness => {
                         fields.agent = Some(map.next_value::<Id>()?.0)
                     }
@@ -161,6 +184,91 @@ fn write<T: Serialize>(message: &T) -> Vec<u8> {
     serde_json::to_vec(message).unwrap_or_default()
 }
 
+/// Writes one episode's sensor or actuator messages, byte for byte as `Sensor::encode` and `Actuator::encode` do; what
+/// is the same in all of them is written once.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadingWriter {
+    /// Everything before the agent.
+    head: Vec<u8>,
+    /// Everything between the agent and the numbers.
+    middle: &'static [u8],
+}
+
+impl ReadingWriter {
+    /// Writes sensor messages. `simulation` is the title, `hash` tells the episode.
+    #[must_use]
+    pub fn sensor(simulation: &str, hash: &str) -> Self {
+        Self::new(simulation, hash, b",\"sensor\":[")
+    }
+
+    /// Writes actuator messages. `simulation` is the title, `hash` tells the episode.
+    #[must_use]
+    pub fn actuator(simulation: &str, hash: &str) -> Self {
+        Self::new(simulation, hash, b",\"actuator\":[")
+    }
+
+    fn new(simulation: &str, hash: &str, middle: &'static [u8]) -> Self {
+        let mut head = b"{\"simulation\":".to_vec();
+        head.append(&mut write(&simulation));
+        head.extend_from_slice(b",\"simulation_hash\":");
+        head.append(&mut write(&hash));
+        head.extend_from_slice(b",\"agent\":");
+        Self { head, middle }
+    }
+
+    /// The payload for one agent; numbers are the shortest decimals that read back as the same binary32.
+    #[must_use]
+    pub fn encode(&self, agent: u64, numbers: &[f32]) -> Vec<u8> {
+        // The longest binary32 has 16 characters, but most have 12 at most.
+        let room = self.head.len() + self.middle.len() + 22 + 13 * numbers.len();
+        let mut payload = Vec::with_capacity(room);
+        payload.extend_from_slice(&self.head);
+        append(&mut payload, &agent);
+        payload.extend_from_slice(self.middle);
+        for (index, number) in numbers.iter().enumerate() {
+            if index > 0 {
+                payload.push(b',');
+            }
+            append(&mut payload, number);
+        }
+        payload.extend_from_slice(b"]}");
+        payload
+    }
+}
+
+fn append<T: Serialize>(payload: &mut Vec<u8>, value: &T) {
+    // A Vec takes everything, and a number cannot fail to serialize.
+    let _ = serde_json::to_writer(payload, value);
+}
+
+/// What an optimization tool needs of a sensor message, without copies of its strings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorReading<'a> {
+    /// Tells the episode.
+    pub simulation_hash: Cow<'a, str>,
+    /// Index of the agent.
+    pub agent: u64,
+    /// The readings, at least one.
+    pub sensor: Vec<f32>,
+}
+
+impl<'a> SensorReading<'a> {
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// The same as `Sensor::decode`.
+    pub fn decode(payload: &'a [u8]) -> Result<Self, DecodeError> {
+        let fields = read(payload, Kind::Sensor)?;
+        Ok(Self {
+            simulation_hash: fields
+                .simulation_hash
+                .ok_or(DecodeError::Missing("simulation_hash"))?,
+            agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
+            sensor: filled(fields.sensor, "sensor")?,
+        })
+    }
+}
+
 impl Sensor {
     /// Reads a payload.
     ///
@@ -169,10 +277,11 @@ impl Sensor {
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Sensor)?;
         Ok(Self {
-            simulation: fields.simulation,
+            simulation: fields.simulation.map(Cow::into_owned),
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?,
+                .ok_or(DecodeError::Missing("simulation_hash"))?
+                .into_owned(),
             agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
             sensor: filled(fields.sensor, "sensor")?,
         })
@@ -193,10 +302,11 @@ impl Actuator {
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Actuator)?;
         Ok(Self {
-            simulation: fields.simulation,
+            simulation: fields.simulation.map(Cow::into_owned),
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?,
+                .ok_or(DecodeError::Missing("simulation_hash"))?
+                .into_owned(),
             agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
             actuator: filled(fields.actuator, "actuator")?,
         })
@@ -217,10 +327,11 @@ impl Fitness {
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Fitness)?;
         Ok(Self {
-            simulation: fields.simulation,
+            simulation: fields.simulation.map(Cow::into_owned),
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?,
+                .ok_or(DecodeError::Missing("simulation_hash"))?
+                .into_owned(),
             fitness: fields.fitness.ok_or(DecodeError::Missing("fitness"))?,
         })
     }
@@ -261,6 +372,32 @@ mod tests {
         #[test]
         fn junk_is_refused_and_never_panics(junk in prop::collection::vec(any::<u8>(), 0..200)) {
             let _ = (Sensor::decode(&junk), Actuator::decode(&junk), Fitness::decode(&junk));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn an_episode_s_writer_writes_what_the_messages_write(
+            title in ".{0,8}", hash in ".{0,8}", agent in 0u64..1 << 63, bits in prop::collection::vec(any::<u32>(), 1..20),
+        ) {
+            let numbers: Vec<f32> = bits.into_iter().map(f32::from_bits).collect();
+            let sensor = Sensor {
+                simulation: Some(title.clone()), simulation_hash: hash.clone(), agent, sensor: numbers.clone(),
+            };
+            prop_assert_eq!(ReadingWriter::sensor(&title, &hash).encode(agent, &numbers), sensor.encode());
+            let actuator = Actuator {
+                simulation: Some(title.clone()), simulation_hash: hash.clone(), agent, actuator: numbers.clone(),
+            };
+            prop_assert_eq!(ReadingWriter::actuator(&title, &hash).encode(agent, &numbers), actuator.encode());
+        }
+
+        #[test]
+        fn a_borrowed_reading_is_the_message(title in ".{0,8}", hash in ".{0,8}", agent in 0u64..1 << 63, number in -9f32..9.0) {
+            let sensor = Sensor { simulation: Some(title), simulation_hash: hash, agent, sensor: vec![number] };
+            let payload = sensor.encode();
+            let read = SensorReading::decode(&payload).unwrap();
+            prop_assert_eq!(&read.simulation_hash, &sensor.simulation_hash);
+            prop_assert_eq!((read.agent, read.sensor), (sensor.agent, sensor.sensor));
         }
     }
 

@@ -19,6 +19,10 @@ pub enum Topic {
     Fitness,
     /// Extension: what a server does now, retained.
     Presence,
+    /// Extension: requests to one server, offloaded and batched.
+    ToServer,
+    /// Extension: the answers to one tool.
+    ToTool,
 }
 
 impl Topic {
@@ -45,6 +49,8 @@ impl Topic {
             Self::Actuator => "actuator",
             Self::Fitness => "fitness",
             Self::Presence => PRESENCE,
+            Self::ToServer => TO_SERVER,
+            Self::ToTool => TO_TOOL,
         }
     }
 
@@ -57,20 +63,22 @@ impl Topic {
             "sensor" => Self::Sensor,
             "actuator" => Self::Actuator,
             "fitness" => Self::Fitness,
-            _ if name
-                .strip_prefix(PRESENCE)?
-                .strip_prefix('/')?
-                .parse::<u64>()
-                .is_ok() =>
-            {
-                Self::Presence
+            _ => {
+                let (root, last) = name.rsplit_once('/')?;
+                match root {
+                    PRESENCE if last.parse::<u64>().is_ok() => Self::Presence,
+                    TO_SERVER if last.parse::<u64>().is_ok() => Self::ToServer,
+                    TO_TOOL if !last.is_empty() => Self::ToTool,
+                    _ => return None,
+                }
             }
-            _ => return None,
         })
     }
 }
 
 const PRESENCE: &str = "swarmwright/v1/presence";
+const TO_SERVER: &str = "swarmwright/v1/server";
+const TO_TOOL: &str = "swarmwright/v1/tool";
 
 /// A prefix that cannot stand before a topic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -127,6 +135,18 @@ impl Topics {
     #[must_use]
     pub fn presence_filter(&self) -> String {
         format!("{}{PRESENCE}/+", self.prefix)
+    }
+
+    /// The topic on which one server gets its requests.
+    #[must_use]
+    pub fn to_server(&self, server: u64) -> String {
+        format!("{}{TO_SERVER}/{server}", self.prefix)
+    }
+
+    /// The topic on which one tool gets its answers; `token` is its own, of letters and digits.
+    #[must_use]
+    pub fn to_tool(&self, token: &str) -> String {
+        format!("{}{TO_TOOL}/{token}", self.prefix)
     }
 
     /// What a topic name means; none if it is not ours.

@@ -1,6 +1,8 @@
 //! Built-in simulations and the trait that every simulation implements.
 
+mod block;
 mod counter;
+mod emergency_exit;
 mod minisim;
 mod parameters;
 mod registry;
@@ -8,9 +10,11 @@ mod rollout;
 mod simulation;
 mod text;
 
+pub use block::{Block, Means};
+pub use emergency_exit::EmergencyExit;
 pub use minisim::Minisim;
 pub use parameters::ParameterReader;
-pub use registry::{create, describe, titles};
+pub use registry::{create, describe, evaluate, titles};
 pub use rollout::{Episode, RolloutError, rollout};
 pub use simulation::{
     Body, Description, ParameterError, ParameterInfo, Parameters, Scene, Simulation,

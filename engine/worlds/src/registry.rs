@@ -1,24 +1,63 @@
 //! The built-in simulations: one line each.
 
-use crate::{Minisim, Simulation};
+use crate::block::{self, Block, Means};
+use crate::minisim::MinisimLanes;
+use crate::rollout::{RolloutError, check_sizes};
+use crate::{EmergencyExit, Minisim, Simulation};
 use serde_json::{Map, Value, json};
 
 type Create = fn() -> Box<dyn Simulation>;
+type Evaluate = fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>;
 
-/// Title and constructor, sorted by title.
-const SIMULATIONS: [(&str, Create); 1] = [("minisim", || Box::<Minisim>::default())];
+/// Title, constructor and evaluation of blocks, sorted by title.
+const SIMULATIONS: [(&str, Create, Evaluate); 2] = [
+    (
+        "emergency_exit",
+        || Box::<EmergencyExit>::default(),
+        block::one_by_one,
+    ),
+    (
+        "minisim",
+        || Box::<Minisim>::default(),
+        block::evaluate::<MinisimLanes>,
+    ),
+];
+
+fn find(title: &str) -> Option<(Create, Evaluate)> {
+    let (_, create, evaluate) = SIMULATIONS
+        .into_iter()
+        .find(|(known, ..)| *known == title)?;
+    Some((create, evaluate))
+}
 
 /// Titles of the built-in simulations, sorted.
 pub fn titles() -> Vec<&'static str> {
-    SIMULATIONS.iter().map(|(title, _)| *title).collect()
+    SIMULATIONS.iter().map(|(title, ..)| *title).collect()
 }
 
 /// A simulation at the start of an episode with default parameters; None for an unknown title.
 pub fn create(title: &str) -> Option<Box<dyn Simulation>> {
-    SIMULATIONS
-        .iter()
-        .find(|(known, _)| *known == title)
-        .map(|(_, create)| create())
+    find(title).map(|(create, _)| create())
+}
+
+/// Evaluates a block of controllers in this process: the fitness of every candidate in every episode, row-major
+/// (candidates, episodes). None for an unknown title.
+///
+/// # Errors
+/// Parameters that the simulation refuses, controllers that do not fit it.
+pub fn evaluate(
+    title: &str,
+    block: &Block<'_>,
+    means: Means,
+) -> Option<Result<Vec<f64>, RolloutError>> {
+    let (create, evaluate) = find(title)?;
+    let architecture = block.architecture;
+    let fits = check_sizes(
+        &create().description(),
+        architecture.sensors(),
+        architecture.actuators(),
+    );
+    Some(fits.and_then(|()| evaluate(block, means, create)))
 }
 
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, parameters (name to type,

@@ -1,6 +1,6 @@
 //! Episodes computed in this process: a simulation and a controller for each of its agents.
 
-use crate::{ParameterError, Parameters, Simulation};
+use crate::{Description, ParameterError, Parameters, Simulation};
 use swarmwright_controllers::{Controller, ControllerError};
 
 /// Why an episode could not be computed.
@@ -24,6 +24,14 @@ pub enum RolloutError {
         /// Numbers that the controller has.
         found: usize,
     },
+    /// The weights of a candidate do not make a controller.
+    #[error("candidate {candidate}: {source}")]
+    Weights {
+        /// Which candidate.
+        candidate: usize,
+        /// What the controller says.
+        source: ControllerError,
+    },
     /// The simulation gave a sensor reading that the controller refuses.
     #[error("agent {agent}: {source}")]
     Controller {
@@ -44,22 +52,32 @@ struct Crew {
     actuators: Vec<f32>,
 }
 
+/// Whether a controller of these sizes fits a simulation.
+pub(crate) fn check_sizes(
+    description: &Description,
+    sensors: usize,
+    actuators: usize,
+) -> Result<(), RolloutError> {
+    for (field, expected, found) in [
+        ("sensors", description.sensors, sensors),
+        ("actuators", description.actuators, actuators),
+    ] {
+        if expected != found {
+            return Err(RolloutError::Mismatch {
+                simulation: description.title.clone(),
+                field,
+                expected,
+                found,
+            });
+        }
+    }
+    Ok(())
+}
+
 impl Crew {
     fn new(simulation: &dyn Simulation, controller: &Controller) -> Result<Self, RolloutError> {
         let description = simulation.description();
-        for (field, expected, found) in [
-            ("sensors", description.sensors, controller.sensors()),
-            ("actuators", description.actuators, controller.actuators()),
-        ] {
-            if expected != found {
-                return Err(RolloutError::Mismatch {
-                    simulation: description.title,
-                    field,
-                    expected,
-                    found,
-                });
-            }
-        }
+        check_sizes(&description, controller.sensors(), controller.actuators())?;
         let mut prototype = controller.clone();
         prototype.reset();
         let sensors = vec![0.0; description.sensors];
@@ -139,16 +157,18 @@ impl Episode {
         self.simulation.acting().is_empty()
     }
 
-    /// One step; nothing happens once the episode has ended.
+    /// One step, of all agents where they act in turn; nothing happens once the episode has ended.
     ///
     /// # Errors
     /// A sensor reading that is no finite number.
     pub fn step(&mut self) -> Result<(), RolloutError> {
-        if self.done() {
-            Ok(())
-        } else {
-            self.crew.step(self.simulation.as_mut())
+        while !self.done() {
+            self.crew.step(self.simulation.as_mut())?;
+            if !self.simulation.mid_step() {
+                break;
+            }
         }
+        Ok(())
     }
 
     /// The simulation, to ask for fitness, scene and step size.

@@ -6,11 +6,11 @@ use swarmwright_lanes::Lanes;
 /// Horner's rule, the highest coefficient last in `coefficients`.
 #[inline(always)]
 fn polynomial<L: Lanes>(coefficients: &[f32], z: L) -> L {
-    let (last, rest) = coefficients.split_at(coefficients.len() - 1);
-    let highest = L::splat(rest[0]);
-    last.iter().rev().fold(highest, |p, coefficient| {
-        p.mul(z).add(L::splat(*coefficient))
-    })
+    let mut p = L::splat(coefficients[coefficients.len() - 1]);
+    for coefficient in coefficients[..coefficients.len() - 1].iter().rev() {
+        p = p.mul(z).add(L::splat(*coefficient));
+    }
+    p
 }
 
 #[inline(always)]

@@ -18,9 +18,11 @@
 //! Fitness: 0 - s / n, where s is the sum over agents, ascending, of the distance to the goal as in 3 (0 for those
 //! arrived); s, the division and the subtraction in binary64. At the start all agents are free, wherever they stand.
 
+mod lanes;
 mod settings;
 
 use crate::{Body, Description, ParameterError, ParameterInfo, Parameters, Scene, Simulation};
+pub(crate) use lanes::MinisimLanes;
 use settings::{MAX_BODIES, Settings};
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 

@@ -1,0 +1,229 @@
+//! Blocks of evaluations in this process: candidates x episodes, in lanes and threads.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+use swarmwright_controllers::{Architecture, Controller, LaneController};
+use swarmwright_lanes::{Kernel, Lanes, Level};
+
+use crate::{ParameterError, Parameters, RolloutError, Simulation, rollout};
+
+/// Many controllers of one architecture, each to be run in the same episodes.
+#[derive(Debug, Clone, Copy)]
+pub struct Block<'a> {
+    /// What all controllers have in common.
+    pub architecture: &'a Architecture,
+    /// (candidates, weights), row-major.
+    pub genomes: &'a [f32],
+    /// Parameters of the simulation; the seed in them is replaced by each of `seeds`.
+    pub parameters: &'a Parameters,
+    /// One seed per episode.
+    pub seeds: &'a [u64],
+}
+
+/// How a block is evaluated. The fitness does not depend on it.
+#[derive(Debug, Clone, Copy)]
+pub struct Means {
+    /// Instruction set of the lanes; none for one episode at a time.
+    pub level: Option<Level>,
+    /// Threads; 0 for one per processor.
+    pub threads: usize,
+}
+
+impl Default for Means {
+    fn default() -> Self {
+        Self {
+            level: Some(Level::best()),
+            threads: 0,
+        }
+    }
+}
+
+impl<'a> Block<'a> {
+    /// Number of candidates.
+    #[must_use]
+    pub fn candidates(&self) -> usize {
+        self.genomes.len() / self.architecture.weight_count()
+    }
+
+    /// Number of episodes in all.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.candidates() * self.seeds.len()
+    }
+
+    /// Whether there is nothing to do.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    fn genome(&self, candidate: usize) -> &'a [f32] {
+        let length = self.architecture.weight_count();
+        &self.genomes[candidate * length..][..length]
+    }
+
+    /// The parameters of one episode.
+    pub(crate) fn parameters_of(&self, episode: usize) -> Parameters {
+        let mut parameters = self.parameters.clone();
+        parameters.insert("seed".to_owned(), self.seeds[episode].into());
+        parameters
+    }
+}
+
+/// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
+pub(crate) trait LaneWorld: Sync + Sized {
+    /// Room for the state of as many episodes as there are lanes.
+    type Room<L: Lanes>;
+
+    /// Checks the parameters of every episode; none where lanes do not pay or are not possible.
+    fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError>;
+
+    /// Room for lanes.
+    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Self::Room<L>;
+
+    /// Runs the given episode in each lane and writes each lane's fitness.
+    fn rollout<L: Lanes>(
+        &self,
+        room: &mut Self::Room<L>,
+        controllers: &mut LaneController<'_, L>,
+        episodes: &[usize],
+        fitness: &mut [f64],
+    );
+}
+
+/// Most lanes of any instruction set.
+const MOST_LANES: usize = 16;
+
+struct Part<'a, W> {
+    world: &'a W,
+    block: &'a Block<'a>,
+    first: usize,
+    fitness: &'a mut [f64],
+}
+
+impl<W: LaneWorld> Kernel for Part<'_, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let episodes_each = self.block.seeds.len();
+        let mut controllers = LaneController::<L>::new(self.block.architecture);
+        let mut room = self.world.room::<L>(&controllers);
+        let mut lanes = [0.0; MOST_LANES];
+        for (group, fitness) in self.fitness.chunks_mut(L::WIDTH).enumerate() {
+            let first = self.first + group * L::WIDTH;
+            // Lanes without an episode of their own repeat the last one.
+            let pair = |lane: usize| first + lane.min(fitness.len() - 1);
+            let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
+            let mut episodes = [0; MOST_LANES];
+            for lane in 0..L::WIDTH {
+                genomes[lane] = self.block.genome(pair(lane) / episodes_each);
+                episodes[lane] = pair(lane) % episodes_each;
+            }
+            controllers.load(&genomes[..L::WIDTH]);
+            self.world.rollout(
+                &mut room,
+                &mut controllers,
+                &episodes[..L::WIDTH],
+                &mut lanes[..L::WIDTH],
+            );
+            fitness.copy_from_slice(&lanes[..fitness.len()]);
+        }
+    }
+}
+
+/// Runs `work` over parts of the fitness, in threads.
+fn in_parts(
+    fitness: &mut [f64],
+    width: usize,
+    threads: usize,
+    work: impl Fn(Range<usize>, &mut [f64]) + Sync,
+) {
+    let workers = if threads == 0 {
+        rayon::current_num_threads()
+    } else {
+        threads
+    };
+    // Several parts per thread, so that a thread that was held up does not hold up the others.
+    let part = fitness
+        .len()
+        .div_ceil(workers * 4)
+        .next_multiple_of(width)
+        .max(width);
+    let each = |(index, fitness): (usize, &mut [f64])| {
+        let first = index * part;
+        work(first..first + fitness.len(), fitness);
+    };
+    if workers == 1 || fitness.len() <= part {
+        fitness.chunks_mut(part).enumerate().for_each(each);
+    } else {
+        fitness.par_chunks_mut(part).enumerate().for_each(each);
+    }
+}
+
+/// Evaluates a block in lanes, or one episode at a time where lanes are not wanted or do not pay.
+pub(crate) fn evaluate<W: LaneWorld>(
+    block: &Block<'_>,
+    means: Means,
+    create: fn() -> Box<dyn Simulation>,
+) -> Result<Vec<f64>, RolloutError> {
+    let mut fitness = vec![0.0; block.len()];
+    let world = W::new(block)?;
+    if let (Some(level), Some(world)) = (means.level, &world) {
+        in_parts(
+            &mut fitness,
+            level.width(),
+            means.threads,
+            |range, fitness| {
+                level.run(Part {
+                    world,
+                    block,
+                    first: range.start,
+                    fitness,
+                });
+            },
+        );
+        return Ok(fitness);
+    }
+    one_by_one(block, means, create)
+}
+
+/// Evaluates a block one episode at a time.
+pub(crate) fn one_by_one(
+    block: &Block<'_>,
+    means: Means,
+    create: fn() -> Box<dyn Simulation>,
+) -> Result<Vec<f64>, RolloutError> {
+    let parameters: Vec<Parameters> = (0..block.seeds.len())
+        .map(|episode| block.parameters_of(episode))
+        .collect();
+    let mut fitness = vec![0.0; block.len()];
+    let failed = std::sync::Mutex::new(None);
+    let architecture = std::sync::Arc::new(block.architecture.clone());
+    in_parts(&mut fitness, 1, means.threads, |range, fitness| {
+        let mut simulation = create();
+        for (pair, fitness) in range.zip(fitness) {
+            let (candidate, episode) = (pair / block.seeds.len(), pair % block.seeds.len());
+            let result = Controller::with_weights(&architecture, block.genome(candidate).into())
+                .map_err(|source| RolloutError::Weights { candidate, source })
+                .and_then(|controller| {
+                    rollout(&mut *simulation, &parameters[episode], &controller)
+                });
+            match result {
+                Ok(value) => *fitness = value,
+                Err(error) => {
+                    failed
+                        .lock()
+                        .unwrap_or_else(std::sync::PoisonError::into_inner)
+                        .get_or_insert(error);
+                    return;
+                }
+            }
+        }
+    });
+    failed
+        .into_inner()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
+        .map_or(Ok(fitness), Err)
+}

@@ -1,0 +1,136 @@
+//! Lanes, threads and one episode at a time give the same fitness, to the bit.
+
+use proptest::prelude::*;
+use serde_json::{Map, Value, json};
+use swarmwright_controllers::Architecture;
+use swarmwright_lanes::Level;
+use swarmwright_worlds::{Block, Means, evaluate};
+
+/// All ways of evaluating a block agree with the plain one; returns its fitness.
+fn check(
+    title: &str,
+    architecture: &Value,
+    parameters: &Value,
+    genomes: &[f32],
+    seeds: &[u64],
+) -> Vec<f64> {
+    let architecture = Architecture::from_json(&architecture.to_string()).unwrap();
+    let length = architecture.weight_count();
+    let candidates = genomes.len() / length;
+    let parameters: Map<String, Value> = parameters.as_object().unwrap().clone();
+    let block = Block {
+        architecture: &architecture,
+        genomes: &genomes[..candidates * length],
+        parameters: &parameters,
+        seeds,
+    };
+    let run = |means| evaluate(title, &block, means).unwrap().unwrap();
+    let plain = run(Means {
+        level: None,
+        threads: 1,
+    });
+    assert_eq!(plain.len(), candidates * seeds.len());
+    for level in Level::available() {
+        for threads in [1, 2] {
+            let lanes = run(Means {
+                level: Some(level),
+                threads,
+            });
+            let bits = |values: &[f64]| {
+                values
+                    .iter()
+                    .map(|value| value.to_bits())
+                    .collect::<Vec<_>>()
+            };
+            assert_eq!(
+                bits(&lanes),
+                bits(&plain),
+                "{} with {threads} threads",
+                level.name()
+            );
+        }
+    }
+    plain
+}
+
+fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
+    let layered = (prop::collection::vec(1usize..5, 0..3), prop::sample::select(vec!["tanh", "relu", "sigmoid", "clamp", "linear"]))
+        .prop_map(|(hidden, activation)| json!({"kind": "layered", "hidden": hidden, "activation": activation}));
+    let meshed = (0usize..4, 1u32..4, prop::sample::select(vec!["tanh", "clamp", "relu", "sigmoid"])).prop_map(
+        |(hidden, iterations, activation)| {
+            json!({"kind": "fully_meshed", "hidden": hidden, "iterations": iterations, "activation": activation})
+        },
+    );
+    (
+        prop_oneof![layered, meshed],
+        prop::sample::select(vec![[-1, 1], [0, 1]]),
+    )
+        .prop_map(move |(mut network, range)| {
+            for (key, value) in [
+                ("version", json!(1)),
+                ("sensors", json!(sensors)),
+                ("actuators", json!(actuators)),
+                ("output_range", json!(range)),
+            ] {
+                network[key] = value;
+            }
+            network
+        })
+}
+
+fn weights() -> impl Strategy<Value = Vec<f32>> {
+    prop::collection::vec(
+        prop_oneof![8 => -3.0f32..3.0, 1 => Just(0.0f32), 1 => -1e20f32..1e20],
+        300..900,
+    )
+}
+
+fn minisim() -> impl Strategy<Value = Value> {
+    let bodies = (
+        1u32..12,
+        prop_oneof![4 => 0u32..6, 1 => 30u32..40],
+        any::<bool>(),
+    );
+    let world = (1u32..60, 1u32..60, 0.0f32..4.0, 0.0f32..2.0);
+    (bodies, world, 1u32..25, 0.0f32..1.5, 0.0f32..1.5).prop_map(
+        |((agents, defenders, random), (width, height, fast, slow), steps, capture, goal)| {
+            json!({"numAgents": agents, "numDefenders": defenders, "placement": if random { "random" } else { "fixed" },
+                "mapWidth": width, "mapHeight": height, "speedAgents": fast, "speedDefenders": slow, "maxSteps": steps,
+                "captureRadius": capture, "goalRadius": goal})
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn minisim_is_the_same_however_it_is_computed(
+        network in network(4, 1), parameters in minisim(), genomes in weights(), first in any::<u32>(), episodes in 1u64..5,
+    ) {
+        let seeds: Vec<u64> = (0..episodes).map(|episode| u64::from(first) + episode).collect();
+        check("minisim", &network, &parameters, &genomes, &seeds);
+    }
+}
+
+#[test]
+fn blocks_of_any_size_are_filled_and_none_is_empty() {
+    let network = json!({"version": 1, "kind": "layered", "sensors": 4, "actuators": 1, "hidden": [],
+        "activation": "tanh", "output_range": [-1, 1]});
+    for candidates in [0, 1, 3, 15, 16, 17, 100] {
+        let genomes: Vec<f32> = (0..candidates * 5)
+            .map(|index| (index as f32 * 0.7).sin())
+            .collect();
+        for episodes in 0..3 {
+            let seeds: Vec<u64> = (0..episodes).collect();
+            let fitness = check(
+                "minisim",
+                &network,
+                &json!({"placement": "random"}),
+                &genomes,
+                &seeds,
+            );
+            assert_eq!(fitness.len(), candidates * seeds.len());
+        }
+    }
+}
