@@ -43,6 +43,7 @@ impl Hub {
 
         let link = &mut self.links[id];
         link.session = Some(session);
+        link.heard = now;
         // Half as long again as announced: MQTT 5.0, 3.1.2.10.
         link.keep_alive = (connect.keep_alive > 0)
             .then(|| Duration::from_secs(connect.keep_alive.into()) * 3 / 2);

@@ -112,7 +112,11 @@ impl Hub {
     /// Bytes came; returns how many of them were packets and are done with. The rest has to be given again, with more behind it.
     pub fn receive(&mut self, id: usize, bytes: &[u8], now: Instant) -> usize {
         let mut done = 0;
-        self.links[id].heard = now;
+        let link = &mut self.links[id];
+        // Strangers do not gain time by sending piecemeal.
+        if link.session.is_some() {
+            link.heard = now;
+        }
         while !self.links[id].closing {
             let (first, head, body) = match self.frame(id, &bytes[done..]) {
                 Ok(Some(frame)) => frame,
