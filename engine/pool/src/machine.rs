@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
 use swarmwright_protocol::{
-    Control, Discovery, EpisodeHasher, Fitness, Message, ParametersMessage, Presence, Sensor,
-    ServerMessage, Topic, Topics,
+    Control, Discovery, EpisodeHasher, Fitness, Message, ParametersMessage, Presence,
+    ReadingWriter, SensorReading, ServerMessage, Topic, Topics,
 };
 
 use crate::offers::{Answer, Demand, Duty, Offers};
@@ -300,8 +300,14 @@ impl Machine {
             }
             return;
         }
+        if kind == Topic::Sensor {
+            match SensorReading::decode(payload) {
+                Ok(sensor) => self.sensor(&sensor, now),
+                Err(error) => self.undecodable(topic, payload, &error.to_string(), now),
+            }
+            return;
+        }
         match Message::decode(kind, payload) {
-            Ok(Message::Sensor(sensor)) => self.sensor(sensor, now),
             Ok(Message::Fitness(fitness)) => self.fitness(&fitness, now),
             Ok(Message::Server(message)) => self.server(message, now),
             Ok(Message::Presence(presence)) => self.presence(presence, now),
@@ -357,14 +363,14 @@ impl Machine {
         }
     }
 
-    fn sensor(&mut self, sensor: Sensor, now: Instant) {
-        let Some(run) = self.runs.get_mut(&sensor.simulation_hash) else {
+    fn sensor(&mut self, sensor: &SensorReading, now: Instant) {
+        let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
             return;
         };
-        match run.answer(sensor, &self.config.demand.simulation, now) {
+        match run.answer(sensor, now) {
             Ok(actuator) => self
                 .actions
-                .push(Action::Publish(Topic::Actuator, actuator.encode())),
+                .push(Action::Publish(Topic::Actuator, actuator)),
             Err(reason) => {
                 let server = run.server;
                 run.refused = Some((now, reason.clone()));
@@ -451,9 +457,11 @@ impl Machine {
             .push(Action::Publish(Topic::Control, control.encode()));
         self.tries[task] += 1;
         let prototype = self.tasks[task].controller.clone();
+        let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
+        let (tried, agents) = (self.tries[task], self.agents);
         self.runs.insert(
             hash.clone(),
-            Run::new(task, server, self.tries[task], prototype, self.agents, now),
+            Run::new(task, server, tried, prototype, agents, writer, now),
         );
         if let Some(slot) = self.offers.slots.get_mut(&server) {
             slot.duty = Duty::Running(hash.clone());

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use swarmwright_controllers::Controller;
-use swarmwright_protocol::{Actuator, Sensor};
+use swarmwright_protocol::{ReadingWriter, SensorReading};
 
 /// An episode under way.
 pub(crate) struct Run {
@@ -20,6 +20,8 @@ pub(crate) struct Run {
     agents: Option<u64>,
     prototype: Controller,
     controllers: Vec<Option<Controller>>,
+    writer: ReadingWriter,
+    actuator: Vec<f32>,
     /// Sensor messages answered, by agent.
     answered: Vec<u64>,
     last_agent: u64,
@@ -35,9 +37,12 @@ impl Run {
         attempt: u32,
         prototype: Controller,
         agents: Option<u64>,
+        writer: ReadingWriter,
         now: Instant,
     ) -> Self {
         Self {
+            actuator: vec![0.0; prototype.actuators()],
+            writer,
             task,
             server,
             attempt,
@@ -52,16 +57,11 @@ impl Run {
         }
     }
 
-    /// Answers one agent's sensors.
+    /// Answers one agent's sensors: the payload of the actuator message.
     ///
     /// # Errors
     /// An agent that there is not, or the wrong number of sensors.
-    pub fn answer(
-        &mut self,
-        sensor: Sensor,
-        title: &str,
-        now: Instant,
-    ) -> Result<Actuator, String> {
+    pub fn answer(&mut self, sensor: &SensorReading, now: Instant) -> Result<Vec<u8>, String> {
         let limit = self.agents.unwrap_or(MOST_AGENTS);
         let agent = usize::try_from(sensor.agent).unwrap_or(usize::MAX);
         if sensor.agent >= limit {
@@ -76,20 +76,14 @@ impl Run {
             self.answered.resize(agent + 1, 0);
         }
         let controller = self.controllers[agent].get_or_insert_with(|| self.prototype.clone());
-        let mut actuator = vec![0.0; controller.actuators()];
         controller
-            .step(&sensor.sensor, &mut actuator)
+            .step(&sensor.sensor, &mut self.actuator)
             .map_err(|error| error.to_string())?;
         self.answered[agent] += 1;
         self.last_agent = sensor.agent;
         self.heard = now;
         self.refused = None;
-        Ok(Actuator {
-            simulation: Some(title.to_owned()),
-            simulation_hash: sensor.simulation_hash,
-            agent: sensor.agent,
-            actuator,
-        })
+        Ok(self.writer.encode(sensor.agent, &self.actuator))
     }
 
     /// Steps that have been answered.

@@ -208,7 +208,7 @@ impl Machine {
         // A hash may be spelt with escapes.
         object
             && payload.len() <= MAX_PAYLOAD
-            && memchr::memmem::find(payload, run.hash.as_bytes()).is_none()
+            && !run.is_named_in(payload)
             && memchr::memchr(b'\\', payload).is_none()
     }
 
@@ -393,8 +393,8 @@ impl Machine {
             return;
         };
         let actions = &mut self.actions;
-        let outcome = run.sense(&mut *self.simulations[run.simulation].1, now, |sensor| {
-            actions.push(Action::Publish(Topic::Sensor, sensor.encode()));
+        let outcome = run.sense(&mut *self.simulations[run.simulation].1, now, |payload| {
+            actions.push(Action::Publish(Topic::Sensor, payload));
         });
         if outcome != Outcome::Stepped {
             self.proceed(outcome, now);

@@ -3,12 +3,16 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Actuator, Fitness, Sensor};
+use memchr::memmem::Finder;
+use swarmwright_protocol::{Actuator, Fitness, ReadingWriter};
 use swarmwright_worlds::{Parameters, Simulation};
 
 /// An episode that is being stepped.
 pub(crate) struct Run {
     pub hash: String,
+    /// Finds the hash in a message that was not read.
+    finder: Finder<'static>,
+    writer: ReadingWriter,
     pub title: String,
     pub tool: Option<String>,
     pub visual: bool,
@@ -65,7 +69,12 @@ impl Run {
         template: Self,
     ) -> Result<Self, String> {
         guarded(|| simulation.reset(parameters))?.map_err(|error| error.to_string())?;
-        Ok(template)
+        let description = guarded(|| simulation.description())?;
+        Ok(Self {
+            per_agent: description.actuators,
+            sensors: vec![0.0; description.sensors],
+            ..template
+        })
     }
 
     pub fn template(
@@ -77,6 +86,8 @@ impl Run {
         now: Instant,
     ) -> Self {
         Self {
+            finder: Finder::new(&hash).into_owned(),
+            writer: ReadingWriter::sensor(&title, &hash),
             hash,
             title,
             tool,
@@ -100,17 +111,13 @@ impl Run {
         &mut self,
         simulation: &mut dyn Simulation,
         now: Instant,
-        mut send: impl FnMut(Sensor),
+        mut send: impl FnMut(Vec<u8>),
     ) -> Outcome {
-        let description = simulation.description();
-        self.per_agent = description.actuators;
-        self.sensors.resize(description.sensors, 0.0);
         self.waiting_since = now;
         self.told = false;
-        let acting = guarded(|| simulation.acting().to_vec());
-        match acting {
-            Ok(acting) => self.acting = acting,
-            Err(reason) => return Outcome::Failed(reason),
+        self.acting.clear();
+        if let Err(reason) = guarded(|| self.acting.extend_from_slice(simulation.acting())) {
+            return Outcome::Failed(reason);
         }
         if self.acting.is_empty() {
             return match guarded(|| simulation.fitness()) {
@@ -140,14 +147,14 @@ impl Run {
                     "sensor {index} of agent {agent} is {value}, not a finite number"
                 ));
             }
-            send(Sensor {
-                simulation: Some(self.title.clone()),
-                simulation_hash: self.hash.clone(),
-                agent: u64::from(agent),
-                sensor: self.sensors.clone(),
-            });
+            send(self.writer.encode(u64::from(agent), &self.sensors));
         }
         Outcome::Stepped
+    }
+
+    /// Whether a payload has the run's hash somewhere.
+    pub fn is_named_in(&self, payload: &[u8]) -> bool {
+        self.finder.find(payload).is_some()
     }
 
     /// Takes one agent's actuators.
