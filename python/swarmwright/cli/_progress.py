@@ -37,9 +37,9 @@ class Stall:
         self._said = 0.0
 
     def seconds(self, done: int, total: int) -> float:
-        """Seconds since the numbers changed last."""
+        """Seconds since the numbers changed last; 0 when everything is there."""
         now = time.monotonic()
-        if (done, total) != self._done:
+        if (done, total) != self._done or done >= total:
             self._done, self._since, self._said = (done, total), now, 0.0
         return now - self._since
 
@@ -100,7 +100,7 @@ class PlainProgress:
         """Print a line when it takes long."""
         seconds = self._stall.worth_a_line(done, total)
         if seconds is not None:
-            self._output.text(f"{done} of {total} evaluated; waiting for {seconds:.0f} s{_for(waiting_for)}")
+            self._output.text(f"{done} of {total} episodes; {_reason(waiting_for, seconds)}")
 
 
 class BarProgress:
@@ -121,7 +121,7 @@ class BarProgress:
         """Note how far the generation is, and what is waited for."""
         self._part = done / total if total else 0.0
         seconds = self._stall.seconds(done, total)
-        self._waiting = f"waiting for {seconds:.0f} s{_for(waiting_for)}" if seconds >= PATIENCE else ""
+        self._waiting = _reason(waiting_for, seconds) if seconds >= PATIENCE else ""
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
         """Two lines that fit any width, and a third when something is waited for."""
@@ -139,7 +139,13 @@ class BarProgress:
         line.add_column(no_wrap=True)
         line.add_row(
             Text(f"{name}{finished}/{self._total}"),
-            ProgressBar(total=max(self._total, 1), completed=min(finished + self._part, self._total)),
+            ProgressBar(
+                total=max(self._total, 1),
+                completed=min(finished + self._part, self._total),
+                style="bright_black",
+                complete_style="cyan",
+                finished_style="green",
+            ),
             Text(left),
         )
         yield line
@@ -153,8 +159,8 @@ class BarProgress:
             yield Text(self._waiting, style="yellow", no_wrap=True, overflow="ellipsis")
 
 
-def _for(waiting_for: str) -> str:
-    return f" for {waiting_for}" if waiting_for else ""
+def _reason(waiting_for: str, seconds: float) -> str:
+    return waiting_for or f"no result for {seconds:.0f} s"
 
 
 @contextmanager

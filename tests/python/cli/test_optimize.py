@@ -1,15 +1,14 @@
-import contextlib
 import json
 import os
 import pty
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.python.cli.processes import children, gone
 
 QUICK = """\
 simulation: minisim
@@ -28,34 +27,6 @@ def quick(tmp_path: Path) -> Path:
     path = tmp_path / "quick.yaml"
     path.write_text(QUICK)
     return path
-
-
-def children(pid: int) -> list[int]:
-    """Processes started by a process, and theirs."""
-    found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            if int(status.read_text().rsplit(")", 1)[1].split()[1]) == pid:
-                found.append(int(status.parent.name))
-    return found + [below for child in found for below in children(child)]
-
-
-def alive(pid: int) -> bool:
-    """Whether the process is there and no zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def gone(pids: list[int], seconds: float = 10) -> bool:
-    """Whether all processes end within the time."""
-    deadline = time.monotonic() + seconds
-    while any(map(alive, pids)):
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.05)
-    return True
 
 
 def test_plain_lines_tell_how_far_it_is_and_what_to_do_next(program: Any, quick: Path) -> None:
@@ -224,3 +195,18 @@ def test_no_broker_there(program: Any, quick: Path, unused_port: int) -> None:
     result = program("optimize", quick, "--broker", f"mqtt://127.0.0.1:{unused_port}")
     assert result.returncode == 1
     assert str(unused_port) in result.stderr
+
+
+def test_a_run_in_the_background_of_a_script_can_be_interrupted(tmp_path: Path) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    script = f"""
+        {sys.executable} -m swarmwright optimize endless.yaml --out result > shown & run=$!
+        until grep -q generation shown; do sleep 0.05; done
+        kill -INT $run
+        wait $run
+    """
+    result = subprocess.run(
+        ["bash", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, timeout=40, check=False
+    )
+    assert result.returncode == 130
+    assert b"Traceback" not in result.stderr

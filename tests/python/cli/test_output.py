@@ -69,6 +69,9 @@ def test_a_stall_is_told_after_two_seconds_and_then_ever_more_rarely(monkeypatch
             told.append(round(now, 1))
     assert told == [2.0, 4.0, 8.0, 16.0, 32.0]
     assert stall.worth_a_line(4, 10) is None, "something came"
+    for _ in range(5):  # quick generations: only their ends are seen
+        now += 10
+        assert stall.worth_a_line(10, 10) is None
 
 
 def test_a_server_that_says_little_still_has_a_row() -> None:

@@ -2,11 +2,11 @@ import json
 import os
 import signal
 import socket
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.python.cli.processes import alive, gone
 
 
 def events(process: Any, wanted: str, number: int = 1) -> list[dict[str, Any]]:
@@ -19,14 +19,6 @@ def events(process: Any, wanted: str, number: int = 1) -> list[dict[str, Any]]:
         if event["event"] == wanted:
             found.append(event)
     return found
-
-
-def alive(pid: int) -> bool:
-    """Whether the process is there and no zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def reachable(port: int) -> bool:
@@ -125,10 +117,7 @@ def test_servers_end_with_a_supervisor_that_is_killed(start: Any, embedded_broke
     pids = [event["pid"] for event in events(serving, "ready", 2)]
     serving.kill()
     serving.wait(10)
-    deadline = time.monotonic() + 10
-    while any(map(alive, pids)):
-        assert time.monotonic() < deadline, "servers were left behind"
-        time.sleep(0.05)
+    assert gone(pids)
 
 
 def test_no_broker_there(program: Any, unused_port: int) -> None:

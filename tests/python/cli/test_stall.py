@@ -1,0 +1,32 @@
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.python.cli.processes import children
+
+EXPERIMENT = """\
+simulation: minisim
+method: {kind: nnga, population: 30, generations: 1000000}
+timeouts: {step: 30}
+"""
+
+
+def test_it_is_said_who_is_waited_for(start: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(EXPERIMENT)
+    process = start("optimize", "x.yaml", "--servers", "2", "--out", "result")
+    for _ in range(3):
+        assert process.stdout.readline().startswith("generation ")
+    servers = children(process.pid)
+    os.kill(servers[0], signal.SIGSTOP)
+    began = time.monotonic()
+    try:
+        line = next(line for line in process.stdout if " episodes; " in line)
+    finally:
+        os.kill(servers[0], signal.SIGCONT)
+    assert 1.5 < time.monotonic() - began < 10
+    assert "server " in line
+    assert "s" in line.split("server ")[1]
+    # The server wakes up and the run goes on.
+    assert next(line for line in process.stdout if line.startswith("generation "))
