@@ -550,7 +550,7 @@ impl Machine {
                 .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
             self.warn(format!("{reason}; the episode is tried again elsewhere"));
             self.end_run(server, &hash);
-            self.offers.bench(server, now);
+            self.offers.bench(server, &reason, now);
             self.fail_run(&hash, reason, true, now);
         }
         self.offers.unbench(now);

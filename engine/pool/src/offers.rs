@@ -91,8 +91,9 @@ pub(crate) struct Slot {
     pub duty: Duty,
     pub instance: Option<String>,
     pub capabilities: Capabilities,
-    /// Failures in a row.
+    /// Failures in a row, and why it failed last.
     pub failures: u32,
+    failure: String,
     /// The last round of discovery that it answered.
     round: u64,
     /// Last hash that it ran for this tool.
@@ -174,7 +175,9 @@ impl Offers {
             }
         }
         self.unfit.remove(&id);
-        let failures = self.slots.get(&id).map_or(0, |slot| slot.failures);
+        let (failures, failure) = self.slots.get(&id).map_or((0, String::new()), |slot| {
+            (slot.failures, slot.failure.clone())
+        });
         self.slots.insert(
             id,
             Slot {
@@ -182,6 +185,7 @@ impl Offers {
                 instance,
                 capabilities: message.capabilities,
                 failures,
+                failure,
                 round,
                 last_hash: None,
             },
@@ -275,9 +279,10 @@ impl Offers {
     }
 
     /// A server failed an episode: a pause that doubles with each failure in a row.
-    pub(crate) fn bench(&mut self, id: u64, now: Instant) {
+    pub(crate) fn bench(&mut self, id: u64, reason: &str, now: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.failures += 1;
+            reason.clone_into(&mut slot.failure);
             let pause = FIRST_BENCH * 2u32.saturating_pow((slot.failures - 1).min(6));
             slot.duty = Duty::Benched(now + pause.min(LONGEST_BENCH));
         }
@@ -336,6 +341,15 @@ impl Offers {
             .iter()
             .map(|(id, reason)| (*id, format!("server {id}: {reason}")))
             .collect();
+        for (id, slot) in &self.slots {
+            let answer = if slot.failures == 0 {
+                "fits".to_owned()
+            } else {
+                let (times, failure) = (slot.failures, &slot.failure);
+                format!("fits, but failed {times} times in a row, the last time because: {failure}")
+            };
+            lines.insert(*id, format!("server {id}: {answer}"));
+        }
         for (id, presence) in &self.presences {
             let misfit = demand.misfit(&presence.simulations, &presence.capabilities);
             let state = match (presence.state, &presence.tool) {

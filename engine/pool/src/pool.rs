@@ -150,6 +150,8 @@ impl Pool {
         mut on_wait: impl FnMut(&str) -> bool,
     ) -> Result<(usize, usize), PoolError> {
         let start = Instant::now();
+        // A server that was busy and has just become free still has to answer.
+        let mut free_since = start;
         loop {
             self.poll(Instant::now() + ASK);
             if self.machine.has_server() {
@@ -157,7 +159,9 @@ impl Pool {
             }
             let waited = start.elapsed();
             let busy = self.machine.busy_elsewhere();
-            if busy.is_none() && waited >= self.discovery_timeout {
+            if busy.is_some() {
+                free_since = Instant::now();
+            } else if free_since.elapsed() >= self.discovery_timeout {
                 return Err(self.no_server(waited));
             }
             let reason =
@@ -191,6 +195,7 @@ impl Pool {
         self.machine.submit(tasks, seeds, Instant::now());
         let mut asked = Instant::now();
         let patience = self.discovery_timeout.max(self.step_timeout);
+        let mut free_since = asked;
         let error = loop {
             self.poll(asked + ASK);
             let now = Instant::now();
@@ -201,7 +206,9 @@ impl Pool {
             if now.duration_since(asked) >= ASK {
                 asked = now;
                 let lonely = self.machine.lonely(now);
-                if lonely >= patience && self.machine.busy_elsewhere().is_none() {
+                if self.machine.busy_elsewhere().is_some() {
+                    free_since = now;
+                } else if lonely.min(now.duration_since(free_since)) >= patience {
                     break self.no_server(lonely);
                 }
                 if !on_progress(self.machine.done(), &self.machine.waiting_for(now)) {

@@ -16,6 +16,9 @@ const LOST_EXPIRY: u32 = 3600;
 /// For how long a server that starts listens for another with its id.
 const LISTEN: Duration = Duration::from_millis(100);
 
+/// Shows a frame of a run.
+pub type FrameHandler = Box<dyn FnMut(&Scene) + Send>;
+
 /// How a server is to be run.
 pub struct Options {
     /// The server's id.
@@ -27,7 +30,7 @@ pub struct Options {
     /// How long a step may wait for actuators before the run is given up.
     pub step_timeout: Duration,
     /// Called with every frame of a run that is to be shown.
-    pub on_frame: Option<Box<dyn FnMut(&Scene) + Send>>,
+    pub on_frame: Option<FrameHandler>,
 }
 
 impl Options {
@@ -81,7 +84,7 @@ pub struct SimulationServer {
     connection: Connection,
     topics: Topics,
     id: u64,
-    on_frame: Option<Box<dyn FnMut(&Scene) + Send>>,
+    on_frame: Option<FrameHandler>,
     events: Vec<Event>,
 }
 
@@ -126,7 +129,7 @@ impl SimulationServer {
             },
         ];
         let mut connection = Connection::open(settings, subscriptions)?;
-        find_rival(&mut connection, &topics, &identity)?;
+        let early = find_rival(&mut connection, &topics, &identity)?;
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,
@@ -134,7 +137,7 @@ impl SimulationServer {
             topics,
             id: options.id,
             on_frame: options.on_frame,
-            events: Vec::new(),
+            events: early,
         };
         server.act(&mut |_| {});
         Ok(server)
@@ -229,14 +232,15 @@ fn stamp() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
-/// Listens for a moment for the presence of a living server with the same id.
+/// Listens for a moment for the presence of a living server with the same id; returns what else came meanwhile.
 fn find_rival(
     connection: &mut Connection,
     topics: &Topics,
     identity: &Identity,
-) -> Result<(), ServeError> {
+) -> Result<Vec<Event>, ServeError> {
     let deadline = Instant::now() + LISTEN;
     let mut events = Vec::new();
+    let mut early = Vec::new();
     while Instant::now() < deadline {
         connection.poll(deadline, &mut events);
         for event in events.drain(..) {
@@ -244,6 +248,7 @@ fn find_rival(
                 continue;
             };
             if topics.parse(message.topic()) != Some(Topic::Presence) {
+                early.push(Event::Message(message));
                 continue;
             }
             let Ok(Message::Presence(presence)) =
@@ -279,5 +284,5 @@ fn find_rival(
             }
         }
     }
-    Ok(())
+    Ok(early)
 }
