@@ -111,15 +111,16 @@ impl Server {
                 _ => {}
             }
             now = Instant::now();
+            // First of all: nobody ticks while nobody is connected, and who comes then must not find an expired session.
+            if now - last_tick >= TICK {
+                last_tick = now;
+                self.tick(now);
+            }
             for event in &events {
                 self.note(event, now);
             }
             for id in std::mem::take(&mut self.ready) {
                 self.read(id, now);
-            }
-            if now - last_tick >= TICK {
-                last_tick = now;
-                self.tick(now);
             }
             self.flush_all(now);
         }
