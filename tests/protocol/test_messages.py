@@ -15,7 +15,7 @@ Value: TypeAlias = Any  # JSON of whatever shape
 Json = dict[str, Any]
 
 DEEPEST = 127
-ANNOUNCEMENT = ("version", "modes", "sensors", "actuators", "instance", "host", "pid")
+ANNOUNCEMENT = ("version", "modes", "controllers", "batch", "sensors", "actuators", "instance", "host", "pid")
 PRESENCE = ("server", "state", "simulations", "capabilities", "tool", "since")
 
 

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use mio::{Events, Interest, Poll, Token};
 
 use crate::ConnectError;
+use crate::publication::PublishOptions;
 use crate::session::{Incoming, QoS, Received, Session, Subscription, Version};
 use crate::settings::Settings;
 use crate::transport::Transport;
@@ -126,8 +127,8 @@ impl Connection {
         self.settings.will = Some(will);
     }
 
-    /// Queues a message; `poll` or `flush` sends it. While the connection is broken it is dropped: the peers of a
-    /// broken connection start over (see the pool and the wrapper).
+    /// Queues a message; `poll` sends it. While the connection is broken it is dropped: the peers of a broken
+    /// connection start over (see the pool and the wrapper).
     pub fn publish(
         &mut self,
         topic: &str,
@@ -136,11 +137,19 @@ impl Connection {
         retain: bool,
         expiry: Option<u32>,
     ) {
+        let options = PublishOptions {
+            qos,
+            retain,
+            expiry,
+            ..PublishOptions::default()
+        };
+        self.publish_with(topic, payload, &options);
+    }
+
+    /// As [`publish`](Self::publish), with all that MQTT 5 has to say of a message.
+    pub fn publish_with(&mut self, topic: &str, payload: &[u8], options: &PublishOptions<'_>) {
         let Some(link) = &mut self.link else { return };
-        if let Err(error) = link
-            .session
-            .publish(topic, payload, qos, retain, expiry, &mut self.out)
-        {
+        if let Err(error) = link.session.publish(topic, payload, options, &mut self.out) {
             log::error!(
                 "cannot publish {} bytes on {topic:?}: {error:?}",
                 payload.len()

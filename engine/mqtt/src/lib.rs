@@ -7,11 +7,13 @@
 
 mod connection;
 mod plain;
+mod publication;
 mod session;
 mod settings;
 mod transport;
 
 pub use connection::{Connection, Event, Waker};
+pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
 pub use settings::{BrokerUrl, Scheme, Settings, SettingsError, Will};
 

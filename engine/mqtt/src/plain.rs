@@ -1,12 +1,19 @@
-//! PUBLISH at QoS 0 without properties, by hand: nearly every packet of a stepwise run is one (MQTT 5.0 and 3.1.1,
-//! chapters 1.5, 2 and 3.3). All other packets, and everything that is malformed, are the business of the crate.
+//! PUBLISH at QoS 0 by hand, since nearly every packet of a run is one (MQTT 5.0 and 3.1.1, chapters 1.5, 2 and 3.3),
+//! with the few properties that a request has. All other packets, and everything that is malformed, are the business of
+//! the crate.
 
 use std::ops::Range;
 
+use crate::publication::PublishOptions;
 use crate::session::Version;
 
 /// Largest "remaining length" that four bytes can say.
 const LONGEST: usize = 268_435_455;
+/// Identifiers of properties (MQTT 5.0, 2.2.2.2).
+const EXPIRY: u8 = 2;
+const CONTENT_TYPE: u8 = 3;
+const RESPONSE_TOPIC: u8 = 8;
+const CORRELATION: u8 = 9;
 
 /// How the next packet in a stream of bytes ends.
 #[derive(Debug, PartialEq, Eq)]
@@ -40,7 +47,7 @@ pub(crate) fn cut(bytes: &[u8]) -> Cut {
     Cut::Malformed
 }
 
-/// Where topic and payload of a whole packet lie, if it is a PUBLISH at QoS 0 without properties.
+/// Where topic and payload of a whole packet lie, if it is a PUBLISH at QoS 0 with the properties above at most.
 pub(crate) fn read(
     packet: &[u8],
     header: usize,
@@ -52,37 +59,70 @@ pub(crate) fn read(
     }
     let length = [*packet.get(header)?, *packet.get(header + 1)?];
     let topic = header + 2..header + 2 + usize::from(u16::from_be_bytes(length));
-    if !is_topic(std::str::from_utf8(packet.get(topic.clone())?).ok()?) {
-        return None;
-    }
     let payload = match version {
         Version::V5 if *packet.get(topic.end)? == 0 => topic.end + 1,
-        Version::V5 => return None,
+        Version::V5 => skip_properties(packet, topic.end)?,
         Version::V3 => topic.end,
     };
-    Some((topic, payload..packet.len()))
+    (payload <= packet.len()).then_some((topic, payload..packet.len()))
 }
 
-/// Appends a PUBLISH at QoS 0 to `out`, unless it would be longer than `most` bytes or the topic is none.
-pub(crate) fn write(
-    topic: &str,
-    payload: &[u8],
-    version: Version,
-    most: usize,
-    out: &mut Vec<u8>,
-) -> bool {
-    let Ok(topic_length) = u16::try_from(topic.len()) else {
-        return false;
-    };
-    let properties: &[u8] = if version == Version::V5 { &[0] } else { &[] };
-    let remaining = 2 + topic.len() + properties.len() + payload.len();
-    // A fixed header is 5 bytes at most.
-    if remaining > LONGEST || remaining + 5 > most || !is_topic(topic) {
-        return false;
+/// Where the properties end that begin at `start`; none if there are others than those above, or one is malformed or
+/// there twice.
+fn skip_properties(packet: &[u8], start: usize) -> Option<usize> {
+    // 127 bytes in all, or the crate may read them.
+    let length = usize::from(*packet.get(start).filter(|length| **length < 0x80)?);
+    let end = start + 1 + length;
+    let mut rest = packet.get(start + 1..end)?;
+    let mut seen = 0u16;
+    while let [id, values @ ..] = rest {
+        let size = match *id {
+            EXPIRY => 4,
+            CONTENT_TYPE | RESPONSE_TOPIC | CORRELATION => {
+                2 + usize::from(u16::from_be_bytes([*values.first()?, *values.get(1)?]))
+            }
+            _ => return None,
+        };
+        let value = values.get(..size)?;
+        let fits = match *id {
+            CONTENT_TYPE => std::str::from_utf8(&value[2..]).is_ok_and(|text| !text.contains('\0')),
+            RESPONSE_TOPIC => std::str::from_utf8(&value[2..]).is_ok_and(is_topic),
+            _ => true,
+        };
+        if !fits || seen & (1 << *id) != 0 {
+            return None;
+        }
+        seen |= 1 << *id;
+        rest = &values[size..];
     }
-    out.reserve(remaining + 5);
-    out.push(0b0011_0000);
-    let mut rest = remaining;
+    Some(end)
+}
+
+/// The properties of a message, without their length; none if the crate must say what is wrong.
+fn properties(options: &PublishOptions<'_>) -> Option<Vec<u8>> {
+    let mut bytes = Vec::new();
+    if let Some(seconds) = options.expiry {
+        bytes.push(EXPIRY);
+        bytes.extend_from_slice(&seconds.to_be_bytes());
+    }
+    for (id, value) in [
+        (CONTENT_TYPE, options.content_type.map(str::as_bytes)),
+        (RESPONSE_TOPIC, options.response_topic.map(str::as_bytes)),
+        (CORRELATION, options.correlation),
+    ] {
+        if let Some(value) = value {
+            bytes.push(id);
+            bytes.extend_from_slice(&u16::try_from(value.len()).ok()?.to_be_bytes());
+            bytes.extend_from_slice(value);
+        }
+    }
+    let text = options.content_type.is_none_or(|text| !text.contains('\0'));
+    let topic = options.response_topic.is_none_or(is_topic);
+    (text && topic).then_some(bytes)
+}
+
+/// Appends a number of one to four bytes, seven bits each.
+fn push_length(mut rest: usize, out: &mut Vec<u8>) {
     loop {
         #[expect(clippy::cast_possible_truncation, reason = "seven bits")]
         let low = (rest & 0x7f) as u8;
@@ -92,13 +132,68 @@ pub(crate) fn write(
             break;
         }
     }
+}
+
+/// Bytes that `push_length` appends.
+fn length_size(length: usize) -> usize {
+    match length {
+        0..0x80 => 1,
+        0x80..0x4000 => 2,
+        0x4000..0x20_0000 => 3,
+        _ => 4,
+    }
+}
+
+/// Appends a PUBLISH at QoS 0, not retained, to `out`, unless it would be longer than `most` bytes, or something in it
+/// cannot be.
+pub(crate) fn write(
+    topic: &str,
+    payload: &[u8],
+    options: &PublishOptions<'_>,
+    version: Version,
+    most: usize,
+    out: &mut Vec<u8>,
+) -> bool {
+    let Ok(topic_length) = u16::try_from(topic.len()) else {
+        return false;
+    };
+    // Without properties nothing is allocated.
+    let properties = match version {
+        Version::V5 => match properties(options) {
+            Some(properties) => Some(properties),
+            None => return false,
+        },
+        Version::V3 => None,
+    };
+    let head = properties
+        .as_ref()
+        .map_or(0, |bytes| length_size(bytes.len()) + bytes.len());
+    let remaining = 2 + topic.len() + head + payload.len();
+    // A fixed header is 5 bytes at most.
+    if remaining > LONGEST || remaining + 5 > most || !is_topic(topic) {
+        return false;
+    }
+    out.reserve(remaining + 5);
+    out.push(0b0011_0000);
+    push_length(remaining, out);
     out.extend_from_slice(&topic_length.to_be_bytes());
     out.extend_from_slice(topic.as_bytes());
-    out.extend_from_slice(properties);
+    if let Some(properties) = properties {
+        push_length(properties.len(), out);
+        out.extend_from_slice(&properties);
+    }
     out.extend_from_slice(payload);
     true
 }
 
-fn is_topic(name: &str) -> bool {
+/// The topic name in these bytes, if they are one.
+pub(crate) fn topic(bytes: &[u8]) -> Option<&str> {
+    std::str::from_utf8(bytes)
+        .ok()
+        .filter(|name| is_topic(name))
+}
+
+/// Whether a name can be published to.
+pub(crate) fn is_topic(name: &str) -> bool {
     !name.is_empty() && !name.bytes().any(|byte| matches!(byte, 0 | b'+' | b'#'))
 }

@@ -7,13 +7,15 @@ use std::time::{Duration, Instant};
 use mqtt_protocol_core::mqtt::common::Cursor;
 use mqtt_protocol_core::mqtt::connection::{Event as CoreEvent, TimerKind};
 use mqtt_protocol_core::mqtt::packet::{
-    MessageExpiryInterval, Packet, Property, Qos as CoreQos, SubEntry, SubOpts, v3_1_1, v5_0,
+    ContentType, CorrelationData, MessageExpiryInterval, Packet, Property, Qos as CoreQos,
+    ResponseTopic, SubEntry, SubOpts, v3_1_1, v5_0,
 };
 use mqtt_protocol_core::mqtt::prelude::*;
 use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode, MqttError};
 use mqtt_protocol_core::mqtt::{self, role};
 
 use crate::plain::{self, Cut};
+use crate::publication::PublishOptions;
 use crate::settings::Settings;
 
 /// Quality of service of a message.
@@ -58,10 +60,10 @@ pub struct Incoming(Publish);
 
 #[derive(Debug, Clone)]
 enum Publish {
-    /// At QoS 0 without properties; `bytes` is everything that one read brought.
+    /// At QoS 0, read by hand; `bytes` is everything that one read brought.
     Plain {
         bytes: Arc<[u8]>,
-        topic: Range<usize>,
+        topic: Arc<str>,
         payload: Range<usize>,
         retained: bool,
     },
@@ -74,10 +76,7 @@ impl Incoming {
     #[must_use]
     pub fn topic(&self) -> &str {
         match &self.0 {
-            // It was found to be UTF-8 when it was read.
-            Publish::Plain { bytes, topic, .. } => {
-                std::str::from_utf8(&bytes[topic.clone()]).unwrap_or_default()
-            }
+            Publish::Plain { topic, .. } => topic,
             Publish::V5(publish) => publish.topic_name(),
             Publish::V3(publish) => publish.topic_name(),
         }
@@ -131,6 +130,8 @@ pub(crate) struct Session {
     over: bool,
     /// The largest packet that the broker takes.
     largest: usize,
+    /// The topic of the last plain message: most have the same one, which is then neither checked nor copied.
+    last_topic: Arc<str>,
 }
 
 impl Session {
@@ -150,6 +151,7 @@ impl Session {
             accepted: false,
             over: false,
             largest: usize::MAX,
+            last_topic: Arc::default(),
         }
     }
 
@@ -236,29 +238,25 @@ impl Session {
         &mut self,
         topic: &str,
         payload: &[u8],
-        qos: QoS,
-        retain: bool,
-        expiry: Option<u32>,
+        options: &PublishOptions<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
         // The keep-alive timer runs on meanwhile: a ping too many is harmless.
-        let plain = self.accepted && qos == QoS::AtMostOnce && !retain && expiry.is_none();
-        if plain && plain::write(topic, payload, self.version, self.largest, out) {
+        let plain = self.accepted && options.qos == QoS::AtMostOnce && !options.retain;
+        if plain && plain::write(topic, payload, options, self.version, self.largest, out) {
             return Ok(());
         }
-        self.publish_by_core(topic, payload, qos, retain, expiry, out)
+        self.publish_by_core(topic, payload, options, out)
     }
 
     fn publish_by_core(
         &mut self,
         topic: &str,
         payload: &[u8],
-        qos: QoS,
-        retain: bool,
-        expiry: Option<u32>,
+        options: &PublishOptions<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
-        let id = match qos {
+        let id = match options.qos {
             QoS::AtMostOnce => None,
             QoS::AtLeastOnce => Some(self.core.acquire_packet_id()?),
         };
@@ -266,8 +264,8 @@ impl Session {
             ($module:ident) => {{
                 let builder = $module::Publish::builder()
                     .topic_name(topic)?
-                    .qos(qos.into())
-                    .retain(retain)
+                    .qos(options.qos.into())
+                    .retain(options.retain)
                     .payload(payload);
                 if let Some(id) = id {
                     builder.packet_id(id)
@@ -278,12 +276,29 @@ impl Session {
         }
         let packet: Packet = match self.version {
             Version::V5 => {
-                let mut builder = publish!(v5_0);
-                if let Some(seconds) = expiry {
-                    builder =
-                        builder.props(vec![Property::from(MessageExpiryInterval::new(seconds)?)]);
+                let mut properties: Vec<Property> = Vec::new();
+                if let Some(seconds) = options.expiry {
+                    properties.push(MessageExpiryInterval::new(seconds)?.into());
                 }
-                builder.build()?.into()
+                if let Some(text) = options.content_type {
+                    properties.push(ContentType::new(text)?.into());
+                }
+                if let Some(topic) = options.response_topic {
+                    // The crate does not look, and a broker would end the connection.
+                    if !plain::is_topic(topic) {
+                        return Err(MqttError::TopicNameInvalid);
+                    }
+                    properties.push(ResponseTopic::new(topic)?.into());
+                }
+                if let Some(data) = options.correlation {
+                    properties.push(CorrelationData::new(data.to_vec())?.into());
+                }
+                let builder = publish!(v5_0);
+                if properties.is_empty() {
+                    builder.build()?.into()
+                } else {
+                    builder.props(properties).build()?.into()
+                }
             }
             Version::V3 => publish!(v3_1_1).build()?.into(),
         };
@@ -346,16 +361,11 @@ impl Session {
                 Cut::Whole { header, length } => (header, start + length),
             };
             let packet = &bytes[start..end];
-            let found = if self.accepted {
-                plain::read(packet, header, self.version)
-            } else {
-                None
-            };
-            if let Some((topic, payload)) = found {
+            if let Some((topic, payload)) = self.read_plain(packet, header) {
                 received(Received::Publish(Incoming(Publish::Plain {
                     retained: packet[0] & 1 == 1,
                     bytes: Arc::clone(shared.get_or_insert_with(|| bytes.into())),
-                    topic: start + topic.start..start + topic.end,
+                    topic,
                     payload: start + payload.start..start + payload.end,
                 })));
             } else {
@@ -369,6 +379,19 @@ impl Session {
             start = end;
         }
         bytes.len()
+    }
+
+    /// Topic and place of the payload, if the packet is a plain message that need not go through the core.
+    fn read_plain(&mut self, packet: &[u8], header: usize) -> Option<(Arc<str>, Range<usize>)> {
+        if !self.accepted {
+            return None;
+        }
+        let (topic, payload) = plain::read(packet, header, self.version)?;
+        let topic = packet.get(topic)?;
+        if topic.is_empty() || topic != self.last_topic.as_bytes() {
+            self.last_topic = plain::topic(topic)?.into();
+        }
+        Some((Arc::clone(&self.last_topic), payload))
     }
 
     /// The next time at which `tick` is needed.

@@ -81,12 +81,16 @@ pub struct Capabilities {
 }
 
 /// The extension part of a server's capabilities.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Announcement {
     /// Version of the extension profile.
     pub version: u64,
-    /// Ways of evaluating: stepwise, ...
+    /// Ways of evaluating: stepwise, batched, offloaded, ...
     pub modes: Vec<String>,
+    /// Kinds of controller that the server evaluates itself, when offloaded; none if it does not say.
+    pub controllers: Vec<String>,
+    /// Most episodes of a batch, when batched; none if it does not say.
+    pub batch: Option<usize>,
     /// Numbers in a sensor message.
     pub sensors: Option<usize>,
     /// Numbers in an actuator message.
@@ -297,6 +301,8 @@ impl Announcement {
         Some(Self {
             version: keys.id("version").ok()?,
             modes: keys.lenient("modes").unwrap_or_default(),
+            controllers: keys.lenient("controllers").unwrap_or_default(),
+            batch: keys.lenient("batch").filter(|most| *most > 0),
             sensors: keys.lenient("sensors"),
             actuators: keys.lenient("actuators"),
             instance: keys.lenient("instance"),
@@ -307,6 +313,9 @@ impl Announcement {
 
     fn to_value(&self) -> Value {
         let mut object = json!({"version": self.version, "modes": self.modes});
+        let controllers = Some(self.controllers.clone()).filter(|kinds| !kinds.is_empty());
+        insert(&mut object, "controllers", controllers);
+        insert(&mut object, "batch", self.batch);
         insert(&mut object, "sensors", self.sensors);
         insert(&mut object, "actuators", self.actuators);
         insert(&mut object, "instance", self.instance.clone());

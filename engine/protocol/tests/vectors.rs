@@ -28,7 +28,8 @@ fn capabilities(capabilities: &Capabilities) -> Value {
         "dimensions": capabilities.dimensions,
         "max_agents": capabilities.max_agents,
         "swarmwright": capabilities.swarmwright.as_ref().map(|announced| json!({
-            "version": announced.version, "modes": announced.modes, "sensors": announced.sensors,
+            "version": announced.version, "modes": announced.modes,
+            "controllers": Some(&announced.controllers).filter(|kinds| !kinds.is_empty()), "batch": announced.batch, "sensors": announced.sensors,
             "actuators": announced.actuators, "instance": announced.instance, "host": announced.host, "pid": announced.pid,
         })),
     })

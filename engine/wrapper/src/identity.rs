@@ -37,6 +37,8 @@ impl Identity {
             swarmwright: Some(Announcement {
                 version: 1,
                 modes: vec!["stepwise".to_owned()],
+                controllers: Vec::new(),
+                batch: None,
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),
                 instance: Some(self.instance.clone()),

@@ -256,19 +256,7 @@ fn find_rival(
             else {
                 continue;
             };
-            let other =
-                presence
-                    .capabilities
-                    .swarmwright
-                    .unwrap_or(swarmwright_protocol::Announcement {
-                        version: 1,
-                        modes: Vec::new(),
-                        sensors: None,
-                        actuators: None,
-                        instance: None,
-                        host: None,
-                        pid: None,
-                    });
+            let other = presence.capabilities.swarmwright.unwrap_or_default();
             let host = other.host.unwrap_or_else(|| "an unknown host".to_owned());
             let pid = other.pid.unwrap_or_default();
             // A broker that was killed keeps the presence of servers that died with it; on this host that can be seen.
