@@ -1,7 +1,9 @@
 """From what a file says to checked options: all problems at once, each with its place."""
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -9,6 +11,7 @@ from pydantic import ValidationError
 from swarmwright._document import DEFAULT_KINDS, Document, Requirements
 from swarmwright._errors import InputError
 from swarmwright._options import Options
+from swarmwright._parameter_files import resolve
 from swarmwright._problems import problems_of, shown
 from swarmwright._registry import Registry
 from swarmwright._suggest import did_you_mean
@@ -47,7 +50,8 @@ def check(source: Source) -> Checked:
     else:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
-        checked = _check_values(values, report)
+        folder = Path(source.name).parent if source.name else Path()
+        checked = _check_values(_with_files(values, folder, report), report)
     if problems:
         broken = {path for path, line, _ in problems if line}
         lines = [
@@ -73,6 +77,17 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
     if not line:
         return source.place(path) + message
     return Source(source.name, lines={path: line}).place(path) + message
+
+
+def _with_files(values: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
+    """Return the values with files in the place of parameters that are too large to stand there."""
+    simulation, parameters = values.get("simulation"), values.get("parameters")
+    if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
+        return values
+    resolved = resolve(
+        simulation, parameters, folder, lambda name, message: report(("parameters", name), message)
+    )
+    return {**values, "parameters": resolved}
 
 
 def _check_values(values: dict[str, Any], report: Report) -> Checked:
@@ -131,8 +146,13 @@ def _check_parameters(simulation: str, parameters: dict[str, Any], report: Repor
     given = {key: value for key, value in parameters.items() if key not in unknown}
     wrong = _simulations.parameters_problem(simulation, given)
     if wrong is not None:
-        name, _, reason = wrong.removeprefix("parameter ").partition(": ")
-        report(*((("parameters", name), reason) if reason and name in known else (("parameters",), wrong)))
+        place, _, reason = wrong.removeprefix("parameter ").partition(": ")
+        name = re.split(r"[.[]", place, maxsplit=1)[0]
+        if reason and name in known:
+            part = place.removeprefix(name).removeprefix(".")
+            report(("parameters", name), f"{part}: {reason}" if part else reason)
+        else:
+            report(("parameters",), wrong)
 
 
 def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file

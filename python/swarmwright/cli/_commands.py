@@ -2,13 +2,26 @@
 
 from collections.abc import Mapping
 from importlib import import_module
+from keyword import iskeyword
 from typing import Any
 
 import click
 
 from swarmwright._suggest import unknown
 
-COMMANDS = ("optimize", "simulate", "replay", "new", "broker", "serve", "servers", "runs", "schema")
+COMMANDS = (
+    "optimize",
+    "simulate",
+    "replay",
+    "new",
+    "broker",
+    "serve",
+    "servers",
+    "runs",
+    "import",
+    "score",
+    "schema",
+)
 
 
 class Command(click.Command):
@@ -67,7 +80,8 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
 
 @click.group(
     cls=Group,
-    modules={name: f"swarmwright.cli.{name}" for name in COMMANDS},
+    # A module cannot be named like a keyword: `import` is in import_.py.
+    modules={name: f"swarmwright.cli.{name}{'_' * iskeyword(name)}" for name in COMMANDS},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",
 )

@@ -9,6 +9,7 @@ from swarmwright.display._look import (
     AGENT_COLORS,
     BLUE,
     BORDER,
+    CELLS,
     FIELD,
     GRID,
     INK,
@@ -122,6 +123,7 @@ class Picture:
         )
         axes.add_patch(field)
         axes.add_patch(border)
+        axes.locator_params(integer=True)
         axes.tick_params(length=0, labelsize=9, colors=BORDER)
         axes.set_axisbelow(True)
         axes.grid(color=GRID, linewidth=0.6, clip_path=field)
@@ -187,6 +189,8 @@ class Picture:
         positions = np.array([(body.x, body.y) for body in bodies])
         diameters = np.array([2 * body.radius for body in bodies])
         color, marker, size, layer = look(bodies[0].kind, bodies[0].state, self._size)
+        if bodies[0].kind in CELLS:
+            return [self._squares(positions, color, layer)]
         artists: list[Artist] = []
         if diameters.any() and bodies[0].kind != "agent":
             discs = EllipseCollection(
@@ -200,6 +204,19 @@ class Picture:
             linewidths=0.8, zorder=layer,
         )  # fmt: skip
         return [*artists, points]
+
+    def _squares(self, middles: "NDArray[np.float64]", color: str, layer: float) -> "Artist":
+        from matplotlib.collections import PolyCollection
+
+        corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+        squares = PolyCollection(
+            list(middles[:, None, :] + corners),
+            facecolors=color,
+            edgecolors=FIELD,
+            linewidths=0.6,
+            zorder=layer,
+        )
+        return self._axes.add_collection(squares)
 
 
 def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":

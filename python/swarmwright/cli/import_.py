@@ -1,0 +1,46 @@
+"""`swarmwright import`: a FREVO session becomes an experiment."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import ExistingPath
+
+FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE names, beside FILE."
+
+
+@click.command(
+    "import",
+    cls=Command,
+    example="swarmwright import emergency_exit_stadium.zse -o stadium.yaml\nswarmwright optimize stadium.yaml",
+)
+@click.argument("file", type=ExistingPath(), metavar="FILE.zse")
+@click.option(
+    "-o",
+    "--output",
+    "target",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.yaml",
+    help="Write there. Default: print.",
+)
+@click.option("--field", type=ExistingPath(), metavar="FIELD", help=FIELD_HELP)
+def command(file: Path, target: Path | None, field: Path | None) -> None:
+    """Make an experiment of a FREVO session.
+
+    Emergency Exit, NNGA, FullyMeshedNet and AbsoluteRanking can be taken over. The experiment says of every
+    entry of FILE.zse what became of it.
+    """
+    if target is not None and not target.parent.is_dir():
+        raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")
+    from swarmwright import frevo
+    from swarmwright._files import write_text
+
+    imported = frevo.load(file, field=field, folder=Path() if target is None else target.parent)
+    for note in imported.notes:
+        click.echo(f"swarmwright: not as in FREVO: {note}", err=True)
+    if target is None:
+        click.echo(imported.yaml, nl=False)
+    else:
+        write_text(target, imported.yaml)
+        click.echo(f"The experiment is in {target}")

@@ -1,0 +1,152 @@
+"""Reads a field that FREVO's field editor saved: a serialized Java object.
+
+Grammar: Java Object Serialization Specification, version 6.0, chapter 6. Only what such a file consists of is
+known: objects of two classes without methods of their own, arrays of them, null and references. Nothing is
+executed.
+"""
+
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+from swarmwright._errors import InputError
+
+_NULL, _REFERENCE, _CLASS, _OBJECT, _STRING, _ARRAY, _END = 0x70, 0x71, 0x72, 0x73, 0x74, 0x75, 0x78
+_FIRST_HANDLE = 0x7E0000
+_SERIALIZABLE = 0x02
+_LARGEST = 1 << 27  # bytes
+
+
+class _Unreadable(Exception):
+    """What is wrong, and the byte where."""
+
+
+@dataclass
+class _Class:
+    name: str
+    fields: list[tuple[str, str]] = field(default_factory=list)
+    """Type code and name."""
+
+
+class _Stream:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+        self._handles: list[Any] = []
+
+    def take(self, form: str) -> int:
+        size = struct.calcsize(form)
+        if self._at + size > len(self._data):
+            raise _Unreadable("the file ends in the middle of something")
+        (value,) = struct.unpack_from(form, self._data, self._at)
+        self._at += size
+        return cast("int", value)
+
+    def text(self) -> str:
+        length = self.take(">H")
+        raw = self._data[self._at : self._at + length]
+        self._at += length
+        return raw.decode("utf-8", "replace")
+
+    def content(self) -> Any:  # noqa: ANN401 - null, text, array or object
+        code = self.take(">B")
+        if code == _NULL:
+            return None
+        if code == _REFERENCE:
+            index = self.take(">I") - _FIRST_HANDLE
+            if not 0 <= index < len(self._handles):
+                raise _Unreadable("a reference leads nowhere")
+            return self._handles[index]
+        if code == _STRING:
+            text = self.text()
+            self._handles.append(text)
+            return text
+        if code == _CLASS:
+            return self._class()
+        if code == _ARRAY:
+            return self._array()
+        if code == _OBJECT:
+            return self._object()
+        raise _Unreadable(f"{code:#04x} found at byte {self._at - 1}, which has no place in a field")
+
+    def start(self) -> Any:  # noqa: ANN401 - the first content
+        if (self.take(">H"), self.take(">H")) != (0xACED, 5):
+            raise _Unreadable("it does not begin like a serialized Java object")
+        return self.content()
+
+    def _class(self) -> _Class:
+        made = _Class(self.text())
+        self.take(">q")
+        self._handles.append(made)
+        if self.take(">B") != _SERIALIZABLE:
+            raise _Unreadable(f"the class {made.name} writes itself in a way of its own")
+        for _ in range(self.take(">H")):
+            code = chr(self.take(">B"))
+            made.fields.append((code, self.text()))
+            if code in "[L":
+                self.content()  # the name of the type
+        if self.take(">B") != _END or self.content() is not None:
+            raise _Unreadable(f"the class {made.name} is derived from another")
+        return made
+
+    def _described(self) -> _Class:
+        made = self.content()
+        if not isinstance(made, _Class):
+            raise _Unreadable("a class is missing")
+        return made
+
+    def _array(self) -> list[Any]:
+        described = self._described()
+        items: list[Any] = []
+        self._handles.append(items)
+        if not described.name.startswith("[L"):
+            raise _Unreadable(f"an array of the type {described.name} has no place in a field")
+        items.extend(self.content() for _ in range(self.take(">i")))
+        return items
+
+    def _object(self) -> dict[str, Any]:
+        described = self._described()
+        values: dict[str, Any] = {"": described.name}
+        self._handles.append(values)
+        for code, name in described.fields:
+            if code == "I":
+                values[name] = self.take(">i")
+            elif code in "[L":
+                values[name] = self.content()
+            else:
+                raise _Unreadable(f"{described.name}.{name} is of a type that has no place in a field")
+        return values
+
+
+def read_field(path: Path) -> dict[str, Any]:
+    """Return the field of a `.ser` file: width, height, exits, agents, blockades.
+
+    Raises InputError when the file holds something else.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; fields are not")
+        read = _Stream(path.read_bytes()).start()
+        return _field(read)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (_Unreadable, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InputError(f"{path}: is no field of FREVO's Emergency Exit: {reason}") from None
+
+
+def _field(read: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file held
+    if not isinstance(read, dict) or read.get("") != "emergencyexit.Field":
+        found = read.get("") if isinstance(read, dict) else type(read).__name__
+        raise _Unreadable(f"it holds {found}; expected emergencyexit.Field")
+    result: dict[str, Any] = {"width": read.get("width"), "height": read.get("height")}
+    for key, name in (("exits", "EmergencyExits"), ("agents", "agents"), ("blockades", "blockades")):
+        points = read.get(name)
+        if not isinstance(points, list):
+            raise _Unreadable(f"{name} is missing")
+        for point in points:
+            if not isinstance(point, dict) or point.get("") != "java.awt.Point":
+                raise _Unreadable(f"{name} holds something that is no point")
+        result[key] = [[point.get("x"), point.get("y")] for point in points]
+    return result

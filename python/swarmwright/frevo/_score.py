@@ -1,0 +1,83 @@
+"""FREVO's networks, evaluated again."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swarmwright._errors import InputError, engine_errors
+from swarmwright.frevo._document import open_session
+from swarmwright.frevo._mapping import problem_parameters
+from swarmwright.frevo._networks import networks
+
+
+@dataclass(frozen=True)
+class Score:
+    """A candidate: its place in the file, its fitness here, and the one that FREVO gave it."""
+
+    index: int
+    fitness: float
+    frevo: float
+
+    @property
+    def difference(self) -> float:
+        """How far the two are apart."""
+        return abs(self.fitness - self.frevo)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """All candidates of a result file, in its order. notes: why they may differ from FREVO's."""
+
+    candidates: tuple[Score, ...]
+    notes: tuple[str, ...]
+
+    def __iter__(self) -> Iterator[Score]:
+        return iter(self.candidates)
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    @property
+    def max_difference(self) -> float:
+        """The largest difference from FREVO's fitness."""
+        return max(one.difference for one in self.candidates)
+
+
+def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
+    """Evaluate every candidate of a FREVO result file (.zre) again, in this process.
+
+    Args:
+        path: the file.
+        field: as in `load`.
+
+    Raises:
+        InputError: the file is no result of FREVO's, or holds what has no counterpart here; the message names
+            file, line and element.
+    """
+    session = open_session(Path(path))
+    found = networks(session)
+    lines, field_file, ranking, notes = problem_parameters(session, None if field is None else Path(field))
+    parameters = {line.key: line.value for line in lines}
+    if field_file is not None:
+        parameters["field"] = field_file.value
+    if session.representation.take_text("activationFunction", "LINEAR") == "SIGMOID":
+        notes.append("activationFunction = SIGMOID: computed to 1e-7 here, so that fates may differ")
+    first: int = parameters.pop("seed", 0)
+    episodes = next(line.value for line in ranking if line.key == "episodes")
+    controllers = [json.dumps(network.specification) for network in found]
+    try:
+        with engine_errors():
+            from swarmwright import _engine
+
+            seeds = range(first, first + episodes)
+            results = _engine.rollout("emergency_exit", json.dumps(parameters), controllers, seeds)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    # One after another, as FREVO adds them; sum() would round otherwise.
+    totals = np.add.accumulate(results, axis=1)[:, -1] + 0.0
+    pairs = zip(totals.tolist(), found, strict=True)
+    scores = tuple(Score(index, total, network.fitness) for index, (total, network) in enumerate(pairs))
+    return Scores(scores, tuple(notes))

@@ -1,0 +1,115 @@
+"""XML with line numbers, read so that a file can neither reach out nor blow up.
+
+The files name a DTD; it is not fetched. Entities of a file's own are refused, nothing else needs them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from swarmwright._errors import InputError
+
+_LARGEST = 1 << 28  # bytes
+_DEEPEST = 50
+
+
+@dataclass
+class Element:
+    """An element: its name, attributes, text, elements inside, and where it stands."""
+
+    file: str
+    line: int
+    tag: str
+    attributes: dict[str, str]
+    children: list["Element"] = field(default_factory=list)
+    text: str = ""
+
+    def error(self, message: str) -> InputError:
+        """Return an error about this element, to be raised."""
+        return InputError(f"{self.file}:{self.line}: <{self.tag}>: {message}")
+
+    def all(self, tag: str) -> list["Element"]:
+        """Return the elements directly inside of this name."""
+        return [child for child in self.children if child.tag == tag]
+
+    def one(self, tag: str) -> "Element":
+        """Return the only element of this name directly inside; raise InputError unless there is one."""
+        found = self.all(tag)
+        if len(found) != 1:
+            raise self.error(f"{len(found) or 'no'} <{tag}> inside; expected one")
+        return found[0]
+
+    def attribute(self, name: str) -> str:
+        """Return an attribute; raise InputError when it is missing."""
+        if name not in self.attributes:
+            raise self.error(f"the attribute {name} is missing")
+        return self.attributes[name]
+
+    def walk(self) -> Iterator["Element"]:
+        """Yield this element and everything inside, in the file's order."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+class _Builder:
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.open: list[Element] = []
+        self.root: Element | None = None
+        self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
+        self.parser.EntityDeclHandler = self._entity
+        # Without a handler for external entities expat leaves the DTD alone.
+        self.parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
+        if len(self.open) >= _DEEPEST:
+            raise element.error(f"nested more than {_DEEPEST} deep")
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.root = element
+        self.open.append(element)
+
+    def _end(self, _tag: str) -> None:
+        self.open.pop()
+
+    def _text(self, text: str) -> None:
+        self.open[-1].text += text
+
+    def _entity(self, entity: str, *_rest: object) -> None:
+        line = self.parser.CurrentLineNumber
+        raise InputError(f"{self.name}:{line}: declares the entity {entity}; FREVO's files have none")
+
+
+def read(path: Path) -> Element:
+    """Return the root element of an XML file.
+
+    Raises InputError, with file and line, when it cannot be read or is no XML.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; FREVO's files are not")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    builder = _Builder(str(path))
+    try:
+        builder.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        reason = expat.errors.messages[error.code]
+        raise InputError(
+            f"{path}:{error.lineno}: is no XML: {reason}; expected a file that FREVO wrote"
+        ) from None
+    except (LookupError, ValueError) as error:  # an encoding that nobody knows
+        raise InputError(f"{path}:1: is no XML: {error}") from None
+    assert builder.root is not None  # expat finds no document without one
+    return builder.root
