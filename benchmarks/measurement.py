@@ -82,7 +82,7 @@ def show(samples: Iterable[Samples], title: str) -> None:
         table.add_row(line.name, _figure(line.value), spread, line.unit, line.against or "", ratio, one.aim)
     console = Console()
     if not console.is_terminal:
-        console = Console(width=160)
+        console = Console(width=190)
     console.print(table)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
-from benchmarks.processes import Broker
+from benchmarks.processes import PATIENCE, Broker
 from swarmwright import _engine
 
 
@@ -26,7 +26,7 @@ class Evaluation:
 
 
 class Stepwise:
-    """A pool on one broker, under one prefix, that waits for `servers` servers.
+    """A pool on one broker, under one prefix, that is to use `servers` servers.
 
     agents, steps: of every episode. Nobody arrives and nobody is caught, so that each takes all its steps:
     the map is large, the agents are slow, there is no defender.
@@ -50,18 +50,24 @@ class Stepwise:
             prefix=prefix,
             tool="bench",
         )
+        self._servers = servers
         self._pool.wait_for_server()
-        # The others answer the same round of discovery; a first block shows that they are all at work.
-        used: set[int] = set()
-        deadline = time.monotonic() + 10
-        while len(used) < servers:
-            _, journal = self._pool.evaluate(_controllers(2 * servers), [0])
-            used |= {attempt["server"] for attempt in map(json.loads, journal.splitlines())}
-            if time.monotonic() > deadline:
-                raise SystemExit(f"only {len(used)} of {servers} servers take part")
 
     def evaluate(self, episodes: int) -> Evaluation:
-        """Run a block of episodes, whose fitness must be that of the same episodes without a broker."""
+        """Run a block of episodes, whose fitness must be that of the same episodes without a broker.
+
+        A block that begins before all servers have answered discovery does not count.
+        """
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            done, used = self._block(episodes)
+            if used == self._servers:
+                return done
+            if time.monotonic() > deadline:
+                raise SystemExit(f"{used} servers took part, {self._servers} were to")
+
+    def _block(self, episodes: int) -> tuple[Evaluation, int]:
+        """A block, and how many servers took part."""
         controllers = _controllers(episodes)
         start = time.perf_counter()
         fitness, journal = self._pool.evaluate(controllers, [0])
@@ -71,13 +77,14 @@ class Stepwise:
             raise SystemExit("stepwise evaluation and a rollout in this process give different fitness")
         attempts: list[dict[str, Any]] = [json.loads(line) for line in journal.splitlines()]
         steps = sum(int(attempt["steps"]) for attempt in attempts)
-        return Evaluation(
+        done = Evaluation(
             agent_steps=steps * self._agents,
             steps=steps,
             episodes=len(attempts),
             seconds=seconds,
             episode_seconds=sum(float(attempt["seconds"]) for attempt in attempts),
         )
+        return done, len({attempt["server"] for attempt in attempts})
 
     def close(self) -> None:
         """Free the servers."""
@@ -99,6 +106,7 @@ def message_sizes(broker: Broker, prefix: str) -> tuple[int, int]:
     while not subscribed:
         time.sleep(0.01)
     pool = Stepwise(broker, prefix, servers=1, agents=1, steps=200)
+    pool.evaluate(1)
     pool.close()
     time.sleep(0.2)
     client.disconnect()

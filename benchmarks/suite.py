@@ -15,16 +15,19 @@ AGENTS = (1, 10, 100)
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How much is done for one sample. steps: of an episode; messages: of a ping-pong and of each server."""
+    """How much is done for one sample. seconds: what a saturated sample of the floor is to take.
+
+    round_trips: of a ping-pong and of an episode.
+    """
 
     repetitions: int = 5
-    steps: int = 2000
-    messages: int = 5000
+    seconds: float = 0.7
+    round_trips: int = 5000
     flood: int = 200_000
     program: bool = True
 
 
-QUICK = Scale(repetitions=1, steps=50, messages=200, flood=2000, program=False)
+QUICK = Scale(repetitions=1, seconds=0.02, round_trips=100, flood=2000, program=False)
 
 
 class BrokerSuite:
@@ -41,6 +44,7 @@ class BrokerSuite:
         self._flood = Samples(f"bare flood, one to one {on}", "messages/s")
         self._floors: dict[int, Samples] = {}
         self._ours: dict[int, Samples] = {}
+        self._counts: dict[int, int] = {}
         for agents in AGENTS:
             shape = f"{SERVERS} servers, {agents} {'agents' if agents > 1 else 'agent'} each {on}"
             self._floors[agents] = Samples(f"bare messages, {shape}", "agent-steps/s")
@@ -48,29 +52,34 @@ class BrokerSuite:
                 f"stepwise, {shape}", "agent-steps/s", self._floors[agents], ">= 0.8"
             )
 
+            rate = bare.swarm(broker, 5 + 200 // agents, self._sizes, SERVERS, agents)
+            self._counts[agents] = max(5, round(rate * scale.seconds / (SERVERS * agents)))
+
     def repeat(self) -> None:
         """Take one sample of everything."""
-        broker, scale, sizes = self._broker, self._scale, self._sizes
-        self._pingpong.add(bare.pingpong(broker, scale.messages, sizes))
-        with contextlib.closing(Stepwise(broker, "bench/1", 1, 1, scale.steps)) as pool:
-            long = pool.evaluate(max(1, scale.messages // scale.steps))
-        self._step.add(long.episode_seconds / long.steps * 1e6)
+        self._round_trips()
+        for agents in AGENTS:
+            self._saturated(agents)
+
+    def _round_trips(self) -> None:
+        broker, sizes, count = self._broker, self._sizes, self._scale.round_trips
+        self._pingpong.add(bare.pingpong(broker, count, sizes))
+        with contextlib.closing(Stepwise(broker, "bench/1", 1, 1, count)) as pool:
+            long = pool.evaluate(1)
+        per_step = long.episode_seconds / long.steps
+        self._step.add(per_step * 1e6)
         with contextlib.closing(Stepwise(broker, "bench/1", 1, 1, 1)) as pool:
             short = pool.evaluate(50)
-        per_step = long.episode_seconds / long.steps
-        self._episode.add((short.episode_seconds - short.steps * per_step) / short.episodes * 1e6)
-        self._paho.add(paho.pingpong(broker, max(20, scale.messages // 5), sizes))
-        self._flood.add(bare.flood(broker, scale.flood, sizes))
-        for agents in AGENTS:
-            # Large enough to last a good part of a second on the fastest broker.
-            count = max(5, scale.messages * 4 // agents)
-            count = count * 4 if agents > 1 and broker.name == "embedded" else count
-            self._floors[agents].add(bare.swarm(broker, count, sizes, SERVERS, agents))
-            steps = min(count, scale.steps)
-            episodes = SERVERS * max(1, count // steps)
-            with contextlib.closing(Stepwise(broker, "bench/8", SERVERS, agents, steps)) as pool:
-                done = pool.evaluate(episodes)
-            self._ours[agents].add(done.agent_steps / done.seconds)
+        self._episode.add((short.episode_seconds / short.episodes - per_step) * 1e6)
+        self._paho.add(paho.pingpong(broker, max(20, count // 5), sizes))
+        self._flood.add(bare.flood(broker, self._scale.flood, sizes))
+
+    def _saturated(self, agents: int) -> None:
+        steps = self._counts[agents]
+        self._floors[agents].add(bare.swarm(self._broker, steps, self._sizes, SERVERS, agents))
+        with contextlib.closing(Stepwise(self._broker, "bench/8", SERVERS, agents, steps)) as pool:
+            done = pool.evaluate(SERVERS)
+        self._ours[agents].add(done.agent_steps / done.seconds)
 
     def samples(self) -> Iterator[Samples]:
         """Everything measured, in the order of the table."""
