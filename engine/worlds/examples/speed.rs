@@ -1,4 +1,4 @@
-//! How fast blocks are evaluated here: `cargo run --release -p swarmwright-worlds --example speed -- TITLE CANDIDATES NETWORK PARAMETERS`.
+//! How fast blocks are evaluated here: `cargo run --release -p swarmwright-worlds --example speed -- TITLE CANDIDATES NETWORK PARAMETERS [LEVEL]`.
 
 use std::time::Instant;
 
@@ -8,8 +8,8 @@ use swarmwright_worlds::{Block, Means, evaluate};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
-    let [_, title, candidates, network, parameters] = arguments.as_slice() else {
-        return Err("usage: speed TITLE CANDIDATES NETWORK PARAMETERS (both JSON)".into());
+    let [_, title, candidates, network, parameters, only @ ..] = arguments.as_slice() else {
+        return Err("usage: speed TITLE CANDIDATES NETWORK PARAMETERS (both JSON) [LEVEL]".into());
     };
     let candidates: usize = candidates.parse()?;
     let architecture = Architecture::from_json(network)?;
@@ -28,7 +28,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         seeds: &[0],
     };
     let levels = std::iter::once(None).chain(Level::available().into_iter().map(Some));
-    for level in levels {
+    for level in
+        levels.filter(|level| only.is_empty() || level.is_some_and(|level| only[0] == level.name()))
+    {
         for threads in [1, 2] {
             let mut best = f64::INFINITY;
             let mut sum = 0.0;

@@ -58,13 +58,16 @@ impl<'a> Block<'a> {
         self.len() == 0
     }
 
-    fn genome(&self, candidate: usize) -> &'a [f32] {
+    /// The weights of one candidate.
+    #[must_use]
+    pub fn genome(&self, candidate: usize) -> &'a [f32] {
         let length = self.architecture.weight_count();
         &self.genomes[candidate * length..][..length]
     }
 
     /// The parameters of one episode.
-    pub(crate) fn parameters_of(&self, episode: usize) -> Parameters {
+    #[must_use]
+    pub fn parameters_of(&self, episode: usize) -> Parameters {
         let mut parameters = self.parameters.clone();
         parameters.insert("seed".to_owned(), self.seeds[episode].into());
         parameters

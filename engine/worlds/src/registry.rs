@@ -1,6 +1,7 @@
 //! The built-in simulations: one line each.
 
 use crate::block::{self, Block, Means};
+use crate::emergency_exit::EmergencyExitLanes;
 use crate::minisim::MinisimLanes;
 use crate::rollout::{RolloutError, check_sizes};
 use crate::{EmergencyExit, Minisim, Simulation};
@@ -14,7 +15,7 @@ const SIMULATIONS: [(&str, Create, Evaluate); 2] = [
     (
         "emergency_exit",
         || Box::<EmergencyExit>::default(),
-        block::one_by_one,
+        block::evaluate::<EmergencyExitLanes>,
     ),
     (
         "minisim",

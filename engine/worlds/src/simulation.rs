@@ -3,6 +3,8 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use crate::{Block, Means, RolloutError};
+
 /// Problem-specific parameters, as they stand in a parameters message (D6.1, Schema 10).
 pub type Parameters = Map<String, Value>;
 
@@ -78,6 +80,26 @@ pub trait Simulation: Send {
 
     /// Fitness of the episode so far; larger is better.
     fn fitness(&self) -> f64;
+
+    /// Another simulation of this kind, so that several episodes can be stepped side by side; none if there can be only
+    /// this one.
+    fn duplicate(&self) -> Option<Box<dyn Simulation>> {
+        None
+    }
+
+    /// The fitness of every candidate of a block in every episode, row-major (candidates, episodes), to the bit what
+    /// [`rollout`](crate::rollout) gives; none for those who leave that to `rollout`.
+    ///
+    /// # Errors
+    /// As [`rollout`](crate::rollout).
+    fn evaluate(
+        &mut self,
+        block: &Block<'_>,
+        means: Means,
+    ) -> Option<Result<Vec<f64>, RolloutError>> {
+        let _ = (block, means);
+        None
+    }
 
     /// What can be seen now; none if there is nothing to show.
     fn scene(&self) -> Option<Scene> {

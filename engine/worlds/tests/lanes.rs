@@ -101,6 +101,24 @@ fn minisim() -> impl Strategy<Value = Value> {
     )
 }
 
+fn emergency_exit() -> impl Strategy<Value = Value> {
+    let things = (1u32..12, 1u32..6, 0u32..20, 4u32..24);
+    (things, 1u32..30, any::<bool>(), 0u32..3).prop_map(|((agents, exits, blockades, side), steps, together, more)| {
+        let agents = agents.min(side).min(side * side - exits - blockades.min(side));
+        json!({"numAgents": agents, "numExits": exits, "numBlockades": blockades.min(side), "width": side,
+            "height": side + more, "steps": steps, "update": if together { "simultaneous" } else { "sequential" }})
+    })
+}
+
+/// Stadium: the field of FREVO's result files.
+fn stadium() -> Value {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/data/frevo/stadium.json"
+    );
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
@@ -110,6 +128,22 @@ proptest! {
     ) {
         let seeds: Vec<u64> = (0..episodes).map(|episode| u64::from(first) + episode).collect();
         check("minisim", &network, &parameters, &genomes, &seeds);
+    }
+
+    #[test]
+    fn emergency_exit_is_the_same_however_it_is_computed(
+        network in network(10, 2), parameters in emergency_exit(), genomes in weights(), first in any::<u32>(), episodes in 1u64..5,
+    ) {
+        let seeds: Vec<u64> = (0..episodes).map(|episode| u64::from(first) + episode).collect();
+        check("emergency_exit", &network, &parameters, &genomes, &seeds);
+    }
+
+    #[test]
+    fn stadium_is_the_same_however_it_is_computed(
+        network in network(10, 2), genomes in weights(), together in any::<bool>(), steps in 1u32..60,
+    ) {
+        let parameters = json!({"field": stadium(), "steps": steps, "update": if together { "simultaneous" } else { "sequential" }});
+        check("emergency_exit", &network, &parameters, &genomes, &[0]);
     }
 }
 

@@ -21,13 +21,18 @@
 
 mod field;
 mod grid;
+mod lanes;
 mod nearest;
 mod random;
 mod settings;
 
-use crate::{Body, Description, ParameterError, ParameterInfo, Parameters, Scene, Simulation};
+use crate::{
+    Block, Body, Description, Means, ParameterError, ParameterInfo, Parameters, RolloutError,
+    Scene, Simulation,
+};
 use field::{Cell, Field, RandomField};
 use grid::{DIRECTION_OF_MOVE, Grid};
+pub(crate) use lanes::EmergencyExitLanes;
 use settings::{MAX_AGENTS, Plan, Settings, Update};
 
 const SENSORS: usize = 10;
@@ -273,6 +278,18 @@ impl Simulation for EmergencyExit {
             fitness -= self.grid.distance(*place);
         }
         fitness
+    }
+
+    fn duplicate(&self) -> Option<Box<dyn Simulation>> {
+        Some(Box::new(self.clone()))
+    }
+
+    fn evaluate(
+        &mut self,
+        block: &Block<'_>,
+        means: Means,
+    ) -> Option<Result<Vec<f64>, RolloutError>> {
+        crate::evaluate("emergency_exit", block, means)
     }
 
     fn scene(&self) -> Option<Scene> {

@@ -21,7 +21,10 @@
 mod lanes;
 mod settings;
 
-use crate::{Body, Description, ParameterError, ParameterInfo, Parameters, Scene, Simulation};
+use crate::{
+    Block, Body, Description, Means, ParameterError, ParameterInfo, Parameters, RolloutError,
+    Scene, Simulation,
+};
 pub(crate) use lanes::MinisimLanes;
 use settings::{MAX_BODIES, Settings};
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
@@ -210,6 +213,18 @@ impl Simulation for Minisim {
             }
         }
         0.0 - sum / f64::from(self.settings.count())
+    }
+
+    fn duplicate(&self) -> Option<Box<dyn Simulation>> {
+        Some(Box::new(self.clone()))
+    }
+
+    fn evaluate(
+        &mut self,
+        block: &Block<'_>,
+        means: Means,
+    ) -> Option<Result<Vec<f64>, RolloutError>> {
+        crate::evaluate("minisim", block, means)
     }
 
     fn scene(&self) -> Option<Scene> {

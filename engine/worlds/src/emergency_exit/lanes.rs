@@ -1,0 +1,395 @@
+//! Emergency Exit in lanes: one episode per lane, its own grid in bytes, the networks of all lanes at once.
+//!
+//! Each lane has the index of an agent's cell; what lies around it is read lane by lane, since lanes are elsewhere on
+//! their grids, and then computed with together. Agents that are out are moved to a cell behind the border where
+//! nothing ever happens, so that no step asks whether they are still there.
+
+use swarmwright_controllers::LaneController;
+use swarmwright_lanes::{Int, Lanes, Mask};
+
+use super::field::Field;
+use super::grid::Grid;
+use super::settings::{self, Settings, Update};
+use super::{ACTUATORS, SENSORS};
+use crate::ParameterError;
+use crate::block::{Block, LaneWorld};
+
+const MOST_LANES: usize = 16;
+/// Added to dx and dy in `Terrain::to_exit`, so that both are positive: sides are far below 2^15.
+const BIAS: i32 = 1 << 15;
+/// dx = dy = 0: an exit.
+const EXIT: i32 = BIAS << 16 | BIAS;
+/// More cells than this in all grids of a group of lanes, and memory rather than arithmetic sets the pace.
+const MOST_CELLS: usize = 1 << 27;
+
+/// The episodes of a block. They differ in the field alone.
+pub(crate) struct EmergencyExitLanes {
+    settings: Settings,
+    terrains: Vec<Terrain>,
+    /// Index of each episode's terrain.
+    of_episode: Vec<usize>,
+    agents: usize,
+    cells: usize,
+    stride: usize,
+    nowhere: u32,
+}
+
+/// A field in cells, with a border of two rows above, one below, and one column on each side.
+struct Terrain {
+    /// By cell: dy and dx to the nearest exit, each with `BIAS` added, in 16 bits each.
+    to_exit: Vec<i32>,
+    /// By cell: distance to the nearest exit; 0 where agents that are out are kept.
+    distance: Vec<f64>,
+    /// By cell at the start: 1 where an agent could go.
+    free: Vec<u8>,
+    /// Cells of the agents at the start.
+    places: Vec<u32>,
+}
+
+pub(crate) struct Room<L: Lanes> {
+    /// By lane, then cell: 1 where an agent could go now.
+    free: Vec<u8>,
+    /// By agent: its cell in each lane.
+    places: Vec<[u32; MOST_LANES]>,
+    /// By agent, for a simultaneous step: its cell before, and its move.
+    moves: Vec<([u32; MOST_LANES], [i32; MOST_LANES])>,
+    /// By agent: the lanes in which it is inside.
+    inside: Vec<u32>,
+    /// State of the agents' controllers, one after another.
+    states: Vec<L>,
+}
+
+impl Terrain {
+    fn new(field: &Field) -> Self {
+        let grid = Grid::new(field);
+        let stride = field.width as usize + 2;
+        let cells = stride * (field.height as usize + 3) + 4;
+        let mut terrain = Self {
+            to_exit: vec![0; cells],
+            distance: vec![0.0; cells],
+            free: vec![0; cells],
+            places: Vec::new(),
+        };
+        // One row more above than in the grid.
+        let index = |cell| grid.index(cell) + stride;
+        for y in 0..field.height {
+            for x in 0..field.width {
+                let [dx, dy] = grid.to_exit(grid.index([x, y])).map(i32::from);
+                terrain.to_exit[index([x, y])] = (dy + BIAS) << 16 | (dx + BIAS);
+                terrain.distance[index([x, y])] = grid.distance(grid.index([x, y]));
+                terrain.free[index([x, y])] = 1;
+            }
+        }
+        for blockade in &field.blockades {
+            terrain.free[index(*blockade)] = 0;
+        }
+        for agent in &field.agents {
+            terrain.free[index(*agent)] = 0;
+            terrain.places.push(index(*agent) as u32);
+        }
+        terrain
+    }
+}
+
+impl LaneWorld for EmergencyExitLanes {
+    type Room<L: Lanes> = Room<L>;
+
+    fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
+        let Some(first) = (!block.seeds.is_empty()).then(|| block.parameters_of(0)) else {
+            return Ok(None);
+        };
+        let settings = Settings::read(&first)?;
+        let given = first.contains_key("field");
+        let mut fields = Vec::new();
+        for episode in 0..if given { 1 } else { block.seeds.len() } {
+            fields.extend(
+                settings::read_field(&block.parameters_of(episode), None)?.map(|(_, field)| field),
+            );
+        }
+        let Some(field) = fields.first() else {
+            return Ok(None);
+        };
+        let stride = field.width as usize + 2;
+        let cells = stride * (field.height as usize + 3) + 4;
+        // Rows below the last one are a case of their own, see `Field::rows`.
+        if fields.iter().any(|field| field.rows != field.height)
+            || cells * (MOST_LANES + fields.len()) > MOST_CELLS
+        {
+            return Ok(None);
+        }
+        Ok(Some(Self {
+            settings,
+            agents: field.agents.len(),
+            cells,
+            stride,
+            nowhere: stride as u32 + 1,
+            of_episode: (0..block.seeds.len())
+                .map(|episode| if given { 0 } else { episode })
+                .collect(),
+            terrains: fields.iter().map(Terrain::new).collect(),
+        }))
+    }
+
+    #[inline(always)]
+    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
+        let simultaneous = self.settings.update == Update::Simultaneous;
+        Room {
+            free: vec![0; self.cells * L::WIDTH],
+            places: vec![[0; MOST_LANES]; self.agents],
+            moves: vec![
+                ([0; MOST_LANES], [0; MOST_LANES]);
+                if simultaneous { self.agents } else { 0 }
+            ],
+            inside: vec![0; self.agents],
+            states: vec![L::splat(0.0); self.agents * controllers.state_length()],
+        }
+    }
+
+    #[inline(always)]
+    fn rollout<L: Lanes>(
+        &self,
+        room: &mut Room<L>,
+        controllers: &mut LaneController<'_, L>,
+        episodes: &[usize],
+        fitness: &mut [f64],
+    ) {
+        let mut terrains = [&self.terrains[0]; MOST_LANES];
+        for (terrain, episode) in terrains.iter_mut().zip(episodes) {
+            *terrain = &self.terrains[self.of_episode[*episode]];
+        }
+        let all = u32::MAX >> (32 - L::WIDTH);
+        room.start(self, &terrains, all);
+        let mut finished = [self.settings.steps; MOST_LANES];
+        let mut running = all;
+        for step in 0..self.settings.steps {
+            let inside = match self.settings.update {
+                Update::Sequential => room.step_in_turn(self, &terrains, controllers),
+                Update::Simultaneous => room.step_together(self, &terrains, controllers),
+            };
+            let ended = running & !inside;
+            for (lane, finished) in finished.iter_mut().enumerate() {
+                if ended >> lane & 1 == 1 {
+                    *finished = step;
+                }
+            }
+            running &= inside;
+            if running == 0 {
+                break;
+            }
+        }
+        let steps = self.settings.steps;
+        for (lane, fitness) in fitness.iter_mut().enumerate() {
+            *fitness = f64::from(steps - finished[lane]) / f64::from(steps);
+            for places in &room.places {
+                *fitness -= terrains[lane].distance[places[lane] as usize];
+            }
+        }
+    }
+}
+
+/// What the agents of all lanes see around them.
+#[inline(always)]
+fn sense<L: Lanes>(
+    free: &[u8],
+    cells: usize,
+    stride: usize,
+    terrains: &[&Terrain; MOST_LANES],
+    places: &[u32; MOST_LANES],
+) -> [L; SENSORS] {
+    let (mut above, mut beside, mut below, mut way) = (
+        [0; MOST_LANES],
+        [0; MOST_LANES],
+        [0; MOST_LANES],
+        [0; MOST_LANES],
+    );
+    for lane in 0..L::WIDTH {
+        let place = places[lane] as usize;
+        way[lane] = terrains[lane].to_exit[place];
+        let around = lane * cells + place - 1;
+        above[lane] = four(free, around - stride);
+        beside[lane] = four(free, around);
+        below[lane] = four(free, around + stride);
+    }
+    let (above, beside, below) = (
+        L::Int::load(&above),
+        L::Int::load(&beside),
+        L::Int::load(&below),
+    );
+    let way = L::Int::load(&way);
+    [
+        half::<L>(way, 0),
+        half::<L>(way, 16),
+        byte::<L>(above, 8),
+        byte::<L>(above, 16),
+        byte::<L>(beside, 16),
+        byte::<L>(below, 16),
+        byte::<L>(below, 8),
+        byte::<L>(below, 0),
+        byte::<L>(beside, 0),
+        byte::<L>(above, 0),
+    ]
+}
+
+/// 16 bits of each lane, without `BIAS`.
+#[inline(always)]
+fn half<L: Lanes>(way: L::Int, shift: i32) -> L {
+    let half = way.shr(L::Int::splat(shift)).and(L::Int::splat(0xFFFF));
+    L::from_int(half.sub(L::Int::splat(BIAS)))
+}
+
+/// A byte of each lane, 0 or 1.
+#[inline(always)]
+fn byte<L: Lanes>(row: L::Int, shift: i32) -> L {
+    L::from_int(row.shr(L::Int::splat(shift)).and(L::Int::splat(1)))
+}
+
+/// Four bytes as an integer.
+#[inline(always)]
+fn four(bytes: &[u8], at: usize) -> i32 {
+    let mut four = [0; 4];
+    four.copy_from_slice(&bytes[at..at + 4]);
+    i32::from_le_bytes(four)
+}
+
+/// What to add to a cell's index to make the move of an agent; 0 where it is not inside.
+#[inline(always)]
+fn steps<L: Lanes>(actuators: [L; ACTUATORS], stride: i32, inside: u32) -> L::Int {
+    let step = velocity(actuators[0], 1).add(velocity(actuators[1], stride));
+    step.select(L::Int::splat(0), L::Mask::from_bits(inside))
+}
+
+/// `unit` forward, backward or not at all.
+#[inline(always)]
+fn velocity<L: Lanes>(actuator: L, unit: i32) -> L::Int {
+    let forward = L::Int::splat(unit).select(L::Int::splat(0), L::splat(0.5).le(actuator));
+    L::Int::splat(-unit).select(forward, actuator.lt(L::splat(-0.5)))
+}
+
+impl<L: Lanes> Room<L> {
+    #[inline(always)]
+    fn start(&mut self, world: &EmergencyExitLanes, terrains: &[&Terrain; MOST_LANES], all: u32) {
+        for (lane, free) in self.free.chunks_exact_mut(world.cells).enumerate() {
+            free.copy_from_slice(&terrains[lane].free);
+        }
+        for (agent, places) in self.places.iter_mut().enumerate() {
+            for (place, terrain) in places.iter_mut().zip(terrains) {
+                *place = terrain.places[agent];
+            }
+        }
+        self.inside.fill(all);
+        self.states.fill(L::splat(0.0));
+    }
+
+    /// The moves that all lanes' copies of an agent want to make.
+    #[inline(always)]
+    fn decide(
+        &mut self,
+        agent: usize,
+        world: &EmergencyExitLanes,
+        terrains: &[&Terrain; MOST_LANES],
+        controllers: &mut LaneController<'_, L>,
+    ) -> [i32; MOST_LANES] {
+        let sensors: [L; SENSORS] = sense(
+            &self.free,
+            world.cells,
+            world.stride,
+            terrains,
+            &self.places[agent],
+        );
+        let mut actuators = [L::splat(0.0); ACTUATORS];
+        let length = controllers.state_length();
+        controllers.step(
+            &mut self.states[agent * length..][..length],
+            &sensors,
+            &mut actuators,
+        );
+        let mut moves = [0; MOST_LANES];
+        steps(actuators, world.stride as i32, self.inside[agent]).store(&mut moves);
+        moves
+    }
+
+    /// One after another. Returns the lanes in which somebody is still inside.
+    #[inline(always)]
+    fn step_in_turn(
+        &mut self,
+        world: &EmergencyExitLanes,
+        terrains: &[&Terrain; MOST_LANES],
+        controllers: &mut LaneController<'_, L>,
+    ) -> u32 {
+        let mut any = 0;
+        for agent in 0..world.agents {
+            if self.inside[agent] == 0 {
+                continue;
+            }
+            let moves = self.decide(agent, world, terrains, controllers);
+            let places = &mut self.places[agent];
+            let mut out = 0;
+            for lane in 0..L::WIDTH {
+                let free = &mut self.free[lane * world.cells..][..world.cells];
+                let place = places[lane];
+                let target = place.wrapping_add_signed(moves[lane]);
+                let moved = free[target as usize];
+                let there = if moved == 1 { target } else { place };
+                let is_exit = terrains[lane].to_exit[there as usize] == EXIT;
+                // The cell that was left is free, the one entered is not, unless it is an exit.
+                free[place as usize] = moved;
+                free[there as usize] = u8::from(is_exit);
+                places[lane] = if is_exit { world.nowhere } else { there };
+                out |= u32::from(is_exit) << lane;
+            }
+            self.inside[agent] &= !out;
+            any |= self.inside[agent];
+        }
+        any
+    }
+
+    /// All sense, then all move: no cell that somebody stood on at the start of the step is free in it.
+    #[inline(always)]
+    fn step_together(
+        &mut self,
+        world: &EmergencyExitLanes,
+        terrains: &[&Terrain; MOST_LANES],
+        controllers: &mut LaneController<'_, L>,
+    ) -> u32 {
+        for agent in 0..world.agents {
+            if self.inside[agent] != 0 {
+                let moves = self.decide(agent, world, terrains, controllers);
+                self.moves[agent] = (self.places[agent], moves);
+            }
+        }
+        for agent in 0..world.agents {
+            if self.inside[agent] == 0 {
+                continue;
+            }
+            let (places, (_, moves)) = (&mut self.places[agent], &self.moves[agent]);
+            for lane in 0..L::WIDTH {
+                let free = &mut self.free[lane * world.cells..][..world.cells];
+                let target = places[lane].wrapping_add_signed(moves[lane]);
+                if free[target as usize] == 1 {
+                    places[lane] = target;
+                }
+                free[places[lane] as usize] = 0;
+            }
+        }
+        let mut any = 0;
+        for agent in 0..world.agents {
+            if self.inside[agent] == 0 {
+                continue;
+            }
+            let (places, (before, _)) = (&mut self.places[agent], &self.moves[agent]);
+            let mut out = 0;
+            for lane in 0..L::WIDTH {
+                let free = &mut self.free[lane * world.cells..][..world.cells];
+                let there = places[lane];
+                let is_exit = terrains[lane].to_exit[there as usize] == EXIT;
+                free[before[lane] as usize] |= u8::from(before[lane] != there);
+                free[there as usize] |= u8::from(is_exit);
+                places[lane] = if is_exit { world.nowhere } else { there };
+                out |= u32::from(is_exit) << lane;
+            }
+            self.inside[agent] &= !out;
+            any |= self.inside[agent];
+        }
+        any
+    }
+}
