@@ -1,4 +1,4 @@
-"""Parameters that are too large for an experiment file: there the path of a JSON file stands in their place."""
+"""Parameters that are too large for an experiment file: the path of a JSON file stands in their place."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping

@@ -13,7 +13,7 @@ FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE nam
 @click.command(
     "import",
     cls=Command,
-    example="swarmwright import emergency_exit_stadium.zse -o stadium.yaml\nswarmwright optimize stadium.yaml",
+    example="swarmwright import old/stadium.zse -o stadium.yaml\nswarmwright optimize stadium.yaml",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE.zse")
 @click.option(

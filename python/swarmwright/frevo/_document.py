@@ -19,7 +19,10 @@ SECTIONS = {
 
 @dataclass
 class Section:
-    """Entries by key. `take_*` reads one, FREVO's default where it is left out; what was not taken is left."""
+    """Entries by key.
+
+    `take_*` reads one, FREVO's default where it is left out; what was not taken is left.
+    """
 
     name: str
     element: Element

@@ -33,8 +33,8 @@ def load(path: str | Path, *, field: str | Path | None = None, folder: str | Pat
 
     Args:
         path: the file.
-        field: the field of Emergency Exit as JSON or as FREVO's .ser; default: the one that the session names,
-            beside the session.
+        field: the field of Emergency Exit as JSON or as FREVO's .ser; default: the one that the session
+            names, beside the session.
         folder: where the experiment file is going to be; the path of a field in it is relative to that.
 
     Raises:

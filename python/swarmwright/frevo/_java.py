@@ -18,7 +18,7 @@ _SERIALIZABLE = 0x02
 _LARGEST = 1 << 27  # bytes
 
 
-class _Unreadable(Exception):
+class _UnreadableError(Exception):
     """What is wrong, and the byte where."""
 
 
@@ -38,7 +38,7 @@ class _Stream:
     def take(self, form: str) -> int:
         size = struct.calcsize(form)
         if self._at + size > len(self._data):
-            raise _Unreadable("the file ends in the middle of something")
+            raise _UnreadableError("the file ends in the middle of something")
         (value,) = struct.unpack_from(form, self._data, self._at)
         self._at += size
         return cast("int", value)
@@ -56,7 +56,7 @@ class _Stream:
         if code == _REFERENCE:
             index = self.take(">I") - _FIRST_HANDLE
             if not 0 <= index < len(self._handles):
-                raise _Unreadable("a reference leads nowhere")
+                raise _UnreadableError("a reference leads nowhere")
             return self._handles[index]
         if code == _STRING:
             text = self.text()
@@ -68,11 +68,11 @@ class _Stream:
             return self._array()
         if code == _OBJECT:
             return self._object()
-        raise _Unreadable(f"{code:#04x} found at byte {self._at - 1}, which has no place in a field")
+        raise _UnreadableError(f"{code:#04x} found at byte {self._at - 1}, which has no place in a field")
 
     def start(self) -> Any:  # noqa: ANN401 - the first content
         if (self.take(">H"), self.take(">H")) != (0xACED, 5):
-            raise _Unreadable("it does not begin like a serialized Java object")
+            raise _UnreadableError("it does not begin like a serialized Java object")
         return self.content()
 
     def _class(self) -> _Class:
@@ -80,20 +80,20 @@ class _Stream:
         self.take(">q")
         self._handles.append(made)
         if self.take(">B") != _SERIALIZABLE:
-            raise _Unreadable(f"the class {made.name} writes itself in a way of its own")
+            raise _UnreadableError(f"the class {made.name} writes itself in a way of its own")
         for _ in range(self.take(">H")):
             code = chr(self.take(">B"))
             made.fields.append((code, self.text()))
             if code in "[L":
                 self.content()  # the name of the type
         if self.take(">B") != _END or self.content() is not None:
-            raise _Unreadable(f"the class {made.name} is derived from another")
+            raise _UnreadableError(f"the class {made.name} is derived from another")
         return made
 
     def _described(self) -> _Class:
         made = self.content()
         if not isinstance(made, _Class):
-            raise _Unreadable("a class is missing")
+            raise _UnreadableError("a class is missing")
         return made
 
     def _array(self) -> list[Any]:
@@ -101,7 +101,7 @@ class _Stream:
         items: list[Any] = []
         self._handles.append(items)
         if not described.name.startswith("[L"):
-            raise _Unreadable(f"an array of the type {described.name} has no place in a field")
+            raise _UnreadableError(f"an array of the type {described.name} has no place in a field")
         items.extend(self.content() for _ in range(self.take(">i")))
         return items
 
@@ -115,7 +115,7 @@ class _Stream:
             elif code in "[L":
                 values[name] = self.content()
             else:
-                raise _Unreadable(f"{described.name}.{name} is of a type that has no place in a field")
+                raise _UnreadableError(f"{described.name}.{name} is of a type that has no place in a field")
         return values
 
 
@@ -131,7 +131,7 @@ def read_field(path: Path) -> dict[str, Any]:
         return _field(read)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except (_Unreadable, RecursionError) as error:
+    except (_UnreadableError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise InputError(f"{path}: is no field of FREVO's Emergency Exit: {reason}") from None
 
@@ -139,14 +139,14 @@ def read_field(path: Path) -> dict[str, Any]:
 def _field(read: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file held
     if not isinstance(read, dict) or read.get("") != "emergencyexit.Field":
         found = read.get("") if isinstance(read, dict) else type(read).__name__
-        raise _Unreadable(f"it holds {found}; expected emergencyexit.Field")
+        raise _UnreadableError(f"it holds {found}; expected emergencyexit.Field")
     result: dict[str, Any] = {"width": read.get("width"), "height": read.get("height")}
     for key, name in (("exits", "EmergencyExits"), ("agents", "agents"), ("blockades", "blockades")):
         points = read.get(name)
         if not isinstance(points, list):
-            raise _Unreadable(f"{name} is missing")
+            raise _UnreadableError(f"{name} is missing")
         for point in points:
             if not isinstance(point, dict) or point.get("") != "java.awt.Point":
-                raise _Unreadable(f"{name} holds something that is no point")
+                raise _UnreadableError(f"{name} holds something that is no point")
         result[key] = [[point.get("x"), point.get("y")] for point in points]
     return result

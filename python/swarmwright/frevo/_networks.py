@@ -54,8 +54,8 @@ def _network(element: Element, iterations: int, activation: str) -> Network:
     sensors, actuators, nodes = (_count(element, key) for key in ("input_nodes", "output_nodes", "nodes"))
     if sensors < 1 or actuators < 1 or nodes < sensors + actuators:
         raise element.error(
-            f"input_nodes {sensors} and output_nodes {actuators} found among {nodes} nodes; expected at least "
-            "one of each, and no more than there are nodes"
+            f"input_nodes {sensors} and output_nodes {actuators} found among {nodes} nodes; expected at "
+            "least one of each, and no more than there are nodes"
         )
     if element.attributes.get("random_source", "false") != "false":
         raise element.error("random_source is true: controllers here draw no random numbers")

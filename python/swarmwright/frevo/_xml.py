@@ -64,7 +64,8 @@ class _Builder:
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._text
         self.parser.EntityDeclHandler = self._entity
-        # Without a handler for external entities expat leaves the DTD alone.
+        self.parser.SkippedEntityHandler = self._entity
+        # Without a handler for external entities expat leaves the DTD alone, and skips what that may declare.
         self.parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -85,7 +86,7 @@ class _Builder:
 
     def _entity(self, entity: str, *_rest: object) -> None:
         line = self.parser.CurrentLineNumber
-        raise InputError(f"{self.name}:{line}: declares the entity {entity}; FREVO's files have none")
+        raise InputError(f"{self.name}:{line}: uses the entity {entity} of a DTD; FREVO's files have none")
 
 
 def read(path: Path) -> Element:

@@ -1,0 +1,246 @@
+"""FREVO's sessions become experiments."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, InputError, frevo, optimize
+
+Edited = Callable[..., Path]
+ENTRY = '<problementry key="steps" type="INT" value="50"/>'
+METHOD = '<methodentry key="populationsize" type="INT" value="50"/>'
+NODES = '<representationentry key="hiddenNodes" type="INT" value="2"/>'
+
+
+def test_the_stadium_session(data: Path) -> None:
+    experiment = frevo.load(data / "emergency_exit_stadium.zse").experiment
+    assert experiment.simulation == "emergency_exit"
+    assert experiment.seed == 12345
+    parameters = dict(experiment.parameters)
+    field = parameters.pop("field")
+    assert parameters == {"steps": 50, "stepSize": 200}
+    assert len(field["agents"]) == 72
+    controller = experiment.controller.model_dump()
+    assert controller["kind"] == "fully_meshed"
+    assert [controller[key] for key in ("hidden", "activation", "iterations")] == [2, "clamp", 2]
+    assert experiment.method.model_dump() == {
+        "kind": "nnga",
+        "population": 50,
+        "generations": 300,
+        "elite": 0.15,
+        "random": 0.1,
+        "mutate": 0.4,
+        "crossover": 0.3,
+        "renew": 0.05,
+        "severity": 0.3,
+        "probability": 1.0,
+        "partners": 11,
+        "target": None,
+    }
+    assert experiment.ranking.model_dump() == {"kind": "absolute", "episodes": 1, "aggregate": "mean"}
+    assert experiment.genome_size == 60
+
+
+def test_the_random_session(data: Path) -> None:
+    imported = frevo.load(data / "emergency_exit_random.zse")
+    assert imported.experiment.parameters == {
+        "steps": 50,
+        "stepSize": 200,
+        "width": 20,
+        "height": 20,
+        "numAgents": 10,
+        "numExits": 5,
+        "numBlockades": 20,
+        "seed": 0,
+    }
+    assert imported.experiment.ranking.model_dump() == {
+        "kind": "absolute",
+        "episodes": 10,
+        "aggregate": "sum",
+    }
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["emergency_exit_stadium.zse", "emergency_exit_random.zse", "emergency_exit_stadium.zre"],
+)
+def test_every_entry_is_mentioned(data: Path, name: str) -> None:
+    text = (data / name).read_text(encoding="utf-8")
+    keys = [part.split('"')[1] for part in text.split("entry ")[1:]]
+    assert len(keys) >= 11
+    yaml = frevo.load(data / name).yaml
+    assert [key for key in keys if key not in yaml] == []
+    assert all(len(line) < 130 for line in yaml.splitlines())
+
+
+def test_entries_become_keys(edited: Edited) -> None:
+    path = edited(
+        "emergency_exit_random.zse",
+        (ENTRY, '<problementry key="steps" value="7"/><problementry key="seedforEmergencyExits" value="3"/>'),
+        (
+            METHOD,
+            METHOD.replace("50", "20") + '<methodentry key="percentage_mutate" value="0.20f"/>',
+        ),
+        (
+            NODES,
+            NODES.replace('"2"', '"4"')
+            + '<representationentry key="activationFunction" value="SIGMOID"/>'
+            + '<representationentry key="weight_range" value="1.5F"/>',
+        ),
+        ('value="12345"', 'value="77"'),
+    )
+    experiment = frevo.load(path).experiment
+    assert (experiment.parameters["steps"], experiment.parameters["seed"], experiment.seed) == (7, 3, 77)
+    method: Any = experiment.method
+    # FREVO gives the elite what the other shares leave.
+    assert (method.population, method.mutate, method.elite) == (20, 0.2, 0.35)
+    controller = experiment.controller
+    assert (controller.hidden, controller.activation, controller.weight_range) == (4, "sigmoid", 1.5)
+
+
+def test_too_many_agents_are_as_many_as_frevo_takes(edited: Edited) -> None:
+    path = edited("emergency_exit_random.zse", (ENTRY, '<problementry key="NumberofAgents" value="100"/>'))
+    imported = frevo.load(path)
+    assert imported.experiment.parameters["numAgents"] == 20
+    assert "NumberofAgents = 100, of which FREVO takes the larger of width and height" in imported.yaml
+
+
+def test_what_differs_is_said(edited: Edited, data: Path) -> None:
+    path = edited(
+        "emergency_exit_stadium.zse",
+        ('key="width" type="INT" value="20"', 'key="width" type="INT" value="30"'),
+        (ENTRY, '<problementry key="wallColour" value="#fff"/>'),
+        (
+            METHOD,
+            '<methodentry key="populationnumber" value="3"/><methodentry key="mutationMethod" value="2"/>',
+        ),
+        (NODES, '<representationentry key="variable_mutation_rate" value="true"/>'),
+    )
+    imported = frevo.load(path, field=data / "stadium.json")
+    for start in (
+        "problem.width, problem.height: FREVO walls the field in at 30 x 20",
+        "problem.wallColour = #fff: FREVO 1.5 has no such entry",
+        "method.populationnumber = 3",
+        "method.mutationMethod = 2",
+        "representation.variable_mutation_rate = true",
+        "sessionconfig.NumberofRuns = 10",
+    ):
+        assert any(note.startswith(start) for note in imported.notes), start
+    assert imported.experiment.controller.mutation == "proportional"
+
+
+def test_an_imported_experiment_evolves(edited: Edited, tmp_path: Path) -> None:
+    path = edited(
+        "emergency_exit_random.zse",
+        ('key="generations" type="INT" value="300"', 'key="generations" value="4"'),
+    )
+    experiment = frevo.load(path).experiment.replace(servers="local")
+    run = optimize(experiment, out=tmp_path / "run")
+    assert run.best.fitness > -400
+
+
+def test_import_command_writes_an_experiment_that_loads(program: Any, data: Path, tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    target = tmp_path / "deep" / "stadium.yaml"
+    shown = program("import", data / "emergency_exit_stadium.zse", "-o", target)
+    assert shown.returncode == 0
+    assert shown.stdout == f"The experiment is in {target}\n"
+    assert "not as in FREVO: sessionconfig.NumberofRuns = 10" in shown.stderr
+    assert Experiment.load(target).parameters["field"]["width"] == 20
+
+    printed = program("import", data / "emergency_exit_random.zse")
+    assert printed.stdout.startswith("# Made of FREVO's session emergency_exit_random.zse")
+
+
+def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_path: Path) -> None:
+    path = edited("emergency_exit_stadium.zse")
+    with pytest.raises(InputError) as caught:
+        frevo.load(path)
+    for part in (
+        ":14: problem.Filename: the field",
+        "Stadium.ser or Stadium.json",
+        "--field FILE",
+        '"blockades"',
+    ):
+        assert part in str(caught.value)
+    # On a disk that tells capitals apart the name may still be written in another way.
+    shutil.copy(data / "stadium.json", tmp_path / "STADIUM.json")
+    imported = frevo.load(path, folder=tmp_path)
+    assert 'field: "STADIUM.json"  # Filename' in imported.yaml
+    assert len(imported.experiment.parameters["field"]["exits"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "answer"),
+    [
+        (
+            ('class="nnga.NNGA"', 'class="cea2d.CEA2D"'),
+            "the class 'cea2d.CEA2D' has no counterpart here; what can",
+        ),
+        (
+            ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'),
+            "taken over is emergencyexit.EmergencyExit",
+        ),
+        (('class="nnga.NNGA"', ""), ":16: <method>: the attribute class is missing"),
+        (('key="steps"', 'kee="steps"'), ":11: <problementry>: the attribute key is missing"),
+        (('key="steps" type="INT" value="50"', 'key="steps" type="INT"'), "the attribute value is missing"),
+        (
+            ('key="steps" type="INT" value="50"', 'key="steps" value="many"'),
+            ":11: problem.steps: 'many' found",
+        ),
+        (
+            ('key="steps" type="INT" value="50"', 'key="steps" value="0"'),
+            "problem.steps: 0 found, expected a whole",
+        ),
+        (
+            ('key="height"', 'key="width"'),
+            ":13: <problementry>: the key width stands twice (first in line 12)",
+        ),
+        (("RANDOM_FIELD", "RANDOMFIELD"), "did you mean 'RANDOM_FIELD'"),
+        (
+            ('value="12345"', 'value="-5"'),
+            "sessionconfig.StartingSeed: -5 found, expected a whole number of at least 0",
+        ),
+        (
+            (NODES, '<representationentry key="activationFunction" value="RELU"/>'),
+            "representation.activationFunction",
+        ),
+        ((NODES, '<representationentry key="random_source" value="true"/>'), "random numbers"),
+        (
+            (METHOD, '<methodentry key="percentage_elite" value="15%"/>'),
+            "'15%' found, expected a number such as 0.15f",
+        ),
+        ((METHOD, '<methodentry key="xoverMethod" value="2"/>'), "method.xoverMethod: 2 found"),
+        ((METHOD, '<methodentry key="percentage_mutate" value="0.9f"/>'), "does not make a valid experiment"),
+        ((METHOD, "<representationentry/>"), "found inside <method>; expected <methodentry>"),
+        (("<ranking", "<rankings><ranking"), "no XML"),
+    ],
+)
+def test_a_malformed_session_is_refused(edited: Edited, change: tuple[str, str], answer: str) -> None:
+    path = edited("emergency_exit_random.zse", change)
+    with pytest.raises(InputError) as caught:
+        frevo.load(path)
+    assert answer in str(caught.value)
+    assert str(caught.value).startswith(f"{path}:")
+
+
+@pytest.mark.parametrize("command", ["import", "score"])
+def test_mistakes_on_the_command_line(program: Any, data: Path, tmp_path: Path, command: str) -> None:
+    (tmp_path / "page.html").write_text("<html><body/></html>")
+    (tmp_path / "list.json").write_text("[1, 2]")
+    name = "emergency_exit_stadium." + ("zse" if command == "import" else "zre")
+    shutil.copy(data / name, tmp_path)
+    for arguments, answer in [
+        (["emergency_exit_stadium.z"], "does not exist; did you mean 'emergency_exit_stadium"),
+        (["page.html"], "page.html:1: <html>: found as the outermost element; expected <frevo>"),
+        ([name, "--field", "list.json"], "list.json: holds a list; expected an object"),
+        ([name, "--field", "page.html"], "page.html:1: is no JSON"),
+        ([name], "problem.Filename: the field"),
+    ]:
+        shown = program(command, *arguments)
+        assert shown.returncode == 2, arguments
+        assert answer in shown.stderr
+        assert shown.stdout == ""

@@ -1,0 +1,55 @@
+"""FREVO's XML is read without reaching out, and without trust."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmwright import InputError
+from swarmwright.frevo._xml import read
+
+
+def test_lines_and_text(tmp_path: Path) -> None:
+    path = tmp_path / "x.xml"
+    path.write_text('<?xml version="1.0"?>\n<a>\n <b c="1">x&amp;y</b>\n</a>')
+    root = read(path)
+    inner = root.one("b")
+    assert (inner.line, inner.attribute("c"), inner.text) == (3, "1", "x&y")
+    assert [element.tag for element in root.walk()] == ["a", "b"]
+
+
+def test_a_dtd_is_not_fetched(tmp_path: Path) -> None:
+    # Nobody answers there; were it opened, reading would fail or hang.
+    (tmp_path / "x.dtd").write_text('<!ATTLIST a b CDATA "fetched">')
+    path = tmp_path / "x.xml"
+    for system in ("http://127.0.0.1:1/x.dtd", "x.dtd", str(tmp_path / "x.dtd")):
+        path.write_text(f'<!DOCTYPE a SYSTEM "{system}"><a/>')
+        assert read(path).attributes == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("", "x.xml:1: is no XML: no element found"),
+        ("<a>\n<b></a>", "x.xml:2: is no XML: mismatched tag"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "x.xml:1: uses the entity b"),
+        ('<!DOCTYPE a [<!ENTITY b SYSTEM "/etc/passwd">]><a>&b;</a>', "uses the entity b"),
+        ('<!DOCTYPE a [<!ENTITY % b SYSTEM "x">%b;]><a/>', "uses the entity b"),
+        ("<a>&b;</a>", "is no XML: undefined entity"),
+        ("<a>" * 60 + "</a>" * 60, "nested more than 50 deep"),
+        ('<?xml version="1.0" encoding="x-unheard-of"?><a/>', "x.xml:1: is no XML: unknown encoding"),
+    ],
+)
+def test_bad_xml_is_refused(tmp_path: Path, text: str, answer: str) -> None:
+    path = tmp_path / "x.xml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read(path)
+    assert answer in str(caught.value)
+
+
+def test_an_undefined_entity_beside_a_dtd_is_refused(tmp_path: Path) -> None:
+    # It could be defined in the DTD, which is not read; text must not vanish silently.
+    path = tmp_path / "x.xml"
+    path.write_text('<!DOCTYPE a SYSTEM "x.dtd">\n<a>\n1&b;2</a>')
+    with pytest.raises(InputError, match=r"x\.xml:3: .*entity b"):
+        read(path)
