@@ -43,7 +43,7 @@ demo: $(VENV)/.engine
 
 test: test-engine test-python
 
-test-engine:
+test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	$(CARGO) test $(MANIFEST) --workspace --no-fail-fast --quiet
 
@@ -53,7 +53,7 @@ test-python: $(VENV)/.engine $(VENV)/.dev
 
 lint: lint-engine lint-python lint-protocol
 
-lint-engine:
+lint-engine: $(VENV)/.created
 	$(CARGO) fmt $(MANIFEST) --all --check
 	$(CARGO) clippy $(MANIFEST) --workspace --all-targets --quiet -- -D warnings
 
@@ -82,6 +82,7 @@ clean:
 
 docs: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
+	$(BIN)/python -m swarmwright._reference > docs/reference/experiment.md
 
 # A virtual environment of the newest Python that is there, 3.11 at least.
 $(VENV)/.created:
