@@ -50,7 +50,13 @@ class PlainServer(Peer):
     """Offers the toy. `title`, `capabilities` are what it announces; subclasses misbehave."""
 
     def __init__(
-        self, url: str, server: int = 4711, *, title: str = TITLE, capabilities: Json | None = None, version: int = 5
+        self,
+        url: str,
+        server: int = 4711,
+        *,
+        title: str = TITLE,
+        capabilities: Json | None = None,
+        version: int = 5,
     ) -> None:
         self.server = server
         self.title = title

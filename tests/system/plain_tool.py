@@ -90,7 +90,8 @@ class PlainTool(Peer):
         for key, value in expected.items():
             found = content[key]
             if key == "sensor":
-                value, found = binary32(value), binary32(found)
+                assert binary32(found) == binary32(value), content
             elif isinstance(value, dict):
-                found = {inner: found[inner] for inner in value}
-            assert found == value, f"{key}: {content}"
+                assert {inner: found[inner] for inner in value} == value, content
+            else:
+                assert found == value, f"{key}: {content}"

@@ -18,9 +18,7 @@ Event = dict[str, Any]
 class Program:
     """`swarmwright ARGUMENTS`; its lines are collected by threads, so that it never waits for its reader."""
 
-    def __init__(
-        self, *arguments: str | Path | int, cwd: Path, env: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, *arguments: str | Path | int, cwd: Path, env: Mapping[str, str] | None = None) -> None:
         self.process = subprocess.Popen(
             [*PROGRAM, *map(str, arguments)],
             stdin=subprocess.DEVNULL,
@@ -85,7 +83,9 @@ class Program:
             with self._news:
                 self._news.wait(0.05)
 
-    def until_event(self, kind: str, count: int = 1, *, server: int | None = None, seconds: float = 20) -> Event:
+    def until_event(
+        self, kind: str, count: int = 1, *, server: int | None = None, seconds: float = 20
+    ) -> Event:
         """Wait for the `count`th event of a kind and return it."""
         self.until(lambda _: len(self.events(kind, server)) >= count, f"event {kind}", seconds)
         return self.events(kind, server)[count - 1]
@@ -130,9 +130,18 @@ class Servers(Program):
     """`swarmwright serve minisim` with `count` servers, ids from `first` on; ready once made."""
 
     def __init__(self, url: str, *options: str, cwd: Path, first: int = 1, count: int = 1) -> None:
-        super().__init__(
-            *("serve", "minisim", "--broker", url, "--id", first, "--count", count, "--json", *options), cwd=cwd
-        )
+        command: list[str | int] = [
+            "serve",
+            "minisim",
+            "--broker",
+            url,
+            "--id",
+            first,
+            "--count",
+            count,
+            "--json",
+        ]
+        super().__init__(*command, *options, cwd=cwd)
         try:
             for server in range(first, first + count):
                 self.until_event("ready", server=server)

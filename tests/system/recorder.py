@@ -49,7 +49,7 @@ class Recorder(Peer):
 
 
 def check_shapes(messages: list[Received]) -> None:
-    """Only the topics of the protocol; each message fits its schema, printed and mended; nothing is retained."""
+    """Only the topics of the protocol; all fits the schemas, printed and mended; nothing is retained."""
     for message in messages:
         if message.topic.startswith(PRESENCE):
             if message.payload:

@@ -1,4 +1,4 @@
-"""A plain script plays the optimization tool against our server: the conversations of the contract, word for word."""
+"""A plain script plays the optimization tool against our server: the contract's conversations."""
 
 import json
 import math
@@ -39,7 +39,13 @@ def test_a_plain_tool_steers_agents_to_the_goal(broker: BrokerProcess, serve: Se
     answer = tool.discover("any text", dimensions=2, max_agents=2)
     assert answer is not None
     assert answer["server"] == 7
-    parameters = {"mapWidth": 10, "mapHeight": 8, "agents": [[1, 1], [2, 7]], "numDefenders": 0, "maxSteps": 30}
+    parameters = {
+        "mapWidth": 10,
+        "mapHeight": 8,
+        "agents": [[1, 1], [2, 7]],
+        "numDefenders": 0,
+        "maxSteps": 30,
+    }
     message: dict[str, Any] = tool.begin(7, "any text", **parameters)
     topic = "sensor"
     while topic == "sensor":

@@ -14,7 +14,8 @@ RUNS = {
     "one agent": "simulation: minisim\nmethod: {population: 10, generations: 2}\n",
     "swarm": (
         "simulation: minisim\nparameters: {numAgents: 4, numDefenders: 2, placement: random, maxSteps: 12}\n"
-        "ranking: {kind: absolute, episodes: 2}\nmethod: {kind: random_search, population: 5, generations: 2}\n"
+        "ranking: {kind: absolute, episodes: 2}\n"
+        "method: {kind: random_search, population: 5, generations: 2}\n"
         "controller: {kind: fully_meshed, hidden: 1}\n"
     ),
 }
@@ -40,7 +41,9 @@ def test_a_run_speaks_the_protocol_and_nothing_else(
     assert {entry["server"] for entry in episodes} == {1, 2}
     assert sum(entry["steps"] for entry in episodes) <= len(recorder.on("sensor"))
     assert len(recorder.on("sensor")) == len(recorder.on("actuator"))
-    titles = {content["simulation"] for topic in ("control", "sensor", "fitness") for content in recorder.on(topic)}
+    titles = {
+        content["simulation"] for topic in ("control", "sensor", "fitness") for content in recorder.on(topic)
+    }
     assert titles == {"minisim"}
     assert not any(content["visual"] for content in recorder.on("control"))
 
@@ -66,7 +69,9 @@ def test_prefixes_keep_groups_apart(
     serve(broker.url, "--prefix", "lab/b")
     text = RUNS["one agent"] + "timeouts: {discovery: 1}\n"
     runs = [
-        launch("optimize", experiment(f"{text}prefix: lab/{group}\n", f"{group}.yaml"), "--broker", broker.url)
+        launch(
+            "optimize", experiment(f"{text}prefix: lab/{group}\n", f"{group}.yaml"), "--broker", broker.url
+        )
         for group in "abc"
     ]
     assert [run.wait() for run in runs] == [0, 0, 1]
