@@ -159,7 +159,8 @@ def test_two_scripts_with_one_id(
 ) -> None:
     """Nothing tells their messages apart: neither is used; with a third, of another id, the run goes on."""
     twins = [connect(PlainServer, broker.url, 6) for _ in range(2)]
-    path = experiment(TOY)
+    # Episodes so long that both twins have answered before one ends.
+    path = experiment(TOY.replace("[4.0, -2.5], steps: 4", "[400.0, -250.0], steps: 60"))
     says(
         launch("optimize", path, "--broker", broker.url, "--out", "none"),
         1,

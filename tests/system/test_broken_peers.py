@@ -15,6 +15,7 @@ from tests.system.runs import journal, record
 
 LONG = """\
 simulation: minisim
+mode: stepwise
 parameters: {maxSteps: 1000, speedAgents: 0.005, numDefenders: 0}
 method: {kind: nnga, population: 8, generations: 3}
 seed: 9

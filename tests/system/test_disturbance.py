@@ -11,6 +11,7 @@ from tests.system.runs import journal, record
 
 LONG = """\
 simulation: minisim
+mode: stepwise
 parameters: {maxSteps: 300, speedAgents: 0.02, numDefenders: 1, speedDefenders: 0.01}
 method: {kind: nnga, population: 10, generations: 10}
 """

@@ -11,8 +11,8 @@ from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.plain_tool import PlainTool
 from tests.system.runs import journal, record
 
-ENDLESS = "simulation: minisim\nmethod: {population: 10, generations: 1000000}\n"
-WAITING = "simulation: minisim\nmethod: {population: 10, generations: 2}\ntimeouts: {discovery: 2}\n"
+ENDLESS = "simulation: minisim\nmode: stepwise\nmethod: {population: 10, generations: 1000000}\n"
+WAITING = ENDLESS.replace("1000000", "2") + "timeouts: {discovery: 2}\n"
 
 
 def listed(launch: Launch, url: str) -> dict[int, dict[str, Any]]:
@@ -89,7 +89,7 @@ def test_two_tools_and_one_server(
 ) -> None:
     """Both begin at the same time; one gets the server, the other waits; both records are as they should."""
     serve(broker.url)
-    text = "simulation: minisim\nmethod: {population: 12, generations: 10}\n"
+    text = "simulation: minisim\nmode: stepwise\nmethod: {population: 12, generations: 10}\n"
     path = experiment(text)
     barrier = threading.Barrier(2)
 

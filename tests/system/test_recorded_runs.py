@@ -11,9 +11,10 @@ from tests.system.recorder import Recorder, Referee, check_shapes
 from tests.system.runs import journal
 
 RUNS = {
-    "one agent": "simulation: minisim\nmethod: {population: 10, generations: 2}\n",
+    "one agent": "simulation: minisim\nmode: stepwise\nmethod: {population: 10, generations: 2}\n",
     "swarm": (
-        "simulation: minisim\nparameters: {numAgents: 4, numDefenders: 2, placement: random, maxSteps: 12}\n"
+        "simulation: minisim\nmode: stepwise\n"
+        "parameters: {numAgents: 4, numDefenders: 2, placement: random, maxSteps: 12}\n"
         "ranking: {kind: absolute, episodes: 2}\n"
         "method: {kind: random_search, population: 5, generations: 2}\n"
         "controller: {kind: fully_meshed, hidden: 1}\n"
@@ -50,9 +51,12 @@ def test_a_run_speaks_the_protocol_and_nothing_else(
 
 def test_servers_leave_nothing_behind(broker: BrokerProcess, serve: Serve, connect: Any) -> None:
     servers = serve(broker.url, count=2)
+    first: Recorder = connect(Recorder, broker.url)
+    presences = {f"{PRESENCE}1", f"{PRESENCE}2"}
+    servers.until(lambda _: {message.topic for message in first.messages} == presences, "presence")
     seen: Recorder = connect(Recorder, broker.url)
     seen.settle()
-    assert {message.topic for message in seen.messages} == {f"{PRESENCE}1", f"{PRESENCE}2"}
+    assert {message.topic for message in seen.messages} == presences
     assert all(message.retained for message in seen.messages)
     servers.stop()
     after: Recorder = connect(Recorder, broker.url)
