@@ -22,12 +22,18 @@ pub(super) const DIRECTION_OF_MOVE: [usize; 9] = [7, 0, 1, 6, 8, 2, 5, 4, 3];
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
     stride: usize,
-    /// By cell: bit d is set where the neighbour in direction d is neither outside nor a blockade.
-    open: Vec<u8>,
-    /// By cell: columns and rows to the nearest exit.
-    exits: Vec<[i16; 2]>,
+    surroundings: Vec<Surroundings>,
     /// By direction: what to add to a cell's index to come to its neighbour.
     offsets: [isize; 8],
+}
+
+/// What an agent in a cell finds, side by side: on large grids it is the way to memory that takes time.
+#[derive(Debug, Clone, Copy, Default)]
+struct Surroundings {
+    /// Columns and rows to the nearest exit.
+    to_exit: [i16; 2],
+    /// Bit d is set where the neighbour in direction d is neither outside nor a blockade.
+    open: u8,
 }
 
 impl Grid {
@@ -37,8 +43,7 @@ impl Grid {
         let cells = stride * (rows + 2);
         let mut grid = Self {
             stride,
-            open: vec![0; cells],
-            exits: vec![[0; 2]; cells],
+            surroundings: vec![Surroundings::default(); cells],
             offsets: DIRECTIONS.map(|[dx, dy]| dy as isize * stride as isize + dx as isize),
         };
         let mut walkable = vec![false; cells];
@@ -59,7 +64,7 @@ impl Grid {
                     // In FREVO those below the last row may walk on up there and sideways, but not down.
                     let leaves = DIRECTIONS[d][1] == 1 && y + 1 >= field.height;
                     if !leaves && walkable[cell.wrapping_add_signed(*offset)] {
-                        grid.open[cell] |= 1 << d;
+                        grid.surroundings[cell].open |= 1 << d;
                     }
                 }
                 if let Some(exit) = table
@@ -67,7 +72,8 @@ impl Grid {
                     .and_then(|index| field.exits.get(*index as usize))
                 {
                     // Sides are far below 2^15.
-                    grid.exits[cell] = [exit[0] as i16 - x as i16, exit[1] as i16 - y as i16];
+                    grid.surroundings[cell].to_exit =
+                        [exit[0] as i16 - x as i16, exit[1] as i16 - y as i16];
                 }
             }
         }
@@ -87,25 +93,52 @@ impl Grid {
 
     /// Number of cells, the border's included.
     pub(super) fn len(&self) -> usize {
-        self.open.len()
+        self.surroundings.len()
     }
 
     /// The neighbour in a direction, unless that is outside or a blockade.
     #[inline]
     pub(super) fn neighbour(&self, index: usize, direction: usize) -> Option<usize> {
-        (self.open[index] >> direction & 1 == 1)
+        (self.surroundings[index].open >> direction & 1 == 1)
             .then(|| index.wrapping_add_signed(self.offsets[direction]))
     }
 
     /// Columns and rows to the nearest exit.
     #[inline]
     pub(super) fn to_exit(&self, index: usize) -> [i16; 2] {
-        self.exits[index]
+        self.surroundings[index].to_exit
     }
 
     /// Distance to the nearest exit, in cells.
     pub(super) fn distance(&self, index: usize) -> f64 {
-        let [dx, dy] = self.exits[index].map(i32::from);
+        let [dx, dy] = self.to_exit(index).map(i32::from);
         f64::from(dx * dx + dy * dy).sqrt()
+    }
+}
+
+/// Which cells are taken, a bit each: even a large grid's stay near the processor.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Taken(Vec<u64>);
+
+impl Taken {
+    /// Nothing is taken of `cells` cells.
+    pub(super) fn clear(&mut self, cells: usize) {
+        self.0.clear();
+        self.0.resize(cells.div_ceil(64), 0);
+    }
+
+    #[inline]
+    pub(super) fn holds(&self, cell: usize) -> bool {
+        self.0[cell / 64] >> (cell % 64) & 1 == 1
+    }
+
+    #[inline]
+    pub(super) fn take(&mut self, cell: usize) {
+        self.0[cell / 64] |= 1 << (cell % 64);
+    }
+
+    #[inline]
+    pub(super) fn free(&mut self, cell: usize) {
+        self.0[cell / 64] &= !(1 << (cell % 64));
     }
 }

@@ -31,7 +31,7 @@ use crate::{
     Scene, Simulation,
 };
 use field::{Cell, Field, RandomField};
-use grid::{DIRECTION_OF_MOVE, Grid};
+use grid::{DIRECTION_OF_MOVE, Grid, Taken};
 pub(crate) use lanes::EmergencyExitLanes;
 use settings::{MAX_AGENTS, Plan, Settings, Update};
 
@@ -50,7 +50,7 @@ pub struct EmergencyExit {
     places: Vec<usize>,
     out: Vec<bool>,
     /// By cell: whether an agent that is not out stands there.
-    occupied: Vec<bool>,
+    occupied: Taken,
     /// Agents that were not out when this step began, ascending.
     inside: Vec<u32>,
     /// How many of them have acted.
@@ -86,7 +86,7 @@ impl Default for EmergencyExit {
             field,
             places: Vec::new(),
             out: Vec::new(),
-            occupied: Vec::new(),
+            occupied: Taken::default(),
             inside: Vec::new(),
             turn: 0,
             acting: Vec::new(),
@@ -122,10 +122,9 @@ impl EmergencyExit {
         self.places.extend(places);
         self.out.clear();
         self.out.resize(self.places.len(), false);
-        self.occupied.clear();
-        self.occupied.resize(self.grid.len(), false);
+        self.occupied.clear(self.grid.len());
         for place in &self.places {
-            self.occupied[*place] = true;
+            self.occupied.take(*place);
         }
         self.inside.clear();
         self.inside.extend(0..self.places.len() as u32);
@@ -158,7 +157,7 @@ impl EmergencyExit {
     fn target(&self, agent: usize, row: &[f32]) -> Option<usize> {
         self.grid
             .neighbour(self.places[agent], direction(row)?)
-            .filter(|cell| !self.occupied[*cell])
+            .filter(|cell| !self.occupied.holds(*cell))
     }
 
     /// Whether the agent stands on an exit; then it is out.
@@ -169,12 +168,12 @@ impl EmergencyExit {
 
     fn act(&mut self, agent: usize, row: &[f32]) {
         if let Some(cell) = self.target(agent, row) {
-            self.occupied[self.places[agent]] = false;
-            self.occupied[cell] = true;
+            self.occupied.free(self.places[agent]);
+            self.occupied.take(cell);
             self.places[agent] = cell;
         }
         if self.leaves(agent) {
-            self.occupied[self.places[agent]] = false;
+            self.occupied.free(self.places[agent]);
         }
     }
 
@@ -185,7 +184,7 @@ impl EmergencyExit {
             if let Some(cell) = self.target(agent, row) {
                 // Cells stay taken to the end of the step: what was not free when all sensed is not free for anybody.
                 self.left.push(self.places[agent]);
-                self.occupied[cell] = true;
+                self.occupied.take(cell);
                 self.places[agent] = cell;
             }
             if self.leaves(agent) {
@@ -193,7 +192,7 @@ impl EmergencyExit {
             }
         }
         for cell in &self.left {
-            self.occupied[*cell] = false;
+            self.occupied.free(*cell);
         }
     }
 }
@@ -240,7 +239,7 @@ impl Simulation for EmergencyExit {
             let free = self
                 .grid
                 .neighbour(place, d)
-                .is_some_and(|cell| !self.occupied[cell]);
+                .is_some_and(|cell| !self.occupied.holds(cell));
             *sensor = f32::from(u8::from(free));
         }
     }
