@@ -11,6 +11,8 @@ use crate::DecodeError;
 
 /// Version of all extension messages.
 pub const EXTENSION_VERSION: u64 = 1;
+/// Media type of all extension messages: the content type of MQTT 5.
+pub const MEDIA_TYPE: &str = "application/msgpack";
 /// Larger extension payloads are refused unread.
 pub const MAX_BLOCK: usize = 64 << 20;
 
@@ -231,7 +233,10 @@ pub enum ToTool {
 
 fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
     if payload.len() > MAX_BLOCK {
-        return Err(DecodeError::TooLarge(payload.len()));
+        return Err(DecodeError::Value(format!(
+            "{} bytes are more than the {MAX_BLOCK} that a block may have",
+            payload.len()
+        )));
     }
     rmp_serde::from_slice(payload)
         .map_err(|error| DecodeError::Value(format!("no message of this extension: {error}")))
@@ -268,6 +273,25 @@ fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
             "\"{what}\"[{index}] is NaN or infinite"
         ))),
         None => Ok(()),
+    }
+}
+
+/// What a request says of itself, read where the whole cannot be: so that it can be refused with a reason.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct Envelope {
+    /// evaluate, start, ...
+    pub kind: String,
+    /// The request's number.
+    pub request: u64,
+    /// Topic for the answer, without prefix.
+    pub reply: String,
+}
+
+impl Envelope {
+    /// Reads a payload; none if it does not even say this.
+    #[must_use]
+    pub fn decode(payload: &[u8]) -> Option<Self> {
+        decode(payload).ok()
     }
 }
 

@@ -11,8 +11,8 @@ mod readings;
 mod topics;
 
 pub use extension::{
-    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s, F64s,
-    Failure, MAX_BLOCK, Refusal, RefusalKind, ToServer, ToTool, U32s, U64s,
+    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Envelope, Evaluate, Evaluated,
+    F32s, F64s, Failure, MAX_BLOCK, MEDIA_TYPE, Refusal, RefusalKind, ToServer, ToTool, U32s, U64s,
 };
 pub use hash::EpisodeHasher;
 pub use messages::{

@@ -149,6 +149,12 @@ impl Topics {
         format!("{}{TO_TOOL}/{token}", self.prefix)
     }
 
+    /// A name that stands in a message, without prefix, as a topic.
+    #[must_use]
+    pub fn under(&self, name: &str) -> String {
+        format!("{}{name}", self.prefix)
+    }
+
     /// What a topic name means; none if it is not ours.
     #[must_use]
     pub fn parse(&self, name: &str) -> Option<Topic> {

@@ -32,6 +32,7 @@ pub fn serve(
         settings: Settings::from_environment(broker).map_err(input)?,
         prefix: prefix.to_owned(),
         step_timeout: seconds("step_timeout", step_timeout)?,
+        threads: 1,
         on_frame: display.then(|| Box::new(draw) as Box<dyn FnMut(&Scene) + Send>),
     };
     let mut failure: Option<PyErr> = None;

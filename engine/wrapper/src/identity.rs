@@ -28,17 +28,17 @@ impl Identity {
         }
     }
 
-    /// What this server says of its ability to run a simulation.
+    /// What this server says of its ability to run a simulation, in batches of at most `batch` episodes.
     #[must_use]
-    pub fn capabilities(&self, simulation: &Description) -> Capabilities {
+    pub fn capabilities(&self, simulation: &Description, batch: usize) -> Capabilities {
         Capabilities {
             dimensions: f64::from(simulation.dimensions),
             max_agents: simulation.max_agents.map(f64::from),
             swarmwright: Some(Announcement {
                 version: 1,
-                modes: vec!["stepwise".to_owned()],
-                controllers: Vec::new(),
-                batch: None,
+                modes: texts(&["stepwise", "batched", "offloaded"]),
+                controllers: texts(&["layered", "fully_meshed"]),
+                batch: Some(batch),
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),
                 instance: Some(self.instance.clone()),
@@ -47,4 +47,8 @@ impl Identity {
             }),
         }
     }
+}
+
+fn texts(texts: &[&str]) -> Vec<String> {
+    texts.iter().map(ToString::to_string).collect()
 }

@@ -10,12 +10,19 @@
 //! ```
 //! What the server does with each message is decided in [`machine`], which knows neither sockets nor clocks.
 
+mod batch;
+mod evaluator;
+mod guard;
 mod identity;
+mod job;
 pub mod machine;
 mod run;
 mod server;
 
 pub use identity::Identity;
+pub use job::{Done, Job};
 pub use machine::{Action, Machine, Notice};
 pub use server::{Options, ServeError, SimulationServer};
-pub use swarmwright_worlds::{Body, Description, ParameterError, Parameters, Scene, Simulation};
+pub use swarmwright_worlds::{
+    Block, Body, Description, Means, ParameterError, Parameters, RolloutError, Scene, Simulation,
+};

@@ -1,21 +1,30 @@
 //! What a server decides: messages and time in, actions out, no I/O (DESIGN.md section 3).
 //!
-//! A server is free, configured (parameters came, it waits for control), running, or held: between two episodes of one
-//! tool that gave its name it stays reserved for that tool for a moment. It answers discovery when it is free, or held
-//! and asked by its holder.
+//! A server is free, configured (parameters came, it waits for control), running an episode, stepping a batch, working
+//! on requests for offloaded evaluation, or held: between two episodes of one tool that gave its name it stays reserved
+//! for that tool for a moment. It answers discovery when it is free, or held and asked by its holder.
+
+mod batched;
+mod offloaded;
+mod stepwise;
 
 use std::collections::{HashSet, VecDeque};
 use std::fmt;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    Control, Discovery, MAX_PAYLOAD, Message, ParametersMessage, Presence, ServerMessage,
-    State as PresenceState, Topic, Topics,
+    Capabilities, Control, Discovery, Message, ParametersMessage, Presence, Refusal, RefusalKind,
+    ServerMessage, State as PresenceState, ToServer, Topic, Topics,
 };
 use swarmwright_worlds::{Description, Parameters, Scene, Simulation};
 
 use crate::Identity;
-use crate::run::{Outcome, Run};
+use crate::batch::Batch;
+use crate::guard::guarded;
+use crate::job::{Job, Setup};
+use crate::run::Run;
+use offloaded::Work;
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -28,11 +37,25 @@ const KEPT: usize = 8;
 /// Different complaints that are remembered, so that each is made once.
 const COMPLAINTS: usize = 1000;
 
+/// Most episodes of a batch, where the simulation can be duplicated.
+pub(crate) const MAX_BATCH: usize = 256;
+
 /// What the machine wants done.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub enum Action {
     /// Publish with QoS 0; or, for presence, QoS 1 and retained.
     Publish(Topic, Vec<u8>),
+    /// Publish the answer to a request, QoS 0, with the media type of extension messages.
+    Reply {
+        /// Topic without prefix.
+        topic: String,
+        /// The request's number: correlation data, 8 bytes big-endian.
+        request: u64,
+        /// The message.
+        payload: Vec<u8>,
+    },
+    /// Compute, here or on another thread, and give the result to [`Machine::finished`].
+    Evaluate(Job),
     /// Tell the operator.
     Notice(Notice),
     /// Show the run.
@@ -68,13 +91,42 @@ enum State {
     Free,
     Configured { until: Instant },
     Running(Box<Run>),
+    Stepping(Box<Batch>),
+    Working(Work),
     Held { tool: String, until: Instant },
+}
+
+/// A simulation that is offered.
+struct Offer {
+    description: Description,
+    /// Most episodes of a batch.
+    batch: usize,
+    /// None while it is at work elsewhere: in a job, or in a batch.
+    simulation: Option<Box<dyn Simulation>>,
+    /// Duplicates from batches before, for the next one of the same tool.
+    spares: Vec<Box<dyn Simulation>>,
+}
+
+impl Offer {
+    fn new(simulation: Box<dyn Simulation>) -> Self {
+        let several = matches!(guarded(|| simulation.duplicate()), Ok(Some(_)));
+        Self {
+            description: simulation.description(),
+            batch: if several { MAX_BATCH } else { 1 },
+            simulation: Some(simulation),
+            spares: Vec::new(),
+        }
+    }
 }
 
 /// The decisions of one server.
 pub struct Machine {
     identity: Identity,
-    simulations: Vec<(Description, Box<dyn Simulation>)>,
+    offers: Vec<Offer>,
+    /// Where requests for this server come in.
+    inbox: String,
+    /// What the last sound request for offloaded evaluation was about.
+    setup: Option<Arc<Setup>>,
     topics: Topics,
     step_timeout: Duration,
     state: State,
@@ -100,11 +152,10 @@ impl Machine {
         step_timeout: Duration,
     ) -> Self {
         Self {
+            offers: simulations.into_iter().map(Offer::new).collect(),
+            inbox: topics.to_server(identity.id),
             identity,
-            simulations: simulations
-                .into_iter()
-                .map(|simulation| (simulation.description(), simulation))
-                .collect(),
+            setup: None,
             topics,
             step_timeout,
             state: State::Free,
@@ -126,9 +177,9 @@ impl Machine {
     /// Titles of the simulations offered.
     #[must_use]
     pub fn titles(&self) -> Vec<String> {
-        self.simulations
+        self.offers
             .iter()
-            .map(|(description, _)| description.title.clone())
+            .map(|offer| offer.description.title.clone())
             .collect()
     }
 
@@ -139,15 +190,21 @@ impl Machine {
             server: self.identity.id,
             state,
             simulations: self.titles(),
-            capabilities: self.identity.capabilities(&self.simulations[0].0),
+            capabilities: self.capabilities(&self.offers[0]),
             tool: self.holder(),
             since,
         }
     }
 
+    fn capabilities(&self, offer: &Offer) -> Capabilities {
+        self.identity.capabilities(&offer.description, offer.batch)
+    }
+
     fn holder(&self) -> Option<String> {
         match &self.state {
             State::Running(run) => run.tool.clone(),
+            State::Stepping(batch) => Some(batch.tool.clone()),
+            State::Working(work) => work.holder(),
             State::Held { tool, .. } => Some(tool.clone()),
             State::Free | State::Configured { .. } => None,
         }
@@ -155,9 +212,13 @@ impl Machine {
 
     /// A message came in. Retained messages are leftovers of somebody's past, except presence.
     pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
-        let Some(topic) = self.topics.parse(topic) else {
+        let name = topic;
+        let Some(topic) = self.topics.parse(name) else {
             return;
         };
+        if topic == Topic::ToServer && name != self.inbox {
+            return;
+        }
         if topic == Topic::Presence && payload.is_empty() {
             return;
         }
@@ -179,53 +240,35 @@ impl Machine {
             Ok(Message::Control(control)) if control.server == self.identity.id => {
                 self.control(control, now)
             }
-            Ok(Message::Actuator(actuator)) => {
-                let State::Running(run) = &mut self.state else {
-                    return;
-                };
-                if run.hash != actuator.simulation_hash {
-                    return;
-                }
-                let simulation = &mut *self.simulations[run.simulation].1;
-                match run.actuate(simulation, &actuator) {
-                    Ok(outcome) => self.proceed(outcome, now),
-                    Err(reason) => self.complain(format!("refusing an actuator message: {reason}")),
-                }
-            }
+            Ok(Message::Actuator(actuator)) => self.actuate(&actuator, now),
+            Ok(Message::ToServer(ToServer::Evaluate(message))) => self.evaluate(message, now),
+            Ok(Message::ToServer(ToServer::Start(message))) => self.start_batch(message, now),
+            Ok(Message::ToServer(ToServer::Actuators(message))) => self.step_batch(&message, now),
             Ok(Message::Presence(presence)) => self.other_presence(&presence),
             Ok(_) => {}
-            Err(error) => self.complain(format!("refusing a message on {}: {error}", topic.name())),
+            Err(error) => {
+                if topic == Topic::ToServer {
+                    self.refuse_unread(payload, &error);
+                }
+                self.complain(format!("refusing a message on {}: {error}", topic.name()));
+            }
         }
-    }
-
-    /// Whether an actuator message belongs to another server's run, seen without reading it as JSON: all servers get
-    /// all actuator messages, so with many servers nearly every one is foreign.
-    fn is_foreign(&self, payload: &[u8]) -> bool {
-        let State::Running(run) = &self.state else {
-            return false;
-        };
-        let object = payload.first() == Some(&b'{') && payload.last() == Some(&b'}');
-        // A hash may be spelt with escapes.
-        object
-            && payload.len() <= MAX_PAYLOAD
-            && !run.is_named_in(payload)
-            && memchr::memchr(b'\\', payload).is_none()
     }
 
     fn discovery(&mut self, discovery: Discovery) {
         let free = match &self.state {
             State::Free => true,
             State::Held { tool, .. } => discovery.tool.as_ref() == Some(tool),
-            State::Configured { .. } | State::Running(_) => false,
+            _ => false,
         };
         let offered = self
-            .simulations
+            .offers
             .iter()
-            .find(|(description, _)| description.title == discovery.simulation);
-        let Some((description, _)) = offered.filter(|_| free) else {
+            .find(|offer| offer.description.title == discovery.simulation);
+        let Some(offer) = offered.filter(|_| free) else {
             return;
         };
-        let capabilities = self.identity.capabilities(description);
+        let capabilities = self.capabilities(offer);
         if !capabilities.fulfil(&discovery.requirements) {
             return;
         }
@@ -260,89 +303,6 @@ impl Machine {
         }
     }
 
-    fn control(&mut self, control: Control, now: Instant) {
-        if !control.run {
-            return self.end(&control, now);
-        }
-        match &self.state {
-            State::Running(run) if run.hash == control.simulation_hash => {
-                return self.complain(
-                    "ignoring a control message that starts a run that is under way".to_owned(),
-                );
-            }
-            State::Running(run) => {
-                let holder = run
-                    .tool
-                    .clone()
-                    .unwrap_or_else(|| "another optimization tool".to_owned());
-                return self.complain(format!(
-                    "refusing to start a run for {}: taken by {holder}",
-                    asker(&control)
-                ));
-            }
-            State::Held { tool, .. } if control.tool.as_ref() != Some(tool) => {
-                let holder = tool.clone();
-                return self.complain(format!(
-                    "refusing to start a run for {}: held by {holder}",
-                    asker(&control)
-                ));
-            }
-            _ => {}
-        }
-        let hash = control.simulation_hash.clone();
-        let Some((_, parameters)) = self.parameters.iter().find(|(known, _)| *known == hash) else {
-            return self.complain(format!(
-                "refusing to start a run for {}: no parameters came for its hash",
-                asker(&control)
-            ));
-        };
-        let parameters = parameters.clone();
-        let Some(index) = self.wanted(&control) else {
-            return self.complain(format!(
-                "refusing to start a run for {}: it does not say of which simulation",
-                asker(&control)
-            ));
-        };
-        let (description, simulation) = &mut self.simulations[index];
-        let template = Run::template(
-            hash,
-            description.title.clone(),
-            control.tool,
-            control.visual,
-            index,
-            now,
-        );
-        match Run::start(&mut **simulation, &parameters, template) {
-            Ok(run) => {
-                self.enter(State::Running(Box::new(run)), now);
-                self.show(now);
-                if !self.paused() {
-                    self.sense(now);
-                }
-            }
-            Err(reason) => {
-                self.warn(format!("cannot start the run: {reason}"));
-                self.enter(State::Free, now);
-            }
-        }
-    }
-
-    /// Which simulation a control message means: the one it names, the one its discovery named, or the only one.
-    fn wanted(&self, control: &Control) -> Option<usize> {
-        if self.simulations.len() == 1 {
-            return Some(0);
-        }
-        let discovered = self
-            .discovered
-            .iter()
-            .find(|(hash, _)| *hash == control.simulation_hash)
-            .map(|(_, title)| title);
-        let title = control.simulation.as_ref().or(discovered)?;
-        self.simulations
-            .iter()
-            .position(|(description, _)| description.title == *title)
-    }
-
     fn end(&mut self, control: &Control, now: Instant) {
         let last = self
             .last
@@ -355,10 +315,12 @@ impl Machine {
                 .back()
                 .is_some_and(|(hash, _)| *hash == control.simulation_hash),
             State::Held { tool, .. } => last || control.tool.as_ref() == Some(tool),
+            State::Stepping(batch) => control.tool.as_ref() == Some(&batch.tool),
+            State::Working(work) => control.tool == work.holder(),
             State::Free => return,
         };
         if ours {
-            self.enter(State::Free, now);
+            self.free(now);
         } else {
             self.complain(format!(
                 "ignoring the end of a run that is not under way, from {}",
@@ -387,41 +349,6 @@ impl Machine {
         }
     }
 
-    /// Sends the sensors of the step that begins, or the fitness.
-    fn sense(&mut self, now: Instant) {
-        let State::Running(run) = &mut self.state else {
-            return;
-        };
-        let actions = &mut self.actions;
-        let outcome = run.sense(&mut *self.simulations[run.simulation].1, now, |payload| {
-            actions.push(Action::Publish(Topic::Sensor, payload));
-        });
-        if outcome != Outcome::Stepped {
-            self.proceed(outcome, now);
-        }
-    }
-
-    fn proceed(&mut self, outcome: Outcome, now: Instant) {
-        match outcome {
-            Outcome::Wait => {}
-            Outcome::Stepped => {
-                self.show(now);
-                if !self.paused() {
-                    self.sense(now);
-                }
-            }
-            Outcome::Finished(fitness) => {
-                self.actions
-                    .push(Action::Publish(Topic::Fitness, fitness.encode()));
-                self.leave(now);
-            }
-            Outcome::Failed(reason) => {
-                self.warn(reason);
-                self.leave(now);
-            }
-        }
-    }
-
     /// A run is over: its tool, if it gave its name, keeps the server for the next one.
     fn leave(&mut self, now: Instant) {
         let tool = self.holder();
@@ -434,43 +361,29 @@ impl Machine {
         );
     }
 
-    /// Shows a frame and slows the run down to the pace at which people watch.
-    fn show(&mut self, now: Instant) {
-        let State::Running(run) = &mut self.state else {
-            return;
-        };
-        let simulation = &self.simulations[run.simulation].1;
-        // Where agents act in turn there is a frame a step, not one for every agent.
-        if run.visual
-            && !simulation.mid_step()
-            && let Some(scene) = simulation.scene()
-        {
-            run.resume_at = Some(now + Duration::from_millis(simulation.step_size()));
-            self.actions.push(Action::Frame(scene));
-        }
-    }
-
-    fn paused(&self) -> bool {
-        matches!(&self.state, State::Running(run) if run.resume_at.is_some())
-    }
-
     /// The next time at which `tick` is needed, if no message comes first.
     #[must_use]
     pub fn next_tick(&self) -> Option<Instant> {
         let own = match &self.state {
-            State::Free => None,
+            State::Free | State::Working(_) => None,
+            State::Stepping(batch) => Some(self.deadline(batch.waiting_since, batch.told)),
             State::Configured { until } | State::Held { until, .. } => Some(*until),
-            State::Running(run) => run.resume_at.or(Some(
-                run.waiting_since
-                    + if run.told {
-                        self.step_timeout
-                    } else {
-                        self.step_timeout.min(TELL_AFTER)
-                    },
-            )),
+            State::Running(run) => run
+                .resume_at
+                .or(Some(self.deadline(run.waiting_since, run.told))),
         };
         let settle = self.changed_at.map(|at| at + SETTLE);
         [own, settle].into_iter().flatten().min()
+    }
+
+    /// When somebody is told that actuators are missing, or the run is given up.
+    fn deadline(&self, waiting_since: Instant, told: bool) -> Instant {
+        let patience = if told {
+            self.step_timeout
+        } else {
+            self.step_timeout.min(TELL_AFTER)
+        };
+        waiting_since + patience
     }
 
     /// Time has passed. `stamp` is now in RFC 3339, for presence.
@@ -494,6 +407,16 @@ impl Machine {
                     "{words}; the run is given up, the server is free again"
                 ));
                 self.enter(State::Free, now);
+            }
+            State::Stepping(batch) => {
+                let waited = now.saturating_duration_since(batch.waiting_since);
+                let words = batch.waiting_for(now);
+                if waited >= self.step_timeout {
+                    self.give_up_batch(words, now);
+                } else if !batch.told && waited >= TELL_AFTER {
+                    batch.told = true;
+                    self.warn(words);
+                }
             }
             State::Running(run) if !run.told && run.waited(now) >= TELL_AFTER => {
                 run.told = true;
@@ -532,22 +455,78 @@ impl Machine {
 
     /// The connection broke: messages of the run are lost, so the run is.
     pub fn disconnected(&mut self, reason: &str, now: Instant) {
-        if let State::Running(_) = self.state {
+        if let State::Running(_) | State::Stepping(_) | State::Working(_) = self.state {
             self.warn("the run under way is given up with the connection".to_owned());
         }
         self.actions
             .push(Action::Notice(Notice::Lost(reason.to_owned())));
-        self.enter(State::Free, now);
+        self.free(now);
         self.published = None;
     }
 
-    fn enter(&mut self, state: State, now: Instant) {
-        if let State::Running(run) = &self.state {
-            self.last = Some((run.hash.clone(), run.tool.clone()));
+    /// Gives up whatever is under way; what is being computed, as soon as it can be stopped.
+    pub fn free(&mut self, now: Instant) {
+        if let State::Working(work) = &mut self.state {
+            work.release();
+        } else {
+            self.enter(State::Free, now);
         }
-        self.state = state;
+    }
+
+    fn enter(&mut self, state: State, now: Instant) {
+        let free = matches!(state, State::Free);
+        match std::mem::replace(&mut self.state, state) {
+            State::Running(run) => self.last = Some((run.hash, run.tool)),
+            State::Stepping(batch) => self.take_back(*batch),
+            _ => {}
+        }
+        if free {
+            self.offers
+                .iter_mut()
+                .for_each(|offer| offer.spares.clear());
+        }
         // A change back before anybody was told is none; the comparison is made when it is to be published.
         self.changed_at.get_or_insert(now);
+    }
+
+    /// Why a request of a tool is not served now: the server is taken for something else.
+    fn taken(&self, tool: &str) -> Option<Refusal> {
+        let reason = match &self.state {
+            State::Free | State::Configured { .. } => return None,
+            State::Held { tool: holder, .. } if holder == tool => return None,
+            State::Working(work) => return work.taken(tool),
+            State::Stepping(batch) if batch.tool == tool => {
+                format!("batch {} of this tool is under way", batch.request)
+            }
+            State::Running(_) | State::Stepping(_) | State::Held { .. } => {
+                let holder = self.holder();
+                let holder = holder.as_deref().unwrap_or("another optimization tool");
+                format!("taken by {holder}")
+            }
+        };
+        Some(Refusal {
+            kind: RefusalKind::Taken,
+            reason,
+        })
+    }
+
+    /// Whether an answer can be sent to a topic: none but those of tools, so that nobody can make a server speak
+    /// elsewhere.
+    fn can_reply(&mut self, reply: &str) -> bool {
+        let token = reply
+            .strip_prefix(Topic::ToTool.name())
+            .and_then(|rest| rest.strip_prefix('/'));
+        let fits = token.is_some_and(|token| {
+            let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_');
+            !token.is_empty() && token.len() <= 200 && token.bytes().all(plain)
+        });
+        if !fits {
+            self.complain(format!(
+                "cannot answer a request: its \"reply\" is {reply:?}, expected {}/ and letters, digits, - or _",
+                Topic::ToTool.name()
+            ));
+        }
+        fits
     }
 
     fn warn(&mut self, text: String) {

@@ -1,11 +1,12 @@
 //! One run of a simulation: who has to act, whose actuators are there, what is missing.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
 use memchr::memmem::Finder;
 use swarmwright_protocol::{Actuator, Fitness, ReadingWriter};
 use swarmwright_worlds::{Parameters, Simulation};
+
+use crate::guard::{finite, guarded};
 
 /// An episode that is being stepped.
 pub(crate) struct Run {
@@ -45,20 +46,6 @@ pub(crate) enum Outcome {
     Finished(Fitness),
     /// The simulation failed; the reason.
     Failed(String),
-}
-
-/// Runs the simulation's code; its panics become an error, so that one candidate cannot end the server.
-fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(call)).map_err(|cause| {
-        let text = cause
-            .downcast_ref::<&str>()
-            .map(ToString::to_string)
-            .or_else(|| cause.downcast_ref::<String>().cloned());
-        format!(
-            "the simulation panicked: {}",
-            text.unwrap_or_else(|| "no reason given".to_owned())
-        )
-    })
 }
 
 impl Run {
@@ -120,15 +107,12 @@ impl Run {
             return Outcome::Failed(reason);
         }
         if self.acting.is_empty() {
-            return match guarded(|| simulation.fitness()) {
-                Ok(fitness) if fitness.is_finite() => Outcome::Finished(Fitness {
+            return match guarded(|| simulation.fitness()).and_then(finite) {
+                Ok(fitness) => Outcome::Finished(Fitness {
                     simulation: Some(self.title.clone()),
                     simulation_hash: self.hash.clone(),
                     fitness,
                 }),
-                Ok(fitness) => Outcome::Failed(format!(
-                    "the simulation's fitness is {fitness}, not a finite number"
-                )),
                 Err(reason) => Outcome::Failed(reason),
             };
         }

@@ -3,12 +3,15 @@
 use std::time::{Duration, Instant, SystemTime};
 
 use swarmwright_mqtt::{
-    ConnectError, Connection, Event, QoS, Settings, SettingsError, Subscription, Will,
+    ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
+    Will,
 };
-use swarmwright_protocol::{Message, State, Topic, TopicError, Topics};
+use swarmwright_protocol::{MEDIA_TYPE, Message, State, Topic, TopicError, Topics};
 use swarmwright_worlds::{Scene, Simulation};
 
 use crate::Identity;
+use crate::evaluator::{Evaluator, SHORT};
+use crate::job::Job;
 use crate::machine::{Action, Machine, Notice};
 
 /// For how long the broker keeps the news that a server was lost.
@@ -29,6 +32,9 @@ pub struct Options {
     pub prefix: String,
     /// How long a step may wait for actuators before the run is given up.
     pub step_timeout: Duration,
+    /// Threads of an offloaded evaluation; 0 for one per processor. One by default: several servers on a machine are
+    /// the unit of parallelism.
+    pub threads: usize,
     /// Called with every frame of a run that is to be shown.
     pub on_frame: Option<FrameHandler>,
 }
@@ -44,6 +50,7 @@ impl Options {
             settings: Settings::from_environment(url)?,
             prefix: String::new(),
             step_timeout: Duration::from_secs(60),
+            threads: 1,
             on_frame: None,
         })
     }
@@ -86,6 +93,9 @@ pub struct SimulationServer {
     id: u64,
     on_frame: Option<FrameHandler>,
     events: Vec<Event>,
+    evaluator: Evaluator,
+    /// A job whose turn has not come.
+    pending: Option<Job>,
 }
 
 impl SimulationServer {
@@ -124,6 +134,10 @@ impl SimulationServer {
             at(Topic::Control, QoS::AtMostOnce),
             at(Topic::Actuator, QoS::AtMostOnce),
             Subscription {
+                filter: topics.to_server(options.id),
+                qos: QoS::AtMostOnce,
+            },
+            Subscription {
                 filter: topics.presence(options.id),
                 qos: QoS::AtLeastOnce,
             },
@@ -133,6 +147,8 @@ impl SimulationServer {
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,
+            evaluator: Evaluator::new(options.threads, connection.waker()),
+            pending: None,
             connection,
             topics,
             id: options.id,
@@ -163,6 +179,7 @@ impl SimulationServer {
                 });
             self.poll(until, &mut on_notice);
         }
+        self.machine.free(Instant::now());
         self.connection.publish(
             &self.topics.presence(self.id),
             &[],
@@ -174,6 +191,11 @@ impl SimulationServer {
     }
 
     fn poll(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
+        let until = if self.pending.is_some() {
+            Instant::now()
+        } else {
+            until
+        };
         self.connection.poll(until, &mut self.events);
         let now = Instant::now();
         for event in self.events.drain(..) {
@@ -190,10 +212,29 @@ impl SimulationServer {
                 Event::Disconnected { reason } => self.machine.disconnected(&reason, now),
             }
         }
+        if let Some(done) = self.evaluator.finished() {
+            self.machine.finished(done, now);
+        }
         if self.machine.next_tick().is_some_and(|at| at <= now) {
             self.machine.tick(now, stamp);
         }
         self.act(on_notice);
+        self.compute(on_notice);
+    }
+
+    /// Computes jobs, short ones for a short time: then answers go out and others are heard.
+    fn compute(&mut self, on_notice: &mut impl FnMut(&Notice)) {
+        let start = Instant::now();
+        while let Some(job) = self.pending.take() {
+            let Some(done) = self.evaluator.run(job) else {
+                return;
+            };
+            self.machine.finished(done, Instant::now());
+            self.act(on_notice);
+            if start.elapsed() >= SHORT {
+                return;
+            }
+        }
     }
 
     fn act(&mut self, on_notice: &mut impl FnMut(&Notice)) {
@@ -217,6 +258,22 @@ impl SimulationServer {
                         None,
                     );
                 }
+                Action::Reply {
+                    topic,
+                    request,
+                    payload,
+                } => {
+                    self.connection.publish_with(
+                        &self.topics.under(&topic),
+                        &payload,
+                        &PublishOptions {
+                            content_type: Some(MEDIA_TYPE),
+                            correlation: Some(&request.to_be_bytes()),
+                            ..PublishOptions::default()
+                        },
+                    );
+                }
+                Action::Evaluate(job) => self.pending = Some(job),
                 Action::Notice(notice) => on_notice(&notice),
                 Action::Frame(scene) => {
                     if let Some(on_frame) = &mut self.on_frame {

@@ -1,0 +1,258 @@
+//! Episodes stepped side by side: all agents that act next, of all episodes, in one message.
+
+use std::time::Instant;
+
+use swarmwright_protocol::{
+    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, F64s, Failure, MAX_BLOCK,
+    Refusal, U32s,
+};
+use swarmwright_worlds::{Description, Simulation};
+
+use crate::guard::{finite, guarded};
+use crate::job::invalid;
+
+struct Episode {
+    simulation: Box<dyn Simulation>,
+    /// How many of the rows are its agents; none once it has ended.
+    rows: Option<usize>,
+}
+
+/// A batch that is being stepped.
+pub(crate) struct Batch {
+    pub tool: String,
+    pub request: u64,
+    pub reply: String,
+    /// Index of the simulation among those that the server offers.
+    pub simulation: usize,
+    /// When the step under way began to wait for actuators.
+    pub waiting_since: Instant,
+    /// Whether somebody was told of the waiting.
+    pub told: bool,
+    step: u64,
+    sensors: usize,
+    actuators: usize,
+    episodes: Vec<Episode>,
+    rows: usize,
+    /// Episodes that failed since the last message.
+    failed: Vec<Failure>,
+}
+
+fn failure(episode: usize, reason: String) -> Failure {
+    Failure {
+        candidate: 0,
+        episode: episode as u64,
+        reason,
+    }
+}
+
+impl Batch {
+    /// Resets a simulation for each seed. The simulations come back when it cannot be.
+    pub fn start(
+        message: BatchStart,
+        simulation: usize,
+        description: &Description,
+        simulations: Vec<Box<dyn Simulation>>,
+        now: Instant,
+    ) -> Result<Self, (Refusal, Vec<Box<dyn Simulation>>)> {
+        let mut batch = Self {
+            tool: message.tool,
+            request: message.request,
+            reply: message.reply,
+            simulation,
+            waiting_since: now,
+            told: false,
+            step: 0,
+            sensors: description.sensors,
+            actuators: description.actuators,
+            episodes: simulations
+                .into_iter()
+                .map(|simulation| Episode {
+                    simulation,
+                    rows: Some(0),
+                })
+                .collect(),
+            rows: 0,
+            failed: Vec::new(),
+        };
+        let mut parameters = message.parameters;
+        for (index, seed) in message.seeds.0.into_iter().enumerate() {
+            parameters.insert("seed".to_owned(), seed.into());
+            let episode = &mut batch.episodes[index];
+            match guarded(|| episode.simulation.reset(&parameters)) {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => {
+                    return Err((invalid(error.to_string()), batch.into_simulations()));
+                }
+                Err(reason) => {
+                    episode.rows = None;
+                    batch.failed.push(failure(index, reason));
+                }
+            }
+        }
+        Ok(batch)
+    }
+
+    /// The simulations, for the next batch.
+    pub fn into_simulations(self) -> Vec<Box<dyn Simulation>> {
+        self.episodes
+            .into_iter()
+            .map(|episode| episode.simulation)
+            .collect()
+    }
+
+    /// Whether all episodes have ended, or failed.
+    pub fn is_over(&self) -> bool {
+        self.episodes.iter().all(|episode| episode.rows.is_none())
+    }
+
+    /// The message of the step that begins.
+    ///
+    /// # Errors
+    /// More agents than one message can hold.
+    pub fn sense(&mut self, server: u64, now: Instant) -> Result<BatchSensors, Refusal> {
+        self.waiting_since = now;
+        self.told = false;
+        let mut message = BatchSensors {
+            failed: std::mem::take(&mut self.failed),
+            ..answer(self.request, server, self.step)
+        };
+        self.rows = 0;
+        for (index, episode) in self.episodes.iter_mut().enumerate() {
+            if episode.rows.is_none() {
+                continue;
+            }
+            let before = (message.agents.0.len(), message.sensors.0.len());
+            match guarded(|| episode.sense(self.sensors, &mut message)).and_then(|result| result) {
+                Ok(0) => {
+                    episode.rows = None;
+                    match guarded(|| episode.simulation.fitness()).and_then(finite) {
+                        Ok(fitness) => {
+                            message.ended.0.push(number(index));
+                            message.fitness.0.push(fitness);
+                        }
+                        Err(reason) => message.failed.push(failure(index, reason)),
+                    }
+                }
+                Ok(rows) => {
+                    episode.rows = Some(rows);
+                    self.rows += rows;
+                    let all = message.episodes.0.len() + rows;
+                    message.episodes.0.resize(all, number(index));
+                }
+                Err(reason) => {
+                    message.agents.0.truncate(before.0);
+                    message.sensors.0.truncate(before.1);
+                    episode.rows = None;
+                    message.failed.push(failure(index, reason));
+                }
+            }
+            if self.rows.saturating_mul(4 * self.sensors + 8) > MAX_BLOCK / 2 {
+                return Err(invalid(format!(
+                    "seeds: the agents of {} episodes are too many for one message; start fewer at once",
+                    self.episodes.len()
+                )));
+            }
+        }
+        Ok(message)
+    }
+
+    /// Takes the actuators of a step and makes it.
+    ///
+    /// # Errors
+    /// Another step, or the wrong number of actuators: the message is refused, the batch goes on waiting.
+    pub fn actuate(&mut self, message: &BatchActuators) -> Result<(), String> {
+        if message.step != self.step {
+            return Err(format!(
+                "they answer step {}, but step {} waits for actuators",
+                message.step, self.step
+            ));
+        }
+        let (found, expected) = (message.actuators.0.len(), self.rows * self.actuators);
+        if found != expected {
+            return Err(format!(
+                "{found} actuators, expected {expected} ({} rows of {})",
+                self.rows, self.actuators
+            ));
+        }
+        let actuators: Vec<f32> = message
+            .actuators
+            .0
+            .iter()
+            .map(|value| value.clamp(-1.0, 1.0))
+            .collect();
+        let mut rest = &actuators[..];
+        for (index, episode) in self.episodes.iter_mut().enumerate() {
+            let Some(rows) = episode.rows else { continue };
+            let own;
+            (own, rest) = rest.split_at(rows * self.actuators);
+            if let Err(reason) = guarded(|| episode.simulation.step(own)) {
+                episode.rows = None;
+                self.failed.push(failure(index, reason));
+            }
+        }
+        self.step += 1;
+        Ok(())
+    }
+
+    /// Who is missing and for how long, in words.
+    pub fn waiting_for(&self, now: Instant) -> String {
+        let seconds = now
+            .saturating_duration_since(self.waiting_since)
+            .as_secs_f64();
+        format!(
+            "{} has not sent the actuators of step {} of its batch for {seconds:.1} s",
+            self.tool, self.step
+        )
+    }
+
+    /// The message that says why the batch is not served any more.
+    pub fn refusal(&self, server: u64, refusal: Refusal) -> BatchSensors {
+        BatchSensors {
+            error: Some(refusal),
+            ..answer(self.request, server, self.step)
+        }
+    }
+}
+
+impl Episode {
+    /// Appends agents and sensors; how many rows.
+    fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<usize, String> {
+        let acting = self.simulation.acting();
+        for &agent in acting {
+            let start = message.sensors.0.len();
+            message.sensors.0.resize(start + sensors, 0.0);
+            let row = &mut message.sensors.0[start..];
+            self.simulation.sense(agent, row);
+            if let Some(index) = row.iter().position(|value| !value.is_finite()) {
+                return Err(format!(
+                    "sensor {index} of agent {agent} is {}, not a finite number",
+                    row[index]
+                ));
+            }
+            message.agents.0.push(agent);
+        }
+        Ok(acting.len())
+    }
+}
+
+/// A message without rows.
+pub(crate) fn answer(request: u64, server: u64, step: u64) -> BatchSensors {
+    BatchSensors {
+        version: EXTENSION_VERSION,
+        request,
+        server,
+        step,
+        episodes: U32s::default(),
+        agents: U32s::default(),
+        sensors: F32s::default(),
+        ended: U32s::default(),
+        fitness: F64s::default(),
+        failed: Vec::new(),
+        error: None,
+    }
+}
+
+/// Index of an episode; there are never more than [`MAX_BATCH`](crate::machine::MAX_BATCH).
+fn number(index: usize) -> u32 {
+    u32::try_from(index).unwrap_or(u32::MAX)
+}

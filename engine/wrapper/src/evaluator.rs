@@ -1,0 +1,115 @@
+//! Who computes a job: this thread where it is a matter of microseconds, else a thread of its own, so that the MQTT
+//! thread goes on answering.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+use std::time::Duration;
+
+use swarmwright_lanes::Level;
+use swarmwright_mqtt::Waker;
+use swarmwright_worlds::Means;
+
+use crate::job::{Done, Job, Setup};
+
+/// Longer jobs go to the other thread: there and back costs about 20 us.
+pub(crate) const SHORT: Duration = Duration::from_millis(1);
+
+/// Episodes that are computed in the time of one.
+fn groups(episodes: usize) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53")]
+    {
+        episodes.div_ceil(Level::best().width()) as f64
+    }
+}
+
+/// Computes jobs, one at a time.
+pub(crate) struct Evaluator {
+    means: Means,
+    waker: Waker,
+    worker: Option<(Sender<Job>, Receiver<Done>)>,
+    /// Seconds of a group of episodes in the last job, and what that was about.
+    pace: Option<(Arc<Setup>, f64)>,
+}
+
+impl Evaluator {
+    /// `waker` ends the wait of the MQTT thread when a result is there.
+    pub fn new(threads: usize, waker: Waker) -> Self {
+        let means = Means {
+            threads,
+            ..Means::default()
+        };
+        Self {
+            means,
+            waker,
+            worker: None,
+            pace: None,
+        }
+    }
+
+    /// The result, if the job was computed at once.
+    pub fn run(&mut self, job: Job) -> Option<Done> {
+        let short = self.pace.as_ref().is_some_and(|(setup, seconds)| {
+            Arc::ptr_eq(setup, &job.request.setup)
+                && groups(job.episodes()) * seconds < SHORT.as_secs_f64()
+        });
+        let job = if short || job.episodes() == 0 {
+            job
+        } else {
+            self.hand_over(job)?
+        };
+        let done = job.run(self.means);
+        self.learn(&done);
+        Some(done)
+    }
+
+    /// A result of the other thread.
+    pub fn finished(&mut self) -> Option<Done> {
+        let done = self.worker.as_ref()?.1.try_recv().ok()?;
+        self.learn(&done);
+        Some(done)
+    }
+
+    fn learn(&mut self, done: &Done) {
+        let episodes = done.request.candidates() * done.request.seeds.len();
+        if episodes > 0 {
+            let pace = done.seconds / groups(episodes);
+            self.pace = Some((Arc::clone(&done.request.setup), pace));
+        }
+    }
+
+    /// Gives the job to the other thread, or back where the system has no thread left.
+    fn hand_over(&mut self, job: Job) -> Option<Job> {
+        if self.worker.is_none() {
+            self.worker = start(self.means, self.waker.clone());
+        }
+        match &self.worker {
+            Some((jobs, _)) => jobs.send(job).err().map(|error| error.0),
+            None => Some(job),
+        }
+    }
+}
+
+/// The thread ends when the sender of jobs is dropped.
+fn start(means: Means, waker: Waker) -> Option<(Sender<Job>, Receiver<Done>)> {
+    let (jobs, inbox) = channel::<Job>();
+    let (outbox, done) = channel();
+    let work = move || {
+        for job in inbox {
+            if outbox.send(job.run(means)).is_err() {
+                break;
+            }
+            waker.wake();
+        }
+    };
+    match thread::Builder::new()
+        .name("evaluation".to_owned())
+        .spawn(work)
+    {
+        Ok(_) => Some((jobs, done)),
+        Err(error) => {
+            log::warn!("no thread for evaluations, the server answers late: {error}");
+            None
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! The simulation's code, called so that it cannot end the server.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Runs the simulation's code; its panics become an error, so that one candidate cannot end the server.
+pub(crate) fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(call)).map_err(|cause| {
+        let text = cause
+            .downcast_ref::<&str>()
+            .map(ToString::to_string)
+            .or_else(|| cause.downcast_ref::<String>().cloned());
+        format!(
+            "the simulation panicked: {}",
+            text.unwrap_or_else(|| "no reason given".to_owned())
+        )
+    })
+}
+
+/// A fitness that can be sent.
+///
+/// # Errors
+/// NaN or infinite.
+pub(crate) fn finite(fitness: f64) -> Result<f64, String> {
+    if fitness.is_finite() {
+        Ok(fitness)
+    } else {
+        Err(format!(
+            "the simulation's fitness is {fitness}, not a finite number"
+        ))
+    }
+}

@@ -1,0 +1,307 @@
+//! Offloaded evaluation: requests of one tool, computed one after another.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use swarmwright_controllers::Architecture;
+use swarmwright_protocol::{
+    DecodeError, EXTENSION_VERSION, Envelope, Evaluate, Evaluated, F64s, MAX_BLOCK, Refusal,
+    RefusalKind, ToTool,
+};
+
+use super::{Action, Machine, State};
+use crate::batch::answer;
+use crate::job::{Done, Evaluation, Job, Request, Setup, invalid};
+
+/// Requests that may wait, and the bytes that they may hold.
+const MOST_WAITING: usize = 4096;
+const MOST_BYTES: usize = 4 * MAX_BLOCK;
+/// Episodes of a request, so that the answer has room for every fitness and some reasons.
+const MOST_EPISODES: usize = MAX_BLOCK / 16;
+/// A lease that ends later than this need not be watched.
+const LONGEST_LEASE: f64 = 1e6;
+
+/// The requests of the tool that has the server.
+pub(crate) struct Work {
+    tool: String,
+    /// The request that is being computed.
+    request: u64,
+    abort: Arc<AtomicBool>,
+    waiting: VecDeque<Request>,
+    bytes: usize,
+    /// Nobody waits for what is being computed.
+    released: bool,
+}
+
+impl Work {
+    pub fn holder(&self) -> Option<String> {
+        (!self.released).then(|| self.tool.clone())
+    }
+
+    pub fn release(&mut self) {
+        self.released = true;
+        self.abort.store(true, Ordering::Relaxed);
+        self.waiting.clear();
+        self.bytes = 0;
+    }
+
+    pub fn taken(&self, tool: &str) -> Option<Refusal> {
+        let reason = if self.released {
+            "stopping an evaluation that was given up".to_owned()
+        } else if self.tool != tool {
+            format!("taken by {}", self.tool)
+        } else if self.waiting.len() >= MOST_WAITING || self.bytes >= MOST_BYTES {
+            format!("{} requests of this tool are waiting", self.waiting.len())
+        } else {
+            return None;
+        };
+        Some(Refusal {
+            kind: RefusalKind::Taken,
+            reason,
+        })
+    }
+}
+
+impl Machine {
+    pub(super) fn evaluate(&mut self, message: Evaluate, now: Instant) {
+        if !self.can_reply(&message.reply) {
+            return;
+        }
+        let (number, reply) = (message.request, message.reply.clone());
+        let tool = message.tool.clone();
+        let accepted = match self.taken(&tool) {
+            Some(refusal) => Err(refusal),
+            None => self.check(message, now).inspect_err(|refusal| {
+                self.complain(format!(
+                    "refusing an evaluation for {tool}: {}",
+                    refusal.reason
+                ));
+            }),
+        };
+        match (accepted, &mut self.state) {
+            (Ok(request), State::Working(work)) => {
+                work.bytes += request.size();
+                work.waiting.push_back(request);
+            }
+            (Ok(request), _) => {
+                let abort = self.compute(request);
+                let work = Work {
+                    tool,
+                    request: number,
+                    abort,
+                    waiting: VecDeque::new(),
+                    bytes: 0,
+                    released: false,
+                };
+                self.enter(State::Working(work), now);
+            }
+            (Err(refusal), _) => self.send_result(number, reply, Err(refusal), 0.0),
+        }
+    }
+
+    /// Answers what could not be read as a whole, if it says where to.
+    pub(super) fn refuse_unread(&mut self, payload: &[u8], error: &DecodeError) {
+        let Some(Envelope {
+            kind,
+            request,
+            reply,
+        }) = Envelope::decode(payload)
+        else {
+            return;
+        };
+        if !matches!(kind.as_str(), "evaluate" | "start") || !self.can_reply(&reply) {
+            return;
+        }
+        let refusal = invalid(error.to_string());
+        if kind == "evaluate" {
+            self.send_result(request, reply, Err(refusal), 0.0);
+        } else {
+            let mut message = answer(request, self.identity.id, 0);
+            message.error = Some(refusal);
+            self.send_sensors(reply, message);
+        }
+    }
+
+    /// Index of a simulation by its title.
+    pub(super) fn offered(&self, title: &str) -> Result<usize, Refusal> {
+        let found = self
+            .offers
+            .iter()
+            .position(|offer| offer.description.title == title);
+        found.ok_or_else(|| {
+            invalid(format!(
+                "simulation: {title:?} is not offered here, only {}",
+                self.titles().join(", ")
+            ))
+        })
+    }
+
+    /// What can be said of a request before it is computed.
+    fn check(&mut self, message: Evaluate, now: Instant) -> Result<Request, Refusal> {
+        let setup = self.setup(&message)?;
+        let weights = setup.architecture.weight_count();
+        let (numbers, episodes) = (message.genomes.0.len(), message.seeds.0.len());
+        if !numbers.is_multiple_of(weights) {
+            return Err(invalid(format!(
+                "genomes: {numbers} numbers are no whole number of candidates; the controller has {weights} weights"
+            )));
+        }
+        if (numbers / weights).saturating_mul(episodes) > MOST_EPISODES {
+            return Err(invalid(format!(
+                "genomes: {} candidates in {episodes} episodes are too many for one answer; send fewer at once",
+                numbers / weights
+            )));
+        }
+        Ok(Request {
+            number: message.request,
+            reply: message.reply,
+            setup,
+            genomes: message.genomes.0,
+            seeds: message.seeds.0,
+            expires: (message.lease > 0.0 && message.lease < LONGEST_LEASE)
+                .then(|| now + Duration::from_secs_f64(message.lease)),
+        })
+    }
+
+    /// What the request is about; the same object as for the one before, if it is the same.
+    fn setup(&mut self, message: &Evaluate) -> Result<Arc<Setup>, Refusal> {
+        let index = self.offered(&message.simulation)?;
+        if let Some(setup) = &self.setup
+            && setup.simulation == index
+            && setup.controller == message.controller
+            && setup.parameters == message.parameters
+        {
+            return Ok(Arc::clone(setup));
+        }
+        let text = Value::Object(message.controller.clone()).to_string();
+        let architecture =
+            Architecture::from_json(&text).map_err(|error| invalid(error.to_string()))?;
+        let description = &self.offers[index].description;
+        for (field, found, expected) in [
+            ("sensors", architecture.sensors(), description.sensors),
+            ("actuators", architecture.actuators(), description.actuators),
+        ] {
+            if found != expected {
+                return Err(invalid(format!(
+                    "controller.{field}: {found}, but simulation {} has {expected}",
+                    description.title
+                )));
+            }
+        }
+        let setup = Arc::new(Setup {
+            simulation: index,
+            controller: message.controller.clone(),
+            architecture,
+            parameters: message.parameters.clone(),
+        });
+        self.setup = Some(Arc::clone(&setup));
+        Ok(setup)
+    }
+
+    /// Gives a request and the simulation away to be computed.
+    fn compute(&mut self, request: Request) -> Arc<AtomicBool> {
+        let abort = Arc::new(AtomicBool::new(false));
+        // It is there: no other job, batch or run is under way.
+        if let Some(simulation) = self.offers[request.setup.simulation].simulation.take() {
+            self.actions.push(Action::Evaluate(Job {
+                request,
+                simulation,
+                abort: Arc::clone(&abort),
+            }));
+        }
+        abort
+    }
+
+    /// A job has been computed; the next one follows.
+    pub fn finished(&mut self, done: Done, now: Instant) {
+        let Done {
+            request,
+            simulation,
+            result,
+            seconds,
+        } = done;
+        self.offers[request.setup.simulation].simulation = Some(simulation);
+        let State::Working(work) = &mut self.state else {
+            return;
+        };
+        if work.released {
+            return self.enter(State::Free, now);
+        }
+        if let Err(refusal) = &result {
+            let tool = work.tool.clone();
+            self.complain(format!(
+                "refusing an evaluation for {tool}: {}",
+                refusal.reason
+            ));
+        }
+        self.send_result(request.number, request.reply, result, seconds);
+        self.next_request(now);
+    }
+
+    fn next_request(&mut self, now: Instant) {
+        while let State::Working(work) = &mut self.state {
+            let Some(request) = work.waiting.pop_front() else {
+                return self.leave(now);
+            };
+            work.bytes -= request.size();
+            if request.expires.is_some_and(|at| at <= now) {
+                let refusal = Refusal {
+                    kind: RefusalKind::Failed,
+                    reason: "the lease ran out before its turn came".to_owned(),
+                };
+                self.send_result(request.number, request.reply, Err(refusal), 0.0);
+                continue;
+            }
+            let number = request.number;
+            let abort = self.compute(request);
+            if let State::Working(work) = &mut self.state {
+                work.request = number;
+                work.abort = abort;
+            }
+            return;
+        }
+    }
+
+    fn send_result(
+        &mut self,
+        request: u64,
+        topic: String,
+        result: Result<Evaluation, Refusal>,
+        seconds: f64,
+    ) {
+        let encode = |result: Result<Evaluation, Refusal>| {
+            let (evaluation, error) = match result {
+                Ok(evaluation) => (evaluation, None),
+                Err(refusal) => (Evaluation::default(), Some(refusal)),
+            };
+            ToTool::Evaluated(Evaluated {
+                version: EXTENSION_VERSION,
+                request,
+                server: self.identity.id,
+                fitness: F64s(evaluation.fitness),
+                metrics: std::collections::BTreeMap::new(),
+                failed: evaluation.failed,
+                error,
+                seconds,
+            })
+            .encode()
+        };
+        let mut payload = encode(result);
+        if payload.len() > MAX_BLOCK {
+            payload = encode(Err(Refusal {
+                kind: RefusalKind::Failed,
+                reason: format!(
+                    "the answer is longer than {MAX_BLOCK} bytes; send fewer candidates at once"
+                ),
+            }));
+        }
+        self.actions.push(Action::Reply {
+            topic,
+            request,
+            payload,
+        });
+    }
+}

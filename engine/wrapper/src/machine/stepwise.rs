@@ -1,0 +1,198 @@
+//! Stepwise: an episode whose controllers stay with the tool, a message for each agent and step.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{Actuator, Control, MAX_PAYLOAD, Topic};
+
+use super::{Action, Machine, Offer, State, asker};
+use crate::run::{Outcome, Run};
+
+impl Machine {
+    pub(super) fn control(&mut self, control: Control, now: Instant) {
+        if !control.run {
+            return self.end(&control, now);
+        }
+        match &self.state {
+            State::Running(run) if run.hash == control.simulation_hash => {
+                return self.complain(
+                    "ignoring a control message that starts a run that is under way".to_owned(),
+                );
+            }
+            State::Running(run) => {
+                let holder = run
+                    .tool
+                    .clone()
+                    .unwrap_or_else(|| "another optimization tool".to_owned());
+                return self.complain(format!(
+                    "refusing to start a run for {}: taken by {holder}",
+                    asker(&control)
+                ));
+            }
+            State::Held { tool, .. } if control.tool.as_ref() != Some(tool) => {
+                let holder = tool.clone();
+                return self.complain(format!(
+                    "refusing to start a run for {}: held by {holder}",
+                    asker(&control)
+                ));
+            }
+            State::Stepping(_) | State::Working(_) => {
+                let holder = self.holder();
+                let holder = holder.as_deref().unwrap_or("another optimization tool");
+                return self.complain(format!(
+                    "refusing to start a run for {}: taken by {holder}",
+                    asker(&control)
+                ));
+            }
+            _ => {}
+        }
+        let hash = control.simulation_hash.clone();
+        let Some((_, parameters)) = self.parameters.iter().find(|(known, _)| *known == hash) else {
+            return self.complain(format!(
+                "refusing to start a run for {}: no parameters came for its hash",
+                asker(&control)
+            ));
+        };
+        let parameters = parameters.clone();
+        let Some(index) = self.wanted(&control) else {
+            return self.complain(format!(
+                "refusing to start a run for {}: it does not say of which simulation",
+                asker(&control)
+            ));
+        };
+        let Offer {
+            description,
+            simulation: Some(simulation),
+            ..
+        } = &mut self.offers[index]
+        else {
+            return;
+        };
+        let template = Run::template(
+            hash,
+            description.title.clone(),
+            control.tool,
+            control.visual,
+            index,
+            now,
+        );
+        match Run::start(&mut **simulation, &parameters, template) {
+            Ok(run) => {
+                self.enter(State::Running(Box::new(run)), now);
+                self.show(now);
+                if !self.paused() {
+                    self.sense(now);
+                }
+            }
+            Err(reason) => {
+                self.warn(format!("cannot start the run: {reason}"));
+                self.enter(State::Free, now);
+            }
+        }
+    }
+
+    /// Which simulation a control message means: the one it names, the one its discovery named, or the only one.
+    fn wanted(&self, control: &Control) -> Option<usize> {
+        if self.offers.len() == 1 {
+            return Some(0);
+        }
+        let discovered = self
+            .discovered
+            .iter()
+            .find(|(hash, _)| *hash == control.simulation_hash)
+            .map(|(_, title)| title);
+        let title = control.simulation.as_ref().or(discovered)?;
+        self.offers
+            .iter()
+            .position(|offer| offer.description.title == *title)
+    }
+
+    /// Whether an actuator message belongs to another server's run, seen without reading it as JSON: all servers get
+    /// all actuator messages, so with many servers nearly every one is foreign.
+    pub(super) fn is_foreign(&self, payload: &[u8]) -> bool {
+        let State::Running(run) = &self.state else {
+            return false;
+        };
+        let object = payload.first() == Some(&b'{') && payload.last() == Some(&b'}');
+        // A hash may be spelt with escapes.
+        object
+            && payload.len() <= MAX_PAYLOAD
+            && !run.is_named_in(payload)
+            && memchr::memchr(b'\\', payload).is_none()
+    }
+
+    pub(super) fn actuate(&mut self, actuator: &Actuator, now: Instant) {
+        let State::Running(run) = &mut self.state else {
+            return;
+        };
+        if run.hash != actuator.simulation_hash {
+            return;
+        }
+        let Some(simulation) = self.offers[run.simulation].simulation.as_deref_mut() else {
+            return;
+        };
+        match run.actuate(simulation, actuator) {
+            Ok(outcome) => self.proceed(outcome, now),
+            Err(reason) => self.complain(format!("refusing an actuator message: {reason}")),
+        }
+    }
+
+    /// Sends the sensors of the step that begins, or the fitness.
+    pub(super) fn sense(&mut self, now: Instant) {
+        let State::Running(run) = &mut self.state else {
+            return;
+        };
+        let Some(simulation) = self.offers[run.simulation].simulation.as_deref_mut() else {
+            return;
+        };
+        let actions = &mut self.actions;
+        let outcome = run.sense(simulation, now, |payload| {
+            actions.push(Action::Publish(Topic::Sensor, payload));
+        });
+        if outcome != Outcome::Stepped {
+            self.proceed(outcome, now);
+        }
+    }
+
+    fn proceed(&mut self, outcome: Outcome, now: Instant) {
+        match outcome {
+            Outcome::Wait => {}
+            Outcome::Stepped => {
+                self.show(now);
+                if !self.paused() {
+                    self.sense(now);
+                }
+            }
+            Outcome::Finished(fitness) => {
+                self.actions
+                    .push(Action::Publish(Topic::Fitness, fitness.encode()));
+                self.leave(now);
+            }
+            Outcome::Failed(reason) => {
+                self.warn(reason);
+                self.leave(now);
+            }
+        }
+    }
+
+    /// Shows a frame and slows the run down to the pace at which people watch.
+    fn show(&mut self, now: Instant) {
+        let State::Running(run) = &mut self.state else {
+            return;
+        };
+        let Some(simulation) = &self.offers[run.simulation].simulation else {
+            return;
+        };
+        // Where agents act in turn there is a frame a step, not one for every agent.
+        if run.visual
+            && !simulation.mid_step()
+            && let Some(scene) = simulation.scene()
+        {
+            run.resume_at = Some(now + Duration::from_millis(simulation.step_size()));
+            self.actions.push(Action::Frame(scene));
+        }
+    }
+
+    fn paused(&self) -> bool {
+        matches!(&self.state, State::Running(run) if run.resume_at.is_some())
+    }
+}
