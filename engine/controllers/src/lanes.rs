@@ -104,14 +104,59 @@ functions! {
     Linear: a => a;
 }
 
-/// 0, then each product added in turn.
+/// The products of one row of weights with the inputs, added to `start` in their order.
 #[inline(always)]
-fn sum<L: Lanes>(start: L, weights: &[L], inputs: &[L]) -> L {
+fn add_row<L: Lanes>(start: L, weights: &[L], inputs: &[L]) -> L {
+    let weights = &weights[..inputs.len()];
     let mut sum = start;
-    for (weight, input) in weights.iter().zip(inputs) {
-        sum = sum.add(weight.mul(*input));
+    for j in 0..inputs.len() {
+        sum = sum.add(weights[j].mul(inputs[j]));
     }
     sum
+}
+
+/// The same for `N` rows at once: their sums do not wait for each other, and an input is read once for all.
+#[inline(always)]
+fn add_rows<L: Lanes, const N: usize>(mut sums: [L; N], rows: [&[L]; N], inputs: &[L]) -> [L; N] {
+    let mut cut: [&[L]; N] = [&[]; N];
+    for node in 0..N {
+        cut[node] = &rows[node][..inputs.len()];
+    }
+    for j in 0..inputs.len() {
+        for node in 0..N {
+            sums[node] = sums[node].add(cut[node][j].mul(inputs[j]));
+        }
+    }
+    sums
+}
+
+/// `N` slices of `length`, one after another, each without its first `from` weights.
+#[inline(always)]
+fn split<L, const N: usize>(rows: &[L], length: usize, from: usize) -> [&[L]; N] {
+    let mut split: [&[L]; N] = [&[]; N];
+    for node in 0..N {
+        split[node] = &rows[node * length..][from..length];
+    }
+    split
+}
+
+/// A layer of nodes: the sum of the products, then the bias, then the function.
+#[inline(always)]
+fn layer<L: Lanes, F: Function>(rows: &[L], inputs: &[L], outputs: &mut [L]) {
+    let length = inputs.len() + 1;
+    let mut fours = outputs.chunks_exact_mut(4);
+    let mut rest = rows;
+    for four in &mut fours {
+        let sums = add_rows([L::splat(0.0); 4], split::<L, 4>(rest, length, 1), inputs);
+        for node in 0..4 {
+            four[node] = F::apply(rest[node * length].add(sums[node]));
+        }
+        rest = &rest[4 * length..];
+    }
+    for output in fours.into_remainder() {
+        *output = F::apply(rest[0].add(add_row(L::splat(0.0), &rest[1..length], inputs)));
+        rest = &rest[length..];
+    }
 }
 
 #[inline(always)]
@@ -123,18 +168,17 @@ fn layered<L: Lanes, F: Function>(
     actuators: &mut [L],
 ) {
     let (mut below, mut above) = scratch.split_at_mut(scratch.len() / 2);
-    below[..sensors.len()].copy_from_slice(sensors);
     let mut width = net.sensors;
     let mut rest = weights;
+    let mut inputs = &sensors[..width];
     for nodes in net.layers() {
-        let (layer, behind) = rest.split_at(nodes * (width + 1));
-        for (output, row) in above.iter_mut().zip(layer.chunks_exact(width + 1)) {
-            *output = F::apply(row[0].add(sum(L::splat(0.0), &row[1..], below)));
-        }
+        let (rows, behind) = rest.split_at(nodes * (width + 1));
+        layer::<L, F>(rows, inputs, &mut above[..nodes]);
         (below, above) = (above, below);
         (width, rest) = (nodes, behind);
+        inputs = &below[..width];
     }
-    for (actuator, output) in actuators.iter_mut().zip(below.iter()) {
+    for (actuator, output) in actuators.iter_mut().zip(inputs) {
         *actuator = limited(net.output_range, *output);
     }
 }
@@ -148,27 +192,79 @@ fn fully_meshed<L: Lanes, F: Function>(
     sensors: &[L],
     actuators: &mut [L],
 ) {
+    // Few nodes stay in registers from iteration to iteration.
+    match net.hidden + net.actuators {
+        1 => small::<L, F, 1>(net, weights, state, sensors),
+        2 => small::<L, F, 2>(net, weights, state, sensors),
+        3 => small::<L, F, 3>(net, weights, state, sensors),
+        4 => small::<L, F, 4>(net, weights, state, sensors),
+        5 => small::<L, F, 5>(net, weights, state, sensors),
+        6 => small::<L, F, 6>(net, weights, state, sensors),
+        _ => large::<L, F>(net, weights, state, scratch, sensors),
+    }
+    for (actuator, output) in actuators.iter_mut().zip(&state[net.hidden..]) {
+        *actuator = limited(net.output_range, *output);
+    }
+}
+
+/// A fully meshed network of `N` nodes that are no sensors.
+///
+/// Sensors come first in every sum and do not change within a step, so their part of it is the same in every
+/// iteration, to the bit.
+#[inline(always)]
+fn small<L: Lanes, F: Function, const N: usize>(
+    net: &FullyMeshed,
+    weights: &[L],
+    state: &mut [L],
+    sensors: &[L],
+) {
+    let length = net.sensors + N + 1;
+    let heard = add_rows(
+        [L::splat(0.0); N],
+        split::<L, N>(weights, length, 1),
+        &sensors[..net.sensors],
+    );
+    let rows = split::<L, N>(weights, length, 1 + net.sensors);
+    let mut outputs = [L::splat(0.0); N];
+    for node in 0..N {
+        outputs[node] = state[node];
+    }
+    for _ in 0..net.iterations {
+        let sums = add_rows(heard, rows, &outputs);
+        for node in 0..N {
+            outputs[node] = F::apply(weights[node * length].add(sums[node]));
+        }
+    }
+    for node in 0..N {
+        state[node] = outputs[node];
+    }
+}
+
+/// A fully meshed network of any size.
+#[inline(always)]
+fn large<L: Lanes, F: Function>(
+    net: &FullyMeshed,
+    weights: &[L],
+    state: &mut [L],
+    scratch: &mut [L],
+    sensors: &[L],
+) {
     let active = net.hidden + net.actuators;
-    let (state, sensors) = (&mut state[..active], &sensors[..net.sensors]);
-    let (heard, next) = scratch.split_at_mut(active);
-    let row_length = net.nodes() + 1;
-    // Sensors come first in every sum and do not change within a step, so their part of it is the same in every
-    // iteration, to the bit.
-    for (heard, row) in heard.iter_mut().zip(weights.chunks_exact(row_length)) {
-        *heard = sum(L::splat(0.0), &row[1..=net.sensors], sensors);
+    let length = net.nodes() + 1;
+    let (heard, next) = scratch[..2 * active].split_at_mut(active);
+    for (heard, row) in heard.iter_mut().zip(weights.chunks_exact(length)) {
+        *heard = add_row(L::splat(0.0), &row[1..], &sensors[..net.sensors]);
     }
     for _ in 0..net.iterations {
         for ((next, heard), row) in next
             .iter_mut()
             .zip(heard.iter())
-            .zip(weights.chunks_exact(row_length))
+            .zip(weights.chunks_exact(length))
         {
-            *next = F::apply(row[0].add(sum(*heard, &row[1 + net.sensors..], state)));
+            *next =
+                F::apply(row[0].add(add_row(*heard, &row[1 + net.sensors..], &state[..active])));
         }
-        state.copy_from_slice(&next[..active]);
-    }
-    for (actuator, output) in actuators.iter_mut().zip(&state[net.hidden..]) {
-        *actuator = limited(net.output_range, *output);
+        state[..active].copy_from_slice(next);
     }
 }
 

@@ -22,6 +22,11 @@ const EXIT: i32 = BIAS << 16 | BIAS;
 /// More cells than this in all grids of a group of lanes, and memory rather than arithmetic sets the pace.
 const MOST_CELLS: usize = 1 << 27;
 
+/// An integer for each lane.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+struct PerLane([i32; MOST_LANES]);
+
 /// The episodes of a block. They differ in the field alone.
 pub(crate) struct EmergencyExitLanes {
     settings: Settings,
@@ -31,7 +36,8 @@ pub(crate) struct EmergencyExitLanes {
     agents: usize,
     cells: usize,
     stride: usize,
-    nowhere: u32,
+    /// Cell behind the border where agents that are out are kept.
+    nowhere: i32,
 }
 
 /// A field in cells, with a border of two rows above, one below, and one column on each side.
@@ -43,16 +49,18 @@ struct Terrain {
     /// By cell at the start: 1 where an agent could go.
     free: Vec<u8>,
     /// Cells of the agents at the start.
-    places: Vec<u32>,
+    places: Vec<i32>,
 }
 
 pub(crate) struct Room<L: Lanes> {
     /// By lane, then cell: 1 where an agent could go now.
     free: Vec<u8>,
     /// By agent: its cell in each lane.
-    places: Vec<[u32; MOST_LANES]>,
-    /// By agent, for a simultaneous step: its cell before, and its move.
-    moves: Vec<([u32; MOST_LANES], [i32; MOST_LANES])>,
+    places: Vec<PerLane>,
+    /// By agent: `Terrain::to_exit` of its cell in each lane.
+    ways: Vec<PerLane>,
+    /// By agent, for a simultaneous step: the cells before and those it wants to go to.
+    moves: Vec<(PerLane, PerLane)>,
     /// By agent: the lanes in which it is inside.
     inside: Vec<u32>,
     /// State of the agents' controllers, one after another.
@@ -85,7 +93,7 @@ impl Terrain {
         }
         for agent in &field.agents {
             terrain.free[index(*agent)] = 0;
-            terrain.places.push(index(*agent) as u32);
+            terrain.places.push(index(*agent) as i32);
         }
         terrain
     }
@@ -122,7 +130,7 @@ impl LaneWorld for EmergencyExitLanes {
             agents: field.agents.len(),
             cells,
             stride,
-            nowhere: stride as u32 + 1,
+            nowhere: stride as i32 + 1,
             of_episode: (0..block.seeds.len())
                 .map(|episode| if given { 0 } else { episode })
                 .collect(),
@@ -135,9 +143,10 @@ impl LaneWorld for EmergencyExitLanes {
         let simultaneous = self.settings.update == Update::Simultaneous;
         Room {
             free: vec![0; self.cells * L::WIDTH],
-            places: vec![[0; MOST_LANES]; self.agents],
+            places: vec![PerLane([0; MOST_LANES]); self.agents],
+            ways: vec![PerLane([0; MOST_LANES]); self.agents],
             moves: vec![
-                ([0; MOST_LANES], [0; MOST_LANES]);
+                (PerLane([0; MOST_LANES]), PerLane([0; MOST_LANES]));
                 if simultaneous { self.agents } else { 0 }
             ],
             inside: vec![0; self.agents],
@@ -181,41 +190,38 @@ impl LaneWorld for EmergencyExitLanes {
         for (lane, fitness) in fitness.iter_mut().enumerate() {
             *fitness = f64::from(steps - finished[lane]) / f64::from(steps);
             for places in &room.places {
-                *fitness -= terrains[lane].distance[places[lane] as usize];
+                *fitness -= terrains[lane].distance[places.0[lane] as usize];
             }
         }
     }
 }
 
-/// What the agents of all lanes see around them.
+/// What the copies of an agent in all lanes see around them.
 #[inline(always)]
 fn sense<L: Lanes>(
     free: &[u8],
     cells: usize,
     stride: usize,
-    terrains: &[&Terrain; MOST_LANES],
-    places: &[u32; MOST_LANES],
+    places: &PerLane,
+    ways: &PerLane,
 ) -> [L; SENSORS] {
-    let (mut above, mut beside, mut below, mut way) = (
-        [0; MOST_LANES],
-        [0; MOST_LANES],
-        [0; MOST_LANES],
-        [0; MOST_LANES],
+    let (mut above, mut beside, mut below) = (
+        PerLane([0; MOST_LANES]),
+        PerLane([0; MOST_LANES]),
+        PerLane([0; MOST_LANES]),
     );
     for lane in 0..L::WIDTH {
-        let place = places[lane] as usize;
-        way[lane] = terrains[lane].to_exit[place];
-        let around = lane * cells + place - 1;
-        above[lane] = four(free, around - stride);
-        beside[lane] = four(free, around);
-        below[lane] = four(free, around + stride);
+        let around = lane * cells + places.0[lane] as usize - 1;
+        above.0[lane] = four(free, around - stride);
+        beside.0[lane] = four(free, around);
+        below.0[lane] = four(free, around + stride);
     }
     let (above, beside, below) = (
-        L::Int::load(&above),
-        L::Int::load(&beside),
-        L::Int::load(&below),
+        L::Int::load(&above.0),
+        L::Int::load(&beside.0),
+        L::Int::load(&below.0),
     );
-    let way = L::Int::load(&way);
+    let way = L::Int::load(&ways.0);
     [
         half::<L>(way, 0),
         half::<L>(way, 16),
@@ -246,9 +252,40 @@ fn byte<L: Lanes>(row: L::Int, shift: i32) -> L {
 /// Four bytes as an integer.
 #[inline(always)]
 fn four(bytes: &[u8], at: usize) -> i32 {
-    let mut four = [0; 4];
-    four.copy_from_slice(&bytes[at..at + 4]);
-    i32::from_le_bytes(four)
+    debug_assert!(at + 4 <= bytes.len());
+    // SAFETY: agents stand on cells of the field or on `nowhere`; around both there is a border on all sides, and four
+    // bytes behind the last cell. Checked in debug builds, in which the tests run.
+    #[allow(unsafe_code)]
+    unsafe {
+        bytes
+            .as_ptr()
+            .add(at)
+            .cast::<i32>()
+            .read_unaligned()
+            .to_le()
+    }
+}
+
+/// `numbers[index]`
+#[inline(always)]
+fn get<T: Copy>(numbers: &[T], index: usize) -> T {
+    debug_assert!(index < numbers.len());
+    // SAFETY: see `four`: agents never leave their field, since the cells around it are never free.
+    #[allow(unsafe_code)]
+    unsafe {
+        *numbers.get_unchecked(index)
+    }
+}
+
+/// `numbers[index] = value`
+#[inline(always)]
+fn put<T>(numbers: &mut [T], index: usize, value: T) {
+    debug_assert!(index < numbers.len());
+    // SAFETY: as above.
+    #[allow(unsafe_code)]
+    unsafe {
+        *numbers.get_unchecked_mut(index) = value;
+    }
 }
 
 /// What to add to a cell's index to make the move of an agent; 0 where it is not inside.
@@ -271,30 +308,32 @@ impl<L: Lanes> Room<L> {
         for (lane, free) in self.free.chunks_exact_mut(world.cells).enumerate() {
             free.copy_from_slice(&terrains[lane].free);
         }
-        for (agent, places) in self.places.iter_mut().enumerate() {
-            for (place, terrain) in places.iter_mut().zip(terrains) {
-                *place = terrain.places[agent];
+        for agent in 0..world.agents {
+            for (lane, terrain) in terrains.iter().enumerate() {
+                let place = terrain.places[agent];
+                self.places[agent].0[lane] = place;
+                self.ways[agent].0[lane] = terrain.to_exit[place as usize];
             }
         }
         self.inside.fill(all);
         self.states.fill(L::splat(0.0));
     }
 
-    /// The moves that all lanes' copies of an agent want to make.
+    /// The cells to which all lanes' copies of an agent want to go.
     #[inline(always)]
     fn decide(
         &mut self,
         agent: usize,
         world: &EmergencyExitLanes,
-        terrains: &[&Terrain; MOST_LANES],
         controllers: &mut LaneController<'_, L>,
-    ) -> [i32; MOST_LANES] {
+    ) -> PerLane {
+        let places = &self.places[agent];
         let sensors: [L; SENSORS] = sense(
             &self.free,
             world.cells,
             world.stride,
-            terrains,
-            &self.places[agent],
+            places,
+            &self.ways[agent],
         );
         let mut actuators = [L::splat(0.0); ACTUATORS];
         let length = controllers.state_length();
@@ -303,9 +342,27 @@ impl<L: Lanes> Room<L> {
             &sensors,
             &mut actuators,
         );
-        let mut moves = [0; MOST_LANES];
-        steps(actuators, world.stride as i32, self.inside[agent]).store(&mut moves);
-        moves
+        let mut targets = PerLane([0; MOST_LANES]);
+        let step: L::Int = steps(actuators, world.stride as i32, self.inside[agent]);
+        L::Int::load(&places.0).add(step).store(&mut targets.0);
+        targets
+    }
+
+    /// Takes those who stand on an exit out. Returns the lanes in which the agent is still inside.
+    #[inline(always)]
+    fn leave(&mut self, agent: usize, world: &EmergencyExitLanes) -> u32 {
+        let ways = L::Int::load(&self.ways[agent].0);
+        let mut out = ways.eq(L::Int::splat(EXIT)).bits();
+        self.inside[agent] &= !out;
+        while out != 0 {
+            let lane = out.trailing_zeros() as usize;
+            out &= out - 1;
+            let place = &mut self.places[agent].0[lane];
+            self.free[lane * world.cells + *place as usize] = 1;
+            *place = world.nowhere;
+            self.ways[agent].0[lane] = 0;
+        }
+        self.inside[agent]
     }
 
     /// One after another. Returns the lanes in which somebody is still inside.
@@ -321,24 +378,24 @@ impl<L: Lanes> Room<L> {
             if self.inside[agent] == 0 {
                 continue;
             }
-            let moves = self.decide(agent, world, terrains, controllers);
-            let places = &mut self.places[agent];
-            let mut out = 0;
+            let targets = self.decide(agent, world, controllers);
+            let (places, ways, free) = (
+                &mut self.places[agent],
+                &mut self.ways[agent],
+                &mut self.free,
+            );
             for lane in 0..L::WIDTH {
-                let free = &mut self.free[lane * world.cells..][..world.cells];
-                let place = places[lane];
-                let target = place.wrapping_add_signed(moves[lane]);
-                let moved = free[target as usize];
+                let base = lane * world.cells;
+                let (place, target) = (places.0[lane], targets.0[lane]);
+                let moved = get(free, base + target as usize);
                 let there = if moved == 1 { target } else { place };
-                let is_exit = terrains[lane].to_exit[there as usize] == EXIT;
-                // The cell that was left is free, the one entered is not, unless it is an exit.
-                free[place as usize] = moved;
-                free[there as usize] = u8::from(is_exit);
-                places[lane] = if is_exit { world.nowhere } else { there };
-                out |= u32::from(is_exit) << lane;
+                // The cell that was left is free, the one entered is not. Who stays stays on a cell that is not.
+                put(free, base + place as usize, moved);
+                put(free, base + there as usize, 0);
+                places.0[lane] = there;
+                ways.0[lane] = get(&terrains[lane].to_exit, there as usize);
             }
-            self.inside[agent] &= !out;
-            any |= self.inside[agent];
+            any |= self.leave(agent, world);
         }
         any
     }
@@ -353,22 +410,21 @@ impl<L: Lanes> Room<L> {
     ) -> u32 {
         for agent in 0..world.agents {
             if self.inside[agent] != 0 {
-                let moves = self.decide(agent, world, terrains, controllers);
-                self.moves[agent] = (self.places[agent], moves);
+                self.moves[agent] = (self.places[agent], self.decide(agent, world, controllers));
             }
         }
         for agent in 0..world.agents {
             if self.inside[agent] == 0 {
                 continue;
             }
-            let (places, (_, moves)) = (&mut self.places[agent], &self.moves[agent]);
+            let (places, (_, targets)) = (&mut self.places[agent], &self.moves[agent]);
             for lane in 0..L::WIDTH {
-                let free = &mut self.free[lane * world.cells..][..world.cells];
-                let target = places[lane].wrapping_add_signed(moves[lane]);
-                if free[target as usize] == 1 {
-                    places[lane] = target;
+                let base = lane * world.cells;
+                let target = targets.0[lane];
+                if get(&self.free, base + target as usize) == 1 {
+                    places.0[lane] = target;
                 }
-                free[places[lane] as usize] = 0;
+                put(&mut self.free, base + places.0[lane] as usize, 0);
             }
         }
         let mut any = 0;
@@ -376,19 +432,15 @@ impl<L: Lanes> Room<L> {
             if self.inside[agent] == 0 {
                 continue;
             }
-            let (places, (before, _)) = (&mut self.places[agent], &self.moves[agent]);
-            let mut out = 0;
+            let (places, (before, _)) = (&self.places[agent], &self.moves[agent]);
             for lane in 0..L::WIDTH {
-                let free = &mut self.free[lane * world.cells..][..world.cells];
-                let there = places[lane];
-                let is_exit = terrains[lane].to_exit[there as usize] == EXIT;
-                free[before[lane] as usize] |= u8::from(before[lane] != there);
-                free[there as usize] |= u8::from(is_exit);
-                places[lane] = if is_exit { world.nowhere } else { there };
-                out |= u32::from(is_exit) << lane;
+                let (left, there) = (before.0[lane], places.0[lane]);
+                if left != there {
+                    put(&mut self.free, lane * world.cells + left as usize, 1);
+                }
+                self.ways[agent].0[lane] = get(&terrains[lane].to_exit, there as usize);
             }
-            self.inside[agent] &= !out;
-            any |= self.inside[agent];
+            any |= self.leave(agent, world);
         }
         any
     }
