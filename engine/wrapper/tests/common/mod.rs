@@ -18,7 +18,7 @@ pub const STEP_TIMEOUT: Duration = Duration::from_secs(60);
 /// Agents that add up what they are told; `trouble` says what goes wrong in episodes whose seed is a multiple of 3.
 #[derive(Clone, Default)]
 pub struct Walk {
-    pub duplicable: bool,
+    duplicable: bool,
     trouble: String,
     seed: u64,
     step: u32,
@@ -27,6 +27,14 @@ pub struct Walk {
 }
 
 impl Walk {
+    /// One that can be duplicated.
+    pub fn duplicable() -> Box<dyn Simulation> {
+        Box::new(Self {
+            duplicable: true,
+            ..Self::default()
+        })
+    }
+
     fn is_in(&self, trouble: &str) -> bool {
         self.trouble == trouble && self.seed.is_multiple_of(3) && self.step == 2
     }
@@ -178,10 +186,7 @@ impl Server {
     }
 
     pub fn of_walks() -> Self {
-        Self::new(vec![Box::new(Walk {
-            duplicable: true,
-            ..Walk::default()
-        })])
+        Self::new(vec![Walk::duplicable()])
     }
 
     pub fn receive(&mut self, topic: &str, payload: &[u8]) {
