@@ -14,25 +14,39 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM or SIGHUP arrived; handled like Ctrl-C wherever nobody asks which of them it was."""
 
 
-def _terminate(_signal: int, _frame: FrameType | None) -> None:
-    raise Terminated
+_arrived: list[type[KeyboardInterrupt]] = []
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> None:
+    ending = KeyboardInterrupt if number == signal.SIGINT else Terminated
+    _arrived.append(ending)
+    raise ending
+
+
+def check() -> None:
+    """Raise again what a signal raised that somebody swallowed, as C code below Python at times does."""
+    if _arrived:
+        raise _arrived[-1]
 
 
 @contextmanager
 def terminate_like_interrupt() -> Iterator[None]:
-    """Within this block SIGTERM and a hung-up terminal raise `Terminated`, so that every `finally` runs."""
+    """Within this block SIGTERM and a hung-up terminal raise `Terminated`, so that every `finally` runs.
+
+    SIGINT raises KeyboardInterrupt, as ever.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    _arrived.clear()
     # Shells let what they start in the background ignore SIGINT; whoever sends it all the same means it.
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     # SIGHUP stays ignored under nohup.
-    signals = [s for s in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(s) is signal.SIG_DFL]
-    for number in signals:
-        signal.signal(number, _terminate)
+    signals = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signals.append(signal.SIGHUP)
+    before = [signal.signal(number, _interrupt) for number in signals]
     try:
         yield
     finally:
-        for number in signals:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler or signal.SIG_DFL)

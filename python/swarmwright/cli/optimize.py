@@ -19,7 +19,7 @@ from swarmwright.cli._options import (
 )
 from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._progress import duration, progress
-from swarmwright.cli._signals import INTERRUPTED
+from swarmwright.cli._signals import INTERRUPTED, check
 
 if TYPE_CHECKING:
     from swarmwright import Generation, Run
@@ -97,6 +97,7 @@ class Reader:
 
     def show(self, progress: "Progress", generation: "Generation") -> bool:
         """Show a generation; whether to go on."""
+        check()
         try:
             progress.generation(generation)
         except BrokenPipeError:

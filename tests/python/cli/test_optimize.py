@@ -202,12 +202,13 @@ def test_a_run_in_the_background_of_a_script_can_be_interrupted(tmp_path: Path) 
     (tmp_path / "endless.yaml").write_text(ENDLESS)
     script = f"""
         {sys.executable} -m swarmwright optimize endless.yaml --out result > shown & run=$!
-        until grep -q generation shown; do sleep 0.05; done
+        trap 'kill -KILL $run 2> /dev/null' EXIT
+        until grep -q generation shown; do kill -0 $run || exit 1; sleep 0.05; done
         kill -INT $run
         wait $run
     """
     result = subprocess.run(
-        ["bash", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, timeout=40, check=False
+        ["timeout", "50", "bash", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, timeout=55, check=False
     )
     assert result.returncode == 130
     assert b"Traceback" not in result.stderr
