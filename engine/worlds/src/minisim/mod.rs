@@ -19,6 +19,7 @@
 //! arrived); s, the division and the subtraction in binary64. At the start all agents are free, wherever they stand.
 
 mod lanes;
+mod nearest;
 mod settings;
 
 use crate::{
@@ -26,6 +27,7 @@ use crate::{
     Scene, Simulation,
 };
 pub(crate) use lanes::MinisimLanes;
+use nearest::Nearest;
 use settings::{MAX_BODIES, Settings};
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 
@@ -48,6 +50,10 @@ pub struct Minisim {
     defenders: Vec<Point>,
     /// Free agents, ascending; none once the episode has ended.
     acting: Vec<u32>,
+    /// Where the defenders are, to be asked for the closest one.
+    near_defenders: Nearest,
+    /// Where the free agents are, while the defenders move.
+    near_agents: Nearest,
     step: u32,
 }
 
@@ -67,18 +73,6 @@ fn distance(from: Point, to: Point) -> f32 {
     squared_distance(from, to).sqrt()
 }
 
-/// The candidate closest to `from`, the first on ties, and its squared distance.
-fn closest(from: Point, candidates: impl Iterator<Item = Point>) -> Option<(Point, f32)> {
-    let mut best: Option<(Point, f32)> = None;
-    for candidate in candidates {
-        let q = squared_distance(from, candidate);
-        if best.is_none_or(|(_, least)| q < least) {
-            best = Some((candidate, q));
-        }
-    }
-    best
-}
-
 fn limit(value: f32, high: f32) -> f32 {
     let value = if value < 0.0 { 0.0 } else { value };
     if value > high { high } else { value }
@@ -88,18 +82,18 @@ impl Minisim {
     fn at_start(settings: Settings) -> Self {
         let (agents, defenders) = (settings.agents.clone(), settings.defenders.clone());
         let acting = (0..settings.count()).collect();
+        let mut near_defenders = Nearest::default();
+        near_defenders.fill(settings.map, defenders.iter().copied());
         Self {
             states: vec![State::Free; agents.len()],
             settings,
             agents,
             defenders,
             acting,
+            near_defenders,
+            near_agents: Nearest::default(),
             step: 0,
         }
-    }
-
-    fn closest_defender(&self, from: Point) -> Option<(Point, f32)> {
-        closest(from, self.defenders.iter().copied())
     }
 
     fn move_agents(&mut self, actuators: &[f32]) {
@@ -115,9 +109,10 @@ impl Minisim {
 
     fn move_defenders(&mut self) {
         let speed = self.settings.speed_defenders;
+        let free = self.acting.iter().map(|agent| self.agents[*agent as usize]);
+        self.near_agents.fill(self.settings.map, free);
         for defender in &mut self.defenders {
-            let free = self.acting.iter().map(|agent| self.agents[*agent as usize]);
-            let Some((target, q)) = closest(*defender, free) else {
+            let Some((target, q)) = self.near_agents.closest(*defender) else {
                 return;
             };
             let d = q.sqrt();
@@ -129,6 +124,8 @@ impl Minisim {
                 *defender = [defender[0] + dx * f, defender[1] + dy * f];
             }
         }
+        self.near_defenders
+            .fill(self.settings.map, self.defenders.iter().copied());
     }
 
     fn judge_agents(&mut self) {
@@ -137,7 +134,7 @@ impl Minisim {
             let position = self.agents[agent];
             if distance(position, self.settings.goal) <= self.settings.goal_radius {
                 self.states[agent] = State::Arrived;
-            } else if let Some((_, q)) = self.closest_defender(position)
+            } else if let Some((_, q)) = self.near_defenders.closest(position)
                 && q.sqrt() <= self.settings.capture_radius
             {
                 self.states[agent] = State::Caught;
@@ -178,7 +175,8 @@ impl Simulation for Minisim {
         let goal = self.settings.goal;
         let to_goal = [(goal[0] - x) / width, (goal[1] - y) / height];
         let to_defender = self
-            .closest_defender([x, y])
+            .near_defenders
+            .closest([x, y])
             .map_or([0.0; 2], |(defender, _)| {
                 [(defender[0] - x) / width, (defender[1] - y) / height]
             });
