@@ -15,6 +15,10 @@ Validators = Callable[[str], Draft202012Validator]
 Value: TypeAlias = Any  # JSON of whatever shape
 TOOL = {"discovery", "parameters", "control", "actuator"}
 SERVER = {"server", "sensor", "fitness", "presence"}
+# Extensions: a topic for several messages.
+TO_SERVER = {"evaluate", "batch_start", "batch_actuators"}
+TO_TOOL = {"evaluated", "batch_sensors"}
+BLOCKS = TO_SERVER | TO_TOOL
 
 
 @pytest.fixture(scope="module")
@@ -25,14 +29,15 @@ def document(protocol: Path) -> Value:
 
 def test_each_message_refers_to_its_schema(document: Value, protocol: Path) -> None:
     messages = document["components"]["messages"]
-    assert set(messages) == TOOL | SERVER | {"farewell"}
-    for name in TOOL | SERVER:
+    assert set(messages) == TOOL | SERVER | BLOCKS | {"farewell"}
+    for name in TOOL | SERVER | BLOCKS:
+        assert messages[name]["contentType"] == f"application/{'msgpack' if name in BLOCKS else 'json'}"
         assert messages[name]["payload"]["$ref"] == f"./schemas/{name}.schema.json"
         assert (protocol / messages[name]["payload"]["$ref"]).is_file()
 
 
 def test_examples_fit_their_schemas(document: Value, validators: Validators) -> None:
-    for name in TOOL | SERVER:
+    for name in TOOL | SERVER | BLOCKS:
         examples = document["components"]["messages"][name]["examples"]
         assert examples
         for example in examples:
@@ -42,13 +47,26 @@ def test_examples_fit_their_schemas(document: Value, validators: Validators) -> 
 def test_addresses_are_the_topics(document: Value) -> None:
     addresses = {name: channel["address"] for name, channel in document["channels"].items()}
     expected = {name: f"{{prefix}}{name}" for name in (TOOL | SERVER) - {"presence"}}
-    assert addresses == {**expected, "presence": "{prefix}swarmwright/v1/presence/{server}"}
+    assert addresses == {
+        **expected,
+        "presence": "{prefix}swarmwright/v1/presence/{server}",
+        "to_server": "{prefix}swarmwright/v1/server/{server}",
+        "to_tool": "{prefix}swarmwright/v1/tool/{token}",
+    }
     assert document["components"]["parameters"]["prefix"]["default"] == ""
+
+
+def test_each_topic_of_blocks_has_its_messages(document: Value) -> None:
+    for channel, expected in (("to_server", TO_SERVER), ("to_tool", TO_TOOL)):
+        assert set(document["channels"][channel]["messages"]) == expected
 
 
 @pytest.mark.parametrize(
     ("role", "sends", "receives"),
-    [("optimization tool", TOOL, SERVER), ("simulation server", SERVER, TOOL)],
+    [
+        ("optimization tool", TOOL | {"to_server"}, SERVER | {"to_tool"}),
+        ("simulation server", SERVER | {"to_tool"}, TOOL | {"to_server"}),
+    ],
 )
 def test_what_one_role_sends_the_other_receives(
     document: Value, role: str, sends: set[str], receives: set[str]

@@ -20,7 +20,11 @@ def test_names_are_the_addresses(topics: Json, protocol: Path) -> None:
     for vector in topics["names"]:
         prefix = vector["prefix"].removesuffix("/")
         assert fits(prefix)
-        values = {"prefix": prefix and f"{prefix}/", "server": vector.get("server")}
+        values = {
+            "prefix": prefix and f"{prefix}/",
+            "server": vector.get("server"),
+            "token": vector.get("token"),
+        }
         assert channels[vector["message"]]["address"].format(**values) == vector["topic"]
     assert {vector["message"] for vector in topics["names"]} == set(channels)
 
@@ -31,7 +35,10 @@ def test_prefixes_are_refused(topics: Json) -> None:
 
 def test_foreign_topics_match_no_address(topics: Json, protocol: Path) -> None:
     channels = YAML(typ="safe").load(protocol / "asyncapi.yaml")["channels"]
-    addresses = [channel["address"].replace("{server}", "[0-9]+") for channel in channels.values()]
+    addresses = [
+        channel["address"].replace("{server}", "[0-9]+").replace("{token}", "[A-Za-z0-9_-]+")
+        for channel in channels.values()
+    ]
     for vector in topics["foreign"]:
         prefix = vector["prefix"] and f"{vector['prefix']}/"
         expected = [address.replace("{prefix}", re.escape(prefix)) for address in addresses]

@@ -1,0 +1,163 @@
+"""The vectors of the extension messages: a reader of its own and the schemas must say what the vectors say."""
+
+import base64
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+Validators = Callable[[str], Draft202012Validator]
+Json = dict[str, Any]
+PROTOCOL = Path(__file__).parents[2] / "protocol"
+VECTORS: list[Json] = json.loads((PROTOCOL / "vectors" / "extension.json").read_text(encoding="utf-8"))
+SCHEMAS = {
+    "evaluate": "evaluate",
+    "start": "batch_start",
+    "actuators": "batch_actuators",
+    "evaluated": "evaluated",
+    "sensors": "batch_sensors",
+}
+ARRAYS = {
+    "genomes": "<f4",
+    "seeds": "<u8",
+    "fitness": "<f8",
+    "episodes": "<u4",
+    "agents": "<u4",
+    "sensors": "<f4",
+    "ended": "<u4",
+    "actuators": "<f4",
+}
+# What is left out means this.
+DEFAULTS: dict[str, Json] = {
+    "evaluated": {"fitness": b"", "metrics": {}, "failed": [], "error": None},
+    "sensors": {"failed": [], "error": None},
+}
+
+
+class RefusedError(Exception):
+    """The payload is no message."""
+
+
+def plain(value: Any) -> Any:
+    """The message as the schemas see it: base64 for binary, no NaN."""
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return value
+
+
+def demand(condition: object, reason: str) -> None:
+    if not condition:
+        raise RefusedError(reason)
+
+
+def array(key: str, value: bytes) -> "np.ndarray[Any, Any]":
+    kind = np.dtype(ARRAYS.get(key, "<f8"))
+    demand(len(value) % kind.itemsize == 0, f"{key}: no whole number of numbers")
+    return np.frombuffer(value, kind)
+
+
+def check(message: Json) -> None:
+    """What no schema can say: shapes and finite numbers."""
+    arrays = {key: array(key, value) for key, value in message.items() if key in ARRAYS}
+    for key in ("genomes", "actuators", "sensors"):
+        demand(np.isfinite(arrays.get(key, np.empty(0))).all(), f"{key}: not finite")
+    if "seeds" in arrays:
+        demand(arrays["seeds"].size, "seeds: none")
+    demand(math.isfinite(message.get("lease", 0)), "lease: no number")
+    if message["kind"] == "evaluated":
+        bad = int((~np.isfinite(arrays["fitness"])).sum())
+        demand(bad == len(message["failed"]), "failed does not say what has no fitness")
+        for name, values in message["metrics"].items():
+            demand(array(name, values).size == arrays["fitness"].size, f"{name}: another shape")
+    if message["kind"] == "sensors":
+        demand(np.isfinite(arrays["fitness"]).all(), "fitness: not finite")
+        demand(arrays["fitness"].size == arrays["ended"].size, "fitness: another shape than ended")
+        demand(arrays["agents"].size == arrays["episodes"].size, "agents: another shape than episodes")
+
+
+def unpack(payload: bytes) -> Json:
+    try:
+        message = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+    except (ValueError, msgpack.exceptions.UnpackException) as error:
+        raise RefusedError(str(error)) from error
+    demand(isinstance(message, dict), "no map")
+    return dict(message)
+
+
+def read(topic: str, payload: bytes, validators: Validators) -> Json:
+    """The typed message, defaults filled in."""
+    message = unpack(payload)
+    kinds = ("evaluate", "start", "actuators") if topic == "to_server" else ("evaluated", "sensors")
+    demand(message.get("kind") in kinds, "another kind")
+    validator = validators(SCHEMAS[message["kind"]])
+    demand(validator.is_valid(plain(message)), "does not fit its schema")
+    # Base64 stands for binary in the schemas; text in its place is another thing.
+    demand(all(isinstance(message[key], bytes) for key in ARRAYS if key in message), "text for binary")
+    known = set(validator.schema["properties"])  # type: ignore[index]
+    message = {**DEFAULTS.get(message["kind"], {}), **{k: v for k, v in message.items() if k in known}}
+    check(message)
+    return message
+
+
+def bits(key: str, value: bytes) -> list[str]:
+    size = np.dtype(ARRAYS.get(key, "<f8")).itemsize
+    return [value[start : start + size][::-1].hex() for start in range(0, len(value), size)]
+
+
+def reading(message: Json) -> Json:
+    """As the vectors write it: numbers of arrays by their bits."""
+    read: Json = {
+        key: bits(key, value) if isinstance(value, bytes) else value for key, value in message.items()
+    }
+    if "metrics" in read:
+        read["metrics"] = {name: bits(name, values) for name, values in read["metrics"].items()}
+    return read
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=[vector["name"] for vector in VECTORS])
+def test_vector_is_accepted_or_refused_and_read_as_it_says(vector: Json, validators: Validators) -> None:
+    payload = base64.b64decode(vector["bytes"], validate=True)
+    try:
+        message = read(vector["topic"], payload, validators)
+    except RefusedError:
+        assert not vector["accept"]
+        return
+    assert vector["accept"]
+    assert reading(message) == vector["reading"]
+
+
+@pytest.mark.parametrize(
+    "vector", [v for v in VECTORS if v.get("canonical")], ids=lambda vector: vector["name"]
+)
+def test_canonical_vector_is_what_msgpack_writes(vector: Json) -> None:
+    payload = base64.b64decode(vector["bytes"])
+    assert msgpack.packb(msgpack.unpackb(payload)) == payload
+
+
+@pytest.mark.parametrize("vector", [v for v in VECTORS if v.get("schema")], ids=lambda vector: vector["name"])
+def test_what_a_schema_cannot_say_is_said_by_the_reader(vector: Json, validators: Validators) -> None:
+    message = unpack(base64.b64decode(vector["bytes"]))
+    validators(SCHEMAS[message["kind"]]).validate(plain(message))
+    assert not vector["accept"]
+
+
+def test_vectors_have_both_outcomes_of_every_kind() -> None:
+    for accept in (True, False):
+        found = set()
+        for vector in VECTORS:
+            if vector["accept"] is accept:
+                try:
+                    found.add(unpack(base64.b64decode(vector["bytes"])).get("kind"))
+                except RefusedError:
+                    assert not accept
+        assert set(SCHEMAS) <= found
