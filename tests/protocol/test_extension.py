@@ -1,4 +1,4 @@
-"""The vectors of the extension messages: a reader of its own and the schemas must say what the vectors say."""
+"""The vectors of the extension messages: a reader of its own and the schemas say what the vectors say."""
 
 import base64
 import json
