@@ -24,11 +24,13 @@
 //! ```
 
 mod level;
+mod pair;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 pub use level::{Kernel, Level};
+pub use pair::{Pair, PairInt, PairMask};
 
 /// A vector of binary32, one number per lane, and its companions: integers and conditions.
 ///
@@ -82,7 +84,7 @@ pub trait Lanes: Copy {
 pub trait Mask: Copy {
     /// Bit i is the condition of lane i.
     fn bits(self) -> u32;
-    /// The conditions in the lowest bits.
+    /// The conditions in the lowest bits; those above do not count.
     fn from_bits(bits: u32) -> Self;
     /// Both hold.
     fn and(self, other: Self) -> Self;

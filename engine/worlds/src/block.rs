@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, LaneController};
-use swarmwright_lanes::{Kernel, Lanes, Level};
+use swarmwright_lanes::{Kernel, Lanes, Level, Pair};
 
 use crate::{ParameterError, Parameters, RolloutError, Simulation, rollout};
 
@@ -95,8 +95,8 @@ pub(crate) trait LaneWorld: Sync + Sized {
     );
 }
 
-/// Most lanes of any instruction set.
-const MOST_LANES: usize = 16;
+/// Most lanes of any instruction set, in pairs.
+pub(crate) const MOST_LANES: usize = 32;
 
 struct Part<'a, W> {
     world: &'a W,
@@ -110,29 +110,44 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let episodes_each = self.block.seeds.len();
-        let mut controllers = LaneController::<L>::new(self.block.architecture);
-        let mut room = self.world.room::<L>(&controllers);
-        let mut lanes = [0.0; MOST_LANES];
-        for (group, fitness) in self.fitness.chunks_mut(L::WIDTH).enumerate() {
-            let first = self.first + group * L::WIDTH;
-            // Lanes without an episode of their own repeat the last one.
-            let pair = |lane: usize| first + lane.min(fitness.len() - 1);
-            let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
-            let mut episodes = [0; MOST_LANES];
-            for lane in 0..L::WIDTH {
-                genomes[lane] = self.block.genome(pair(lane) / episodes_each);
-                episodes[lane] = pair(lane) % episodes_each;
-            }
-            controllers.load(&genomes[..L::WIDTH]);
-            self.world.rollout(
-                &mut room,
-                &mut controllers,
-                &episodes[..L::WIDTH],
-                &mut lanes[..L::WIDTH],
-            );
-            fitness.copy_from_slice(&lanes[..fitness.len()]);
+        // Pairs of vectors while there are episodes for more than one.
+        let rest = self.fitness.len() % Pair::<L>::WIDTH;
+        let single = if rest > L::WIDTH { 0 } else { rest };
+        let (paired, single) = self.fitness.split_at_mut(self.fitness.len() - single);
+        let behind = self.first + paired.len();
+        groups::<Pair<L>, W>(self.world, self.block, self.first, paired);
+        groups::<L, W>(self.world, self.block, behind, single);
+    }
+}
+
+/// Evaluates episodes from `first` on, as many as `fitness` has places, a vector of lanes at a time.
+#[inline(always)]
+fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, fitness: &mut [f64]) {
+    if fitness.is_empty() {
+        return;
+    }
+    let episodes_each = block.seeds.len();
+    let mut controllers = LaneController::<L>::new(block.architecture);
+    let mut room = world.room::<L>(&controllers);
+    let mut lanes = [0.0; MOST_LANES];
+    for (group, fitness) in fitness.chunks_mut(L::WIDTH).enumerate() {
+        let first = first + group * L::WIDTH;
+        // Lanes without an episode of their own repeat the last one.
+        let pair = |lane: usize| first + lane.min(fitness.len() - 1);
+        let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
+        let mut episodes = [0; MOST_LANES];
+        for lane in 0..L::WIDTH {
+            genomes[lane] = block.genome(pair(lane) / episodes_each);
+            episodes[lane] = pair(lane) % episodes_each;
         }
+        controllers.load(&genomes[..L::WIDTH]);
+        world.rollout(
+            &mut room,
+            &mut controllers,
+            &episodes[..L::WIDTH],
+            &mut lanes[..L::WIDTH],
+        );
+        fitness.copy_from_slice(&lanes[..fitness.len()]);
     }
 }
 

@@ -12,9 +12,8 @@ use super::grid::Grid;
 use super::settings::{self, Settings, Update};
 use super::{ACTUATORS, SENSORS};
 use crate::ParameterError;
-use crate::block::{Block, LaneWorld};
+use crate::block::{Block, LaneWorld, MOST_LANES};
 
-const MOST_LANES: usize = 16;
 /// Added to dx and dy in `Terrain::to_exit`, so that both are positive: sides are far below 2^15.
 const BIAS: i32 = 1 << 15;
 /// dx = dy = 0: an exit.

@@ -6,7 +6,7 @@ use swarmwright_lanes::{Lanes, Mask};
 
 use super::settings::Settings;
 use crate::ParameterError;
-use crate::block::{Block, LaneWorld};
+use crate::block::{Block, LaneWorld, MOST_LANES};
 
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 32;
@@ -48,7 +48,7 @@ impl<L: Lanes> Points<L> {
     /// Each lane's own point.
     #[inline(always)]
     fn gather(mut point: impl FnMut(usize) -> [f32; 2]) -> Self {
-        let (mut x, mut y) = ([0.0; 16], [0.0; 16]);
+        let (mut x, mut y) = ([0.0; MOST_LANES], [0.0; MOST_LANES]);
         for lane in 0..L::WIDTH {
             [x[lane], y[lane]] = point(lane);
         }
@@ -247,7 +247,7 @@ impl<L: Lanes> Room<L> {
     #[inline(always)]
     fn fitness(&self, goal: Points<L>, fitness: &mut [f64]) {
         fitness.fill(0.0);
-        let mut distances = [0.0; 16];
+        let mut distances = [0.0; MOST_LANES];
         for agent in &self.agents {
             goal.minus(agent.at).square().sqrt().store(&mut distances);
             for (lane, (sum, distance)) in fitness.iter_mut().zip(distances).enumerate() {

@@ -1,0 +1,149 @@
+//! Twice the lanes: two vectors side by side, so that a processor that waits for one works on the other.
+
+use crate::{Int, Lanes, Mask};
+
+/// Two vectors as one of twice the width.
+///
+/// A rollout is one long chain in which each operation waits for the one before; two chains that do not wait for each
+/// other keep the processor busy. Use it where there are enough episodes, and registers are not short.
+#[derive(Debug, Clone, Copy)]
+pub struct Pair<L>(L, L);
+
+/// Conditions of a [`Pair`].
+#[derive(Debug, Clone, Copy)]
+pub struct PairMask<L: Lanes>(L::Mask, L::Mask);
+
+/// Integers of a [`Pair`].
+#[derive(Debug, Clone, Copy)]
+pub struct PairInt<L: Lanes>(L::Int, L::Int);
+
+macro_rules! both {
+    ($($name:ident($($other:ident),*);)*) => {$(
+        #[inline(always)]
+        fn $name(self, $($other: Self),*) -> Self {
+            Self(self.0.$name($($other.0),*), self.1.$name($($other.1),*))
+        }
+    )*};
+}
+
+macro_rules! compare {
+    ($($name:ident($($other:ident),*);)*) => {$(
+        #[inline(always)]
+        fn $name(self, $($other: Self),*) -> PairMask<L> {
+            PairMask(self.0.$name($($other.0),*), self.1.$name($($other.1),*))
+        }
+    )*};
+}
+
+impl<L: Lanes> Lanes for Pair<L> {
+    const WIDTH: usize = 2 * L::WIDTH;
+    type Mask = PairMask<L>;
+    type Int = PairInt<L>;
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self(L::splat(value), L::splat(value))
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let (low, high) = from.split_at(L::WIDTH);
+        Self(L::load(low), L::load(high))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let (low, high) = to.split_at_mut(L::WIDTH);
+        self.0.store(low);
+        self.1.store(high);
+    }
+    both! {
+        add(other);
+        sub(other);
+        mul(other);
+        neg();
+        div(other);
+        sqrt();
+        at_most(limit);
+        at_least(limit);
+    }
+    compare! {
+        lt(other);
+        le(other);
+        is_nan();
+    }
+    #[inline(always)]
+    fn select(self, other: Self, condition: PairMask<L>) -> Self {
+        Self(
+            self.0.select(other.0, condition.0),
+            self.1.select(other.1, condition.1),
+        )
+    }
+    #[inline(always)]
+    fn floor(self) -> PairInt<L> {
+        PairInt(self.0.floor(), self.1.floor())
+    }
+    #[inline(always)]
+    fn from_int(int: PairInt<L>) -> Self {
+        Self(L::from_int(int.0), L::from_int(int.1))
+    }
+}
+
+impl<L: Lanes> Mask for PairMask<L> {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        self.0.bits() | self.1.bits() << L::WIDTH
+    }
+    #[inline(always)]
+    fn from_bits(bits: u32) -> Self {
+        Self(L::Mask::from_bits(bits), L::Mask::from_bits(bits >> L::WIDTH))
+    }
+    both! {
+        and(other);
+        or(other);
+        and_not(other);
+    }
+}
+
+impl<L: Lanes> Int for PairInt<L> {
+    type Mask = PairMask<L>;
+
+    #[inline(always)]
+    fn splat(value: i32) -> Self {
+        Self(L::Int::splat(value), L::Int::splat(value))
+    }
+    #[inline(always)]
+    fn load(from: &[i32]) -> Self {
+        let (low, high) = from.split_at(L::WIDTH);
+        Self(L::Int::load(low), L::Int::load(high))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [i32]) {
+        let (low, high) = to.split_at_mut(L::WIDTH);
+        self.0.store(low);
+        self.1.store(high);
+    }
+    both! {
+        add(other);
+        sub(other);
+        mul(other);
+        and(other);
+        or(other);
+        xor(other);
+        shl(other);
+        shr(other);
+    }
+    compare! {
+        eq(other);
+        lt(other);
+    }
+    #[inline(always)]
+    fn select(self, other: Self, condition: PairMask<L>) -> Self {
+        Self(
+            self.0.select(other.0, condition.0),
+            self.1.select(other.1, condition.1),
+        )
+    }
+    #[inline(always)]
+    fn lookup(self, table: &[i32]) -> Self {
+        Self(self.0.lookup(table), self.1.lookup(table))
+    }
+}
