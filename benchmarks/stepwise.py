@@ -2,16 +2,30 @@
 
 import json
 import random
-import struct
 import time
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import paho.mqtt.client as mqtt
+from numpy.typing import NDArray
 from paho.mqtt.enums import CallbackAPIVersion
 
 from benchmarks.processes import PATIENCE, Broker
 from swarmwright import _engine
+
+ARCHITECTURE = json.dumps(
+    {
+        "version": 1,
+        "kind": "layered",
+        "sensors": 4,
+        "actuators": 1,
+        "hidden": [8],
+        "activation": "tanh",
+        "output_range": [-1, 1],
+    }
+)
+"""4-8-1 networks."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +63,7 @@ class Stepwise:
             requirements='{"dimensions": 2}',
             prefix=prefix,
             tool="bench",
+            mode="stepwise",
         )
         self._servers = servers
         self._pool.wait_for_server()
@@ -68,11 +83,11 @@ class Stepwise:
 
     def _block(self, episodes: int) -> tuple[Evaluation, int]:
         """A block, and how many servers took part."""
-        controllers = _controllers(episodes)
+        genomes = _genomes(episodes)
         start = time.perf_counter()
-        fitness, journal = self._pool.evaluate(controllers, [0])
+        fitness, journal = self._pool.evaluate(ARCHITECTURE, genomes, [0])
         seconds = time.perf_counter() - start
-        expected = _engine.rollout("minisim", json.dumps(self._parameters), controllers, [0])
+        expected = _engine.evaluate("minisim", json.dumps(self._parameters), ARCHITECTURE, genomes, [0])
         if fitness.tobytes() != expected.tobytes():
             raise SystemExit("stepwise evaluation and a rollout in this process give different fitness")
         attempts: list[dict[str, Any]] = [json.loads(line) for line in journal.splitlines()]
@@ -115,23 +130,8 @@ def message_sizes(broker: Broker, prefix: str) -> tuple[int, int]:
     return sensor, actuator
 
 
-def _controllers(count: int) -> list[str]:
-    """Specifications of 4-8-1 networks with random weights, the same ones every time."""
+def _genomes(count: int) -> NDArray[np.float32]:
+    """Random weights of as many networks, the same ones every time."""
     source = random.Random(1)
-    specification = {
-        "version": 1,
-        "kind": "layered",
-        "sensors": 4,
-        "actuators": 1,
-        "hidden": [8],
-        "activation": "tanh",
-        "output_range": [-1, 1],
-    }
-    weights = [[_single(source.uniform(-2, 2)) for _ in range(49)] for _ in range(count)]
-    return [json.dumps({**specification, "weights": each}) for each in weights]
-
-
-def _single(value: float) -> float:
-    """The nearest binary32."""
-    nearest: float = struct.unpack("f", struct.pack("f", value))[0]
-    return nearest
+    weights = [[source.uniform(-2, 2) for _ in range(49)] for _ in range(count)]
+    return np.array(weights, dtype=np.float32)

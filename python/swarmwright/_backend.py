@@ -9,7 +9,8 @@ import secrets
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,28 @@ from swarmwright._errors import InputError, RunError, engine_errors
 from swarmwright._experiment import Experiment
 from swarmwright._local_servers import LocalServers, automatic_count
 from swarmwright._suggest import did_you_mean, unknown
+from swarmwright.representations import Representation
+from swarmwright.representations._base import Genomes
 
 Servers = int | Literal["auto", "local"]
 Progress = Callable[[int, int, str], None]
 """Called about ten times a second with (episodes done, episodes in all, what is waited for)."""
 
-_CHUNK = 32  # controllers that are evaluated in this process between two looks at progress and Ctrl-C
+
+@dataclass(frozen=True)
+class Crews:
+    """Controllers of one architecture; each steers all agents of its episodes."""
+
+    architecture: str
+    """A specification as JSON; its weights do not count."""
+    weights: NDArray[np.float32]
+    """(candidates, weights)"""
+
+    @classmethod
+    def of(cls, representation: Representation, genomes: Genomes) -> Self:
+        """Return the controllers that genomes stand for."""
+        architecture = json.dumps(representation.architecture(), allow_nan=False)
+        return cls(architecture, np.ascontiguousarray(representation.weights(genomes), dtype=np.float32))
 
 
 class Backend(Protocol):
@@ -37,9 +54,9 @@ class Backend(Protocol):
     """Where the work is done, for people and the journal."""
 
     def evaluate(
-        self, controllers: Sequence[str], seeds: Sequence[int], on_progress: Progress
+        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
     ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness, NaN where it failed, and a journal entry per episode."""
+        """Return (candidates, episodes) fitness, NaN where it failed, and a journal entry per attempt."""
 
 
 @contextmanager
@@ -56,10 +73,9 @@ def open_backend(
         visual: ask the server to draw.
 
     Raises:
-        InputError: the simulation is unknown, or the mode is not there yet.
+        InputError: the simulation is unknown, or broker and local servers are both asked for.
         RunError: no broker, no fitting server, a server that does not start.
     """
-    _check_mode(experiment)
     if broker is not None:
         problem = broker_problem(broker)
         if problem is not None:
@@ -136,14 +152,6 @@ def _pool(experiment: Experiment, address: str, *, visual: bool) -> _engine.Pool
     )
 
 
-def _check_mode(experiment: Experiment) -> None:
-    if experiment.mode == "offloaded":
-        raise InputError(
-            "mode: 'offloaded' is not possible yet: no simulation server evaluates whole controllers; "
-            "use 'auto' or 'stepwise'"
-        )
-
-
 def _require_built_in(simulation: str) -> None:
     if simulation not in _simulations.titles():
         raise InputError(
@@ -164,17 +172,19 @@ class LocalBackend:
         self._parameters = json.dumps(experiment.parameters, allow_nan=False)
 
     def evaluate(
-        self, controllers: Sequence[str], seeds: Sequence[int], on_progress: Progress
+        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
     ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
         """Return (candidates, episodes) fitness; the journal is empty, nothing can go wrong on the way."""
-        total = len(controllers) * len(seeds)
-        parts = [np.empty((0, len(seeds)))]
-        for start in range(0, len(controllers), _CHUNK):
-            part = list(controllers[start : start + _CHUNK])
-            with engine_errors():
-                parts.append(_engine.rollout(self._simulation, self._parameters, part, list(seeds)))
-            on_progress(min(start + _CHUNK, len(controllers)) * len(seeds), total, "")
-        return np.concatenate(parts), []
+        with engine_errors():
+            fitness = _engine.evaluate(
+                self._simulation,
+                self._parameters,
+                crews.architecture,
+                crews.weights,
+                list(seeds),
+                on_progress,
+            )
+        return fitness, []
 
 
 class BrokerBackend:
@@ -199,7 +209,7 @@ class BrokerBackend:
             raise RunError(f"{error}{hint}") from error
 
     def evaluate(
-        self, controllers: Sequence[str], seeds: Sequence[int], on_progress: Progress
+        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
     ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
         """Return (candidates, episodes) fitness, NaN where it failed, and the journal."""
 
@@ -208,7 +218,7 @@ class BrokerBackend:
             on_progress(done, total, waiting_for)
 
         with engine_errors():
-            fitness, journal = self._pool.evaluate(list(controllers), list(seeds), progress)
+            fitness, journal = self._pool.evaluate(crews.architecture, crews.weights, list(seeds), progress)
         self._check_servers()
         return fitness, [json.loads(line) for line in journal.splitlines() if line.strip()]
 

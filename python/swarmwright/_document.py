@@ -70,9 +70,12 @@ class Document(Options):
     """The optimization algorithm and its budget."""
     ranking: dict[str, Any] = Field(default={})
     """How episodes become fitness."""
-    mode: Literal["auto", "stepwise", "offloaded"] = "auto"
-    """stepwise: controllers stay here, every step crosses the broker. offloaded: controllers travel to the
-    servers; no server offers this yet. auto: the fastest that is offered."""
+    mode: Literal["auto", "stepwise", "batched", "offloaded"] = "auto"
+    """How servers on a broker evaluate; the fitness does not depend on it. stepwise: controllers stay here,
+    every step of every agent crosses the broker. batched: controllers stay here, one message carries a step
+    of all agents of many episodes. offloaded: controllers travel to the servers, their fitness comes back.
+    auto: of each server the fastest that it offers. A mode that is named excludes servers that do not offer
+    it. A run that is shown is stepwise."""
     servers: Servers = "auto"
     """Who evaluates when no broker is given: a number of servers started on the embedded broker; auto: as
     many as there are processors, 2 to 8; local: nobody, simulations run in this process. With a broker,

@@ -16,8 +16,9 @@ __all__ = [
     "__version__",
     "check_parameters",
     "describe",
+    "evaluate",
     "genome_size",
-    "rollout",
+    "levels",
     "serve",
     "servers",
     "simulations",
@@ -80,10 +81,27 @@ class Episode:
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
-def rollout(
-    title: str, parameters: str, controllers: Sequence[str], seeds: Sequence[int]
+def levels() -> list[str]:
+    """How this processor can evaluate, the fastest last: scalar, then instruction sets (portable, avx2, avx512)."""
+
+def evaluate(
+    title: str,
+    parameters: str,
+    architecture: str,
+    genomes: NDArray[np.float32],
+    seeds: Sequence[int],
+    on_progress: Callable[[int, int, str], None] | None = None,
+    *,
+    level: str = "auto",
+    threads: int = 0,
 ) -> NDArray[np.float64]:
-    """Evaluate in this process: (candidates, episodes) fitness; the parameter `seed` of episode e is seeds[e]."""
+    """Evaluate in this process: (candidates, episodes) fitness; the parameter `seed` of episode e is seeds[e].
+
+    architecture: controller specification as JSON, its weights ignored. genomes: (candidates, weights), finite.
+    level: "auto" or one of `levels()`; threads: 0 for one per processor. The fitness depends on neither.
+    on_progress(done, total, "") is called about ten times a second and at the end; KeyboardInterrupt is raised promptly.
+    Raises InputError for an unknown title, parameters that the simulation refuses, controllers that do not fit it.
+    """
 
 @final
 class Broker:
@@ -144,21 +162,29 @@ class Pool:
         discovery_timeout: float = 10.0,
         step_timeout: float = 60.0,
         attempts: int = 3,
+        largest: int | None = None,
     ) -> Pool:
-        """Connects and discovers. Raises EngineError (no broker, refused) or InputError."""
+        """Connects and discovers. Raises EngineError (no broker, refused) or InputError.
+
+        mode: "auto" (each server in the fastest way that it offers), "stepwise", "batched" or "offloaded". largest: most
+        evaluations in one request, None for no limit. visual: servers show their runs, which are stepwise then.
+        """
     def wait_for_server(self) -> tuple[int, int]:
         """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found."""
     def evaluate(
         self,
-        controllers: Sequence[str],
+        architecture: str,
+        genomes: NDArray[np.float32],
         seeds: Sequence[int],
         on_progress: Callable[[int, int, str], None] | None = None,
     ) -> tuple[NDArray[np.float64], str]:
-        """Every controller (specification JSON) for every episode seed.
+        """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
-        Returns fitness (candidates, episodes) float64, NaN where the evaluation failed, and the journal as JSON lines
-        {"candidate", "episode", "server", "attempt", "started", "seconds", "error"}.
+        Returns fitness (candidates, episodes) float64, NaN where the evaluation failed, and the journal as JSON lines: an
+        attempt at a block of evaluations {"mode", "candidate" (the first), "candidates" (how many), "episode", "episodes",
+        "server", "attempt", "steps" (unless offloaded), "started", "seconds", "error"}, or {"warning"}.
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
+        Raises EngineError: no server for too long, or every server refuses the work.
         """
     def close(self) -> None:
         """End the runs that are left, free the servers, disconnect."""

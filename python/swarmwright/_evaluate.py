@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright._backend import Progress, Servers, open_backend
+from swarmwright._backend import Crews, Progress, Servers, open_backend
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
@@ -49,10 +49,8 @@ def evaluate(
         if not len(rows):
             return np.empty(0)
         ranking = experiment.new_ranking()
-        controllers = [representation.specification_text(genome) for genome in rows]
-        episodes, _ = backend.evaluate(
-            controllers, ranking.seeds(experiment.first_seed), on_progress or _silent
-        )
+        seeds = ranking.seeds(experiment.first_seed)
+        episodes, _ = backend.evaluate(Crews.of(representation, rows), seeds, on_progress or _silent)
     return ranking.score(episodes)
 
 
@@ -86,13 +84,13 @@ def simulate(
     with open_backend(experiment, broker=broker, servers=servers, visual=visual) as backend:
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)
-            text = representation.specification_text(
-                representation.initial(Stream(experiment.seed, "initial"))
-            )
+            genome = representation.initial(Stream(experiment.seed, "initial"))
+            crews = Crews.of(representation, genome[np.newaxis])
         else:
             _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
-            text = controller.json
-        episodes, journal = backend.evaluate([text], [experiment.first_seed], on_progress or _silent)
+            weights = np.array([controller.specification["weights"]], dtype=np.float32)
+            crews = Crews(controller.json, weights)
+        episodes, journal = backend.evaluate(crews, [experiment.first_seed], on_progress or _silent)
     if not np.isfinite(episodes[0, 0]):
         raise RunError(_reason(journal))
     return float(episodes[0, 0]) + 0.0

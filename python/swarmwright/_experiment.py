@@ -35,7 +35,7 @@ class Experiment:
     """Options of the representation: `kind`, and what that kind has."""
     method: MethodOptions
     ranking: RankingOptions
-    mode: Literal["auto", "stepwise", "offloaded"]
+    mode: Literal["auto", "stepwise", "batched", "offloaded"]
     servers: int | Literal["auto", "local"]
     broker: str | None
     prefix: str

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._backend import Backend, Progress, Servers, open_backend
+from swarmwright._backend import Backend, Crews, Progress, Servers, open_backend
 from swarmwright._errors import RunError
 from swarmwright._experiment import Experiment
 from swarmwright._record import FORMAT, RecordWriter, check_folder, default_folder
@@ -188,8 +188,7 @@ class _Loop:
             if on_progress is not None:
                 on_progress(done, total, waiting_for)
 
-        controllers = [self._representation.specification_text(genome) for genome in genomes]
-        return self._backend.evaluate(controllers, self._seeds, progress)
+        return self._backend.evaluate(Crews.of(self._representation, genomes), self._seeds, progress)
 
     def _lead(self, genomes: Genomes, fitness: Fitness, generation: int) -> dict[str, Any] | None:
         """Return what best.json holds when a candidate is better than all before."""

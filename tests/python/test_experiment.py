@@ -81,7 +81,7 @@ def test_only_the_simulation_is_required() -> None:
         ("seed: 1\nseed: 2\n", "my.yaml:3: seed: the key stands twice in one mapping (first in line 2)"),
         (
             "mode: offload\n",
-            "my.yaml:2: mode: must be one of auto, stepwise, offloaded, not 'offload'; did you mean 'offloaded'?",
+            "my.yaml:2: mode: must be one of auto, stepwise, batched, offloaded, not 'offload'; did you mean 'offloaded'?",
         ),
         ("servers: 0\n", "my.yaml:2: servers: must be at least 1 and at most 1024, not 0"),
         (

@@ -2,13 +2,21 @@
 //!
 //! What is decided is in [`machine`], which knows neither sockets nor clocks; [`Pool`] is its thin shell.
 
+mod batch;
+mod dispatch;
+mod ledger;
 pub mod machine;
+mod mode;
 mod offers;
 mod pool;
+mod requests;
 mod run;
-mod task;
+mod stepwise;
+mod work;
 
+pub use ledger::rectangle;
 pub use machine::{Action, Config, Machine};
+pub use mode::Mode;
 pub use offers::{Demand, Offers};
 pub use pool::{Options, Pool, PoolError, list_servers};
-pub use task::{Attempt, Outcome, Task};
+pub use work::{Attempt, Work, WorkError};

@@ -1,38 +1,49 @@
 //! What the pool decides: messages and time in, actions out, no I/O.
 //!
-//! Discovery goes out in rounds, each with its own hash. Every fitting server that answers gets one episode at a time,
-//! and the next one as soon as its fitness is there. An episode that fails is tried again, on another server if there
-//! is one. Results are kept by task, so that the order of arrival leaves no trace.
+//! Discovery goes out in rounds, each with its own hash. Every fitting server that answers gets work, in the fastest way
+//! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
+//! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
 use swarmwright_protocol::{
-    Control, Discovery, EpisodeHasher, Fitness, Message, ParametersMessage, Presence,
-    ReadingWriter, SensorReading, ServerMessage, Topic, Topics,
+    Control, Discovery, EpisodeHasher, Message, Presence, SensorReading, ServerMessage, ToTool,
+    Topic, Topics,
 };
 
-use crate::offers::{Answer, Demand, Duty, Offers};
+use crate::ledger::{Ledger, Piece};
+use crate::offers::{Answer, Demand, Job, Offers};
+use crate::requests::Request;
 use crate::run::Run;
-use crate::task::{Attempt, Outcome, Task};
+use crate::work::{Attempt, Work};
 
 /// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
 const FIRST_ROUND: Duration = Duration::from_millis(100);
 const LATER_ROUND: Duration = Duration::from_secs(2);
 /// Rounds whose answers are still understood.
 const ROUNDS: usize = 16;
-/// How long a server that sent a message that was refused may take to send a better one.
-const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 /// After how long silence is worth a word.
 const SILENCE: Duration = Duration::from_secs(1);
 const COMPLAINTS: usize = 1000;
+/// How long other servers may take to answer when one refused the work.
+const OTHERS: Duration = Duration::from_millis(500);
 
 /// What the machine wants done.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
     /// Publish with QoS 0.
     Publish(Topic, Vec<u8>),
+    /// Publish on a server's own topic with QoS 0.
+    Request {
+        /// The server.
+        server: u64,
+        /// The request's number: the correlation data.
+        request: u64,
+        /// What is asked.
+        payload: Vec<u8>,
+    },
     /// Tell the user.
     Warn(String),
 }
@@ -46,6 +57,8 @@ pub struct Config {
     pub parameters: Map<String, Value>,
     /// Who asks, unique among the tools on the broker.
     pub tool: String,
+    /// Last level of the topic on which servers answer requests: letters and digits, unique like `tool`.
+    pub token: String,
     /// Topic names.
     pub topics: Topics,
     /// Whether servers are to show their runs.
@@ -54,82 +67,81 @@ pub struct Config {
     pub step_timeout: Duration,
     /// How often an episode is tried.
     pub attempts: u32,
+    /// Most evaluations in one request.
+    pub largest: usize,
     /// The first instance number; random, so that no two tools use the same hashes.
     pub first_instance: u64,
 }
 
 /// The decisions of one optimization tool.
 pub struct Machine {
-    config: Config,
-    offers: Offers,
+    pub(crate) config: Config,
+    pub(crate) offers: Offers,
     discovery_hasher: EpisodeHasher,
     rounds: VecDeque<(String, u64)>,
-    round: u64,
-    instance: u64,
+    pub(crate) round: u64,
+    pub(crate) instance: u64,
     next_round: Instant,
     round_pause: Duration,
     /// Parameters and hasher of each episode seed.
-    episodes: Vec<(Map<String, Value>, EpisodeHasher)>,
-    agents: Option<u64>,
-    tasks: Vec<Task>,
-    tries: Vec<u32>,
-    /// Servers on which a task failed: others are preferred.
-    failed_on: HashMap<usize, Vec<u64>>,
-    queue: VecDeque<usize>,
-    runs: HashMap<String, Run>,
-    outcomes: Vec<Option<Outcome>>,
-    done: usize,
+    pub(crate) episodes: Vec<(Map<String, Value>, EpisodeHasher)>,
+    pub(crate) agents: Option<u64>,
+    pub(crate) ledger: Ledger,
+    pub(crate) runs: HashMap<String, Run>,
+    pub(crate) requests: HashMap<u64, Request>,
+    /// Numbers are never used twice, so that an answer that comes late is not taken for another.
+    pub(crate) next_request: u64,
+    /// The topic on which requests are answered, without prefix.
+    pub(crate) reply: String,
+    /// When a server last said that this work cannot be done.
+    pub(crate) refused_at: Option<Instant>,
     journal: Vec<(Attempt, Instant)>,
     complaints: HashSet<String>,
-    actions: Vec<Action>,
+    pub(crate) actions: Vec<Action>,
     /// Since when there is work and no server for it.
     lonely_since: Option<Instant>,
+}
+
+/// The number of agents that the parameters tell.
+fn agents(parameters: &Map<String, Value>) -> Option<u64> {
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "a list is far shorter than 2^53"
+    )]
+    let listed = || Some(parameters.get("agents")?.as_array()?.len() as f64);
+    let agents = parameters
+        .get("numAgents")
+        .and_then(Value::as_f64)
+        .or_else(listed)
+        .filter(|agents| (1.0..1e9).contains(agents))?;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "checked to be a number of agents"
+    )]
+    Some(agents as u64)
 }
 
 impl Machine {
     /// A machine that knows no server yet.
     #[must_use]
     pub fn new(config: Config, now: Instant) -> Self {
-        let agents = config
-            .parameters
-            .get("numAgents")
-            .and_then(Value::as_f64)
-            .or_else(|| {
-                #[expect(
-                    clippy::cast_precision_loss,
-                    reason = "a list is far shorter than 2^53"
-                )]
-                config
-                    .parameters
-                    .get("agents")
-                    .and_then(Value::as_array)
-                    .map(|agents| agents.len() as f64)
-            });
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "checked to be a number of agents"
-        )]
-        let agents = agents
-            .filter(|&agents| agents >= 1.0 && agents < 1e9)
-            .map(|agents| agents as u64);
         Self {
+            agents: agents(&config.parameters),
             discovery_hasher: EpisodeHasher::new(&config.demand.simulation, &config.parameters),
             offers: Offers::default(),
             rounds: VecDeque::new(),
             round: 0,
             instance: config.first_instance,
+            next_request: config.first_instance,
+            reply: Topics::default().to_tool(&config.token),
             next_round: now,
             round_pause: FIRST_ROUND,
             episodes: Vec::new(),
-            agents,
-            tasks: Vec::new(),
-            tries: Vec::new(),
-            failed_on: HashMap::new(),
-            queue: VecDeque::new(),
+            ledger: Ledger::default(),
             runs: HashMap::new(),
-            outcomes: Vec::new(),
-            done: 0,
+            requests: HashMap::new(),
+            refused_at: None,
             journal: Vec::new(),
             complaints: HashSet::new(),
             actions: Vec::new(),
@@ -141,6 +153,10 @@ impl Machine {
     /// What is to be done now; empties the list.
     pub fn actions(&mut self) -> std::vec::Drain<'_, Action> {
         self.actions.drain(..)
+    }
+
+    pub(crate) fn publish(&mut self, topic: Topic, payload: Vec<u8>) {
+        self.actions.push(Action::Publish(topic, payload));
     }
 
     /// Sensors and actuators that a fitting server announces, or that the experiment says.
@@ -164,6 +180,14 @@ impl Machine {
         self.offers.busy_elsewhere(&self.config.demand)
     }
 
+    /// Why the work cannot be done, when all servers that are there say so.
+    #[must_use]
+    pub fn rejected(&self, now: Instant) -> Option<String> {
+        let settled = now.saturating_duration_since(self.refused_at?) >= OTHERS;
+        let alone = settled && self.busy_elsewhere().is_none();
+        alone.then(|| self.offers.refused()).flatten()
+    }
+
     /// What was required and what was found, in words.
     #[must_use]
     pub fn describe(&self) -> String {
@@ -180,10 +204,11 @@ impl Machine {
         self.offers.titles()
     }
 
-    /// Begins a block of tasks; `seeds` holds the seed of each episode.
-    pub fn submit(&mut self, tasks: Vec<Task>, seeds: &[u64], now: Instant) {
+    /// Begins a block of work.
+    pub fn submit(&mut self, work: Work, now: Instant) {
         self.cancel();
-        self.episodes = seeds
+        self.episodes = work
+            .seeds()
             .iter()
             .map(|&seed| {
                 let mut parameters = self.config.parameters.clone();
@@ -192,36 +217,32 @@ impl Machine {
                 (parameters, hasher)
             })
             .collect();
-        self.queue = (0..tasks.len()).collect();
-        self.tries = vec![0; tasks.len()];
-        self.outcomes = vec![None; tasks.len()];
-        self.done = 0;
-        self.failed_on.clear();
-        self.tasks = tasks;
+        self.config.demand.kind = work.kind().map(str::to_owned);
+        for (server, reason) in self.offers.assign(&self.config.demand) {
+            self.warn(format!("server {server} is not used: it {reason}"));
+        }
+        self.refused_at = None;
+        self.ledger = Ledger::new(work);
         self.next_round = self.next_round.min(now + LATER_ROUND);
         self.dispatch(now);
     }
 
-    /// Number of tasks that have ended.
+    /// Number of evaluations that have ended.
     #[must_use]
     pub fn done(&self) -> usize {
-        self.done
+        self.ledger.done()
     }
 
-    /// Whether all tasks have ended.
+    /// Whether all evaluations have ended.
     #[must_use]
     pub fn finished(&self) -> bool {
-        self.done == self.tasks.len()
+        self.ledger.finished()
     }
 
-    /// The outcomes in the order of the tasks, once all have ended.
-    pub fn take_outcomes(&mut self) -> Vec<Outcome> {
-        self.tasks.clear();
-        self.done = 0;
-        std::mem::take(&mut self.outcomes)
-            .into_iter()
-            .flatten()
-            .collect()
+    /// The fitness of every candidate in every episode, row-major (candidates, episodes), NaN where all attempts
+    /// failed; once all have ended.
+    pub fn take_fitness(&mut self) -> Vec<f64> {
+        self.ledger.take_fitness()
     }
 
     /// The attempts made since the last call, each with its start.
@@ -229,46 +250,59 @@ impl Machine {
         std::mem::take(&mut self.journal)
     }
 
-    /// Gives up all work: ends the runs and frees their servers.
+    /// Gives up all work: ends what the servers have to do.
     pub fn cancel(&mut self) {
-        let mut hashes: Vec<String> = self.runs.keys().cloned().collect();
-        hashes.sort();
-        for hash in hashes {
-            if let Some(run) = self.runs.remove(&hash) {
-                self.end_run(run.server, &hash);
-                if let Some(slot) = self.offers.slots.get_mut(&run.server) {
-                    slot.duty = Duty::Idle;
+        self.runs.clear();
+        self.requests.clear();
+        let slots = self.offers.slots.iter_mut();
+        let jobs: Vec<(u64, Vec<Job>)> = slots
+            .map(|(id, slot)| (*id, std::mem::take(&mut slot.jobs)))
+            .collect();
+        for (server, jobs) in jobs {
+            for job in &jobs {
+                if let Job::Episode(hash) = job {
+                    self.end_run(server, hash);
                 }
             }
+            if jobs.iter().any(|job| matches!(job, Job::Request(_))) {
+                self.let_go(server);
+            }
         }
-        self.queue.clear();
-        self.tasks.clear();
-        self.outcomes.clear();
-        self.done = 0;
+        self.ledger = Ledger::default();
     }
 
     /// Frees all servers that this tool still holds.
     pub fn release(&mut self) {
         self.cancel();
-        let held: Vec<(u64, String)> = self
-            .offers
-            .slots
-            .iter()
-            .filter_map(|(id, slot)| Some((*id, slot.last_hash.clone()?)))
+        let slots = self.offers.slots.iter();
+        let held: Vec<u64> = slots
+            .filter(|(_, slot)| slot.held)
+            .map(|(id, _)| *id)
             .collect();
-        for (server, hash) in held {
-            self.end_run(server, &hash);
+        for server in held {
+            self.let_go(server);
         }
         self.offers.slots.clear();
     }
 
-    fn end_run(&mut self, server: u64, hash: &str) {
-        let control = self.control(server, hash.to_owned(), false);
-        self.actions
-            .push(Action::Publish(Topic::Control, control.encode()));
+    /// Frees a server, and ends what it still has to do for this tool.
+    pub(crate) fn let_go(&mut self, server: u64) {
+        let last = self
+            .offers
+            .slots
+            .get_mut(&server)
+            .and_then(|slot| slot.last_hash.clone());
+        let hash = last.unwrap_or_else(|| self.new_hash());
+        self.end_run(server, &hash);
     }
 
-    fn control(&self, server: u64, hash: String, run: bool) -> Control {
+    fn new_hash(&mut self) -> String {
+        let hash = self.discovery_hasher.hash(self.instance);
+        self.instance += 1;
+        hash
+    }
+
+    pub(crate) fn control(&self, server: u64, hash: String, run: bool) -> Control {
         Control {
             server,
             simulation: Some(self.config.demand.simulation.clone()),
@@ -295,15 +329,23 @@ impl Machine {
                 .next()
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
-            if let Some(hash) = self.offers.left(id) {
-                self.fail_run(&hash, format!("server {id} left"), true, now);
-            }
-            return;
+            let jobs = self.offers.left(id);
+            return self.fail_jobs(jobs, &format!("server {id} left"), true, now);
         }
         if kind == Topic::Sensor {
             match SensorReading::decode(payload) {
                 Ok(sensor) => self.sensor(&sensor, now),
                 Err(error) => self.undecodable(topic, payload, &error.to_string(), now),
+            }
+            return;
+        }
+        if kind == Topic::ToTool {
+            if !topic.ends_with(&self.reply) {
+                return;
+            }
+            match ToTool::decode(payload) {
+                Ok(message) => self.answered(message, now),
+                Err(error) => self.complain(format!("refusing an answer to this tool: {error}")),
             }
             return;
         }
@@ -327,35 +369,36 @@ impl Machine {
         let (id, round) = (message.server, *round);
         match self.offers.answered(message, round, &self.config.demand) {
             Answer::Welcome => self.dispatch(now),
-            Answer::Known => {}
+            Answer::Known => self.beaten(id, round, now),
             Answer::Unfit(None) => {}
             Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
-            Answer::Twins(hash, news) => {
+            Answer::Twins(jobs, news) => {
                 if news {
                     self.warn(format!("two servers answer to the id {id}, so neither is used; give one another --id"));
                 }
-                if let Some(hash) = hash {
-                    self.end_run(id, &hash);
-                    self.fail_run(
-                        &hash,
-                        format!("two servers answer to the id {id}"),
-                        false,
-                        now,
-                    );
+                for job in &jobs {
+                    if let Job::Episode(hash) = job {
+                        self.end_run(id, hash);
+                    }
                 }
+                let reason = format!("two servers answer to the id {id}");
+                self.fail_jobs(jobs, &reason, false, now);
             }
         }
     }
 
     fn presence(&mut self, presence: Presence, now: Instant) {
         let (ended, discover) = self.offers.present(presence, &self.config.tool);
-        if let Some((hash, reason, own_fault)) = ended {
-            let begun = self.runs.get(&hash).is_some_and(Run::begun);
-            if own_fault || !begun {
-                if let Some(run) = self.runs.get(&hash) {
-                    self.offers.remove(run.server);
-                }
-                self.fail_run(&hash, reason, own_fault, now);
+        if let Some(mut ended) = ended {
+            if !ended.own_fault {
+                // A run that has begun is ours; the presence is older.
+                ended.jobs.retain(|job| {
+                    matches!(job, Job::Episode(hash) if !self.runs.get(hash).is_some_and(Run::begun))
+                });
+            }
+            if !ended.jobs.is_empty() {
+                self.offers.remove(ended.server);
+                self.fail_jobs(ended.jobs, &ended.reason, ended.own_fault, now);
             }
         }
         if discover {
@@ -363,168 +406,67 @@ impl Machine {
         }
     }
 
-    fn sensor(&mut self, sensor: &SensorReading, now: Instant) {
-        let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
-            return;
-        };
-        match run.answer(sensor, now) {
-            Ok(actuator) => self
-                .actions
-                .push(Action::Publish(Topic::Actuator, actuator)),
-            Err(reason) => {
-                let server = run.server;
-                run.refused = Some((now, reason.clone()));
-                self.complain(format!(
-                    "refusing a sensor message of server {server}: {reason}"
-                ));
+    /// Jobs are over without result; see [`retry`](Self::retry).
+    pub(crate) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, counted: bool, now: Instant) {
+        for job in jobs {
+            match job {
+                Job::Episode(hash) => self.fail_episode(&hash, reason, counted, now),
+                Job::Request(number) => self.fail_request(number, reason, counted, now),
             }
         }
-    }
-
-    fn fitness(&mut self, message: &Fitness, now: Instant) {
-        let Some(run) = self.runs.remove(&message.simulation_hash) else {
-            return;
-        };
-        if let Some(slot) = self.offers.slots.get_mut(&run.server) {
-            slot.duty = Duty::Idle;
-            slot.failures = 0;
-        }
-        self.record(&run, None, now);
-        self.settle(run.task, Outcome::Fitness(message.fitness));
         self.dispatch(now);
     }
 
-    /// A message that is none of the protocol's: if it names a run of ours, its server gets little time for a better one.
-    fn undecodable(&mut self, topic: &str, payload: &[u8], error: &str, now: Instant) {
-        if payload.len() <= swarmwright_protocol::MAX_PAYLOAD {
-            let text = String::from_utf8_lossy(payload);
-            if let Some((_, run)) = self
-                .runs
-                .iter_mut()
-                .find(|(hash, _)| text.contains(hash.as_str()))
-            {
-                run.refused = Some((now, format!("message on {topic}: {error}")));
-            }
+    /// Work that brought no result is queued again, or has failed; an attempt that is `counted` used one up.
+    pub(crate) fn retry(&mut self, piece: Piece, server: u64, reason: &str, counted: bool) {
+        if !counted {
+            return self.ledger.put_back(&piece);
         }
-        self.complain(format!("refusing a message on {topic}: {error}"));
-    }
-
-    /// Gives every idle server an episode.
-    fn dispatch(&mut self, now: Instant) {
-        if self.queue.is_empty() {
-            return;
-        }
-        let idle: Vec<u64> = self
-            .offers
-            .slots
-            .iter()
-            .filter(|(_, slot)| slot.duty == Duty::Idle)
-            .map(|(id, _)| *id)
-            .collect();
-        for server in idle {
-            let Some(task) = self.next_task(server) else {
-                continue;
-            };
-            self.start(task, server, now);
-        }
-    }
-
-    /// The first task in the queue that this server has not failed; or, if all servers have, the first.
-    fn next_task(&mut self, server: u64) -> Option<usize> {
-        let usable = |task: &usize| {
-            self.failed_on.get(task).is_none_or(|failed| {
-                !failed.contains(&server)
-                    || self.offers.slots.keys().all(|other| failed.contains(other))
-            })
-        };
-        let position = self.queue.iter().position(usable)?;
-        self.queue.remove(position)
-    }
-
-    fn start(&mut self, task: usize, server: u64, now: Instant) {
-        let (parameters, hasher) = &self.episodes[self.tasks[task].episode];
-        let hash = hasher.hash(self.instance);
-        self.instance += 1;
-        let message = ParametersMessage {
-            server,
-            simulation_hash: hash.clone(),
-            parameters: parameters.clone(),
-        };
-        self.actions
-            .push(Action::Publish(Topic::Parameters, message.encode()));
-        let control = self.control(server, hash.clone(), true);
-        self.actions
-            .push(Action::Publish(Topic::Control, control.encode()));
-        self.tries[task] += 1;
-        let prototype = self.tasks[task].controller.clone();
-        let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
-        let (tried, agents) = (self.tries[task], self.agents);
-        self.runs.insert(
-            hash.clone(),
-            Run::new(task, server, tried, prototype, agents, writer, now),
-        );
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            slot.duty = Duty::Running(hash.clone());
-            slot.last_hash = Some(hash);
-        }
-    }
-
-    /// A run is over without fitness. Its task is tried again, or has failed; a try that was `counted` used one up.
-    fn fail_run(&mut self, hash: &str, reason: String, counted: bool, now: Instant) {
-        let Some(run) = self.runs.remove(hash) else {
-            return;
-        };
-        self.record(&run, Some(reason.clone()), now);
-        if counted {
-            self.failed_on.entry(run.task).or_default().push(run.server);
-        } else {
-            self.tries[run.task] -= 1;
-        }
-        if self.tries[run.task] >= self.config.attempts {
-            let tries = self.tries[run.task];
+        let tries = piece.tries + 1;
+        if tries >= self.config.attempts {
             self.warn(format!(
                 "an evaluation failed after {tries} attempts: {reason}"
             ));
-            self.settle(run.task, Outcome::Failed(reason));
-        } else {
-            self.queue.push_front(run.task);
+            return self.give_up(&piece);
         }
-        self.dispatch(now);
+        let piece = piece.failed(server, self.config.attempts);
+        self.ledger.put_back(&piece);
     }
 
-    fn settle(&mut self, task: usize, outcome: Outcome) {
-        if self.outcomes[task].replace(outcome).is_none() {
-            self.done += 1;
+    /// Evaluations that have failed for good.
+    pub(crate) fn give_up(&mut self, piece: &Piece) {
+        for evaluation in piece.evaluations.clone() {
+            self.ledger.settle(evaluation, f64::NAN);
         }
     }
 
-    fn record(&mut self, run: &Run, error: Option<String>, now: Instant) {
-        let task = &self.tasks[run.task];
+    /// A line of the journal.
+    pub(crate) fn record(
+        &mut self,
+        attempt: Attempt,
+        piece: &Piece,
+        started: Instant,
+        now: Instant,
+    ) {
+        let (candidates, episodes) = self.ledger.extent(piece);
         let attempt = Attempt {
-            candidate: task.candidate,
-            episode: task.episode,
-            server: run.server,
-            attempt: run.attempt,
-            steps: run.steps(),
-            started: 0.0,
-            seconds: now.saturating_duration_since(run.started).as_secs_f64(),
-            error,
+            candidate: candidates.start,
+            candidates: candidates.len(),
+            episode: episodes.start,
+            episodes: episodes.len(),
+            attempt: piece.tries + 1,
+            seconds: now.saturating_duration_since(started).as_secs_f64(),
+            ..attempt
         };
-        self.journal.push((attempt, run.started));
-    }
-
-    fn deadline(&self, run: &Run) -> Instant {
-        let silent = run.heard + self.config.step_timeout;
-        run.refused
-            .as_ref()
-            .map_or(silent, |(at, _)| silent.min(*at + AFTER_REFUSAL))
+        self.journal.push((attempt, started));
     }
 
     /// The next time at which `tick` is needed, if no message comes first.
     #[must_use]
     pub fn next_tick(&self) -> Instant {
-        let runs = self.runs.values().map(|run| self.deadline(run)).min();
-        [runs, self.offers.next_unbench()]
+        let runs = self.runs.values().map(|run| self.run_deadline(run)).min();
+        let requests = self.requests.values().map(Request::deadline).min();
+        [runs, requests, self.offers.next_unbench()]
             .into_iter()
             .flatten()
             .fold(self.next_round, Instant::min)
@@ -532,33 +474,14 @@ impl Machine {
 
     /// Time has passed.
     pub fn tick(&mut self, now: Instant) {
-        let mut late: Vec<String> = self
-            .runs
-            .iter()
-            .filter(|(_, run)| self.deadline(run) <= now)
-            .map(|(hash, _)| hash.clone())
-            .collect();
-        late.sort();
-        for hash in late {
-            let Some(run) = self.runs.get(&hash) else {
-                continue;
-            };
-            let (server, waiting) = (run.server, run.waiting_for(now));
-            let reason = run
-                .refused
-                .as_ref()
-                .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
-            self.warn(format!("{reason}; the episode is tried again elsewhere"));
-            self.end_run(server, &hash);
-            self.offers.bench(server, &reason, now);
-            self.fail_run(&hash, reason, true, now);
-        }
+        self.late_episodes(now);
+        self.late_requests(now);
         self.offers.unbench(now);
         if self.next_round <= now {
             self.discover(now);
         }
         self.dispatch(now);
-        let lonely = !self.finished() && self.runs.is_empty();
+        let lonely = !self.finished() && self.runs.is_empty() && self.requests.is_empty();
         self.lonely_since = lonely.then(|| self.lonely_since.unwrap_or(now));
     }
 
@@ -571,8 +494,7 @@ impl Machine {
 
     fn discover(&mut self, now: Instant) {
         self.round += 1;
-        let hash = self.discovery_hasher.hash(self.instance);
-        self.instance += 1;
+        let hash = self.new_hash();
         self.rounds.push_back((hash.clone(), self.round));
         if self.rounds.len() > ROUNDS {
             self.rounds.pop_front();
@@ -583,8 +505,7 @@ impl Machine {
             requirements: self.config.demand.requirements.clone(),
             tool: Some(self.config.tool.clone()),
         };
-        self.actions
-            .push(Action::Publish(Topic::Discovery, discovery.encode()));
+        self.publish(Topic::Discovery, discovery.encode());
         self.round_pause = if self.has_server() {
             LATER_ROUND
         } else {
@@ -593,19 +514,18 @@ impl Machine {
         self.next_round = now + self.round_pause;
     }
 
-    /// The connection broke: the runs on it are lost, and nobody's fault.
+    /// The connection broke: the work under way on it is lost, and nobody's fault.
     pub fn disconnected(&mut self, now: Instant) {
         self.offers.clear();
         let mut hashes: Vec<String> = self.runs.keys().cloned().collect();
         hashes.sort();
-        for hash in hashes {
-            self.fail_run(
-                &hash,
-                "the connection to the broker broke".to_owned(),
-                false,
-                now,
-            );
-        }
+        let mut numbers: Vec<u64> = self.requests.keys().copied().collect();
+        numbers.sort_unstable();
+        let hashes = hashes.into_iter().map(Job::Episode);
+        let jobs = hashes
+            .chain(numbers.into_iter().map(Job::Request))
+            .collect();
+        self.fail_jobs(jobs, "the connection to the broker broke", false, now);
     }
 
     /// The connection is back.
@@ -620,13 +540,21 @@ impl Machine {
         if self.finished() {
             return String::new();
         }
-        let slowest = self.runs.values().min_by_key(|run| (run.heard, run.server));
-        match slowest {
-            Some(run) if now.saturating_duration_since(run.heard) >= SILENCE => {
+        let run = self.runs.values().min_by_key(|run| (run.heard, run.server));
+        let request = self
+            .requests
+            .iter()
+            .min_by_key(|(number, request)| (request.heard, **number))
+            .map(|(_, request)| request);
+        let is_silent = |heard: Instant| now.saturating_duration_since(heard) >= SILENCE;
+        match (run, request) {
+            (Some(run), other)
+                if is_silent(run.heard) && other.is_none_or(|other| run.heard <= other.heard) =>
+            {
                 run.waiting_for(now)
             }
-            Some(_) => String::new(),
-            None => {
+            (_, Some(request)) if is_silent(request.heard) => request.waiting_for(now),
+            (None, None) => {
                 let seconds = self.lonely(now).as_secs_f64();
                 let busy = self
                     .busy_elsewhere()
@@ -637,15 +565,16 @@ impl Machine {
                     String::new()
                 }
             }
+            _ => String::new(),
         }
     }
 
-    fn warn(&mut self, text: String) {
+    pub(crate) fn warn(&mut self, text: String) {
         self.actions.push(Action::Warn(text));
     }
 
     /// A warning that is made only once, however often its cause comes back.
-    fn complain(&mut self, text: String) {
+    pub(crate) fn complain(&mut self, text: String) {
         if self.complaints.len() < COMPLAINTS && self.complaints.insert(text.clone()) {
             self.warn(text);
         }

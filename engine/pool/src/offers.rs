@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Capabilities, Presence, Requirements, ServerMessage, State};
 
+use crate::mode::{Mode, Way};
+
 /// What the experiment needs of a server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Demand {
@@ -16,6 +18,10 @@ pub struct Demand {
     pub sensors: Option<usize>,
     /// Numbers in an actuator message, if known.
     pub actuators: Option<usize>,
+    /// How servers are to evaluate.
+    pub mode: Mode,
+    /// Kind of the controllers, once it is known.
+    pub kind: Option<String>,
 }
 
 impl Demand {
@@ -46,13 +52,19 @@ impl Demand {
                 )),
                 _ => None,
             };
-        differs("sensors", self.sensors, announced.and_then(|a| a.sensors)).or_else(|| {
-            differs(
-                "actuators",
-                self.actuators,
-                announced.and_then(|a| a.actuators),
-            )
-        })
+        differs("sensors", self.sensors, announced.and_then(|a| a.sensors))
+            .or_else(|| {
+                differs(
+                    "actuators",
+                    self.actuators,
+                    announced.and_then(|a| a.actuators),
+                )
+            })
+            .or_else(|| self.way(capabilities).err())
+    }
+
+    fn way(&self, capabilities: &Capabilities) -> Result<Way, String> {
+        Way::of(self.mode, self.kind.as_deref(), capabilities)
     }
 
     /// The demand in words.
@@ -68,36 +80,66 @@ impl Demand {
             }
             _ => String::new(),
         };
+        let mode = match self.mode {
+            Mode::Auto | Mode::Stepwise => String::new(),
+            mode => format!(", mode {mode}"),
+        };
         format!(
-            "simulation {}, {} dimensions{agents}{counts}",
+            "simulation {}, {} dimensions{agents}{counts}{mode}",
             self.simulation, self.requirements.dimensions
         )
     }
 }
 
-/// What a server does for this tool.
+/// Work that a server has for this tool.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Duty {
-    /// It answered a discovery and fits.
-    Idle,
-    /// It runs the episode of this hash.
-    Running(String),
-    /// It failed; not before this time again.
-    Benched(Instant),
+pub(crate) enum Job {
+    /// The stepwise episode of this hash.
+    Episode(String),
+    /// The request of this number: a block or a batch.
+    Request(u64),
 }
 
+/// A server that answered a discovery and fits.
 #[derive(Debug, Clone)]
 pub(crate) struct Slot {
-    pub duty: Duty,
+    pub way: Way,
+    /// What it has to do, the oldest first.
+    pub jobs: Vec<Job>,
+    /// It failed; not before this time again.
+    benched: Option<Instant>,
     pub instance: Option<String>,
     pub capabilities: Capabilities,
+    /// Measured speed, episodes a second.
+    pub rate: Option<f64>,
     /// Failures in a row, and why it failed last.
     pub failures: u32,
     failure: String,
+    /// How often in a row another tool was faster.
+    pub beaten: u32,
     /// The last round of discovery that it answered.
     round: u64,
     /// Last hash that it ran for this tool.
     pub last_hash: Option<String>,
+    /// Whether it computed something for this tool, and so is held for it.
+    pub held: bool,
+}
+
+impl Slot {
+    /// Whether it may get work.
+    pub fn usable(&self) -> bool {
+        self.benched.is_none()
+    }
+
+    /// Learns from `episodes` that took `seconds`.
+    pub fn measured(&mut self, episodes: usize, seconds: f64) {
+        #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 episodes")]
+        let rate = episodes as f64 / seconds.max(1e-7);
+        if rate.is_finite() {
+            self.rate = Some(self.rate.map_or(rate, |before| (before + rate) / 2.0));
+        }
+        self.failures = 0;
+    }
 }
 
 /// All that is known of servers.
@@ -109,6 +151,18 @@ pub struct Offers {
     unfit: BTreeMap<u64, String>,
     /// Ids to which two servers answered: the last round in which one did, and how often.
     twins: BTreeMap<u64, (u64, u32)>,
+    /// Servers that refused this work as such, by id: which start of the server, and why.
+    refusals: BTreeMap<u64, (Option<String>, String)>,
+}
+
+/// Work that a server will not finish.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Ended {
+    pub server: u64,
+    pub jobs: Vec<Job>,
+    pub reason: String,
+    /// Whether it was the server's own failure.
+    pub own_fault: bool,
 }
 
 /// What an answer to discovery means.
@@ -120,8 +174,8 @@ pub(crate) enum Answer {
     Known,
     /// It does not fit; why, if that is news.
     Unfit(Option<String>),
-    /// Two servers answer to one id; the hash of the run to be given up, and whether that is news.
-    Twins(Option<String>, bool),
+    /// Two servers answer to one id; the jobs to be given up, and whether that is news.
+    Twins(Vec<Job>, bool),
 }
 
 const TWINS: &str =
@@ -146,14 +200,24 @@ impl Offers {
             let news = self.unfit.insert(id, reason.clone()).as_ref() != Some(&reason);
             return Answer::Unfit(news.then_some(reason));
         }
+        let Ok(way) = demand.way(&message.capabilities) else {
+            return Answer::Unfit(None);
+        };
         if self.still_twins(id, round) {
-            return Answer::Twins(None, false);
+            return Answer::Twins(Vec::new(), false);
         }
         let instance = message
             .capabilities
             .swarmwright
             .as_ref()
             .and_then(|announced| announced.instance.clone());
+        if self
+            .refusals
+            .get(&id)
+            .is_some_and(|(refused, _)| *refused == instance)
+        {
+            return Answer::Unfit(None);
+        }
         if let Some(slot) = self.slots.get_mut(&id) {
             // A server answers a round once; a second answer comes from a second server.
             if slot.round == round {
@@ -170,22 +234,28 @@ impl Offers {
                 return Answer::Known;
             }
             // Started anew under its old id.
-            if matches!(slot.duty, Duty::Running(_)) {
+            if !slot.jobs.is_empty() {
                 return Answer::Known;
             }
         }
         self.unfit.remove(&id);
+        self.refusals.remove(&id);
         let (failures, failure) = self.slots.get(&id).map_or((0, String::new()), |slot| {
             (slot.failures, slot.failure.clone())
         });
         self.slots.insert(
             id,
             Slot {
-                duty: Duty::Idle,
+                way,
+                jobs: Vec::new(),
+                benched: None,
+                rate: None,
+                held: false,
                 instance,
                 capabilities: message.capabilities,
                 failures,
                 failure,
+                beaten: 0,
                 round,
                 last_hash: None,
             },
@@ -210,23 +280,57 @@ impl Offers {
         !alone
     }
 
-    /// A server's presence changed. Returns the hash of the run that this ends, with the reason and whether it was the
-    /// server's own failure; and whether a discovery is worth it.
-    pub(crate) fn present(
-        &mut self,
-        presence: Presence,
-        tool: &str,
-    ) -> (Option<(String, String, bool)>, bool) {
+    /// The kind of the controllers is known now, or has changed: what each server is used for. Returns those that do
+    /// not fit any more, with the reason.
+    pub(crate) fn assign(&mut self, demand: &Demand) -> Vec<(u64, String)> {
+        self.refusals.clear();
+        let mut unfit = Vec::new();
+        self.slots
+            .retain(|id, slot| match demand.way(&slot.capabilities) {
+                Ok(way) => {
+                    if slot.way != way {
+                        slot.rate = None;
+                    }
+                    slot.way = way;
+                    true
+                }
+                Err(reason) => {
+                    unfit.push((*id, reason));
+                    false
+                }
+            });
+        self.unfit.extend(unfit.iter().cloned());
+        unfit
+    }
+
+    /// A server says that this work cannot be done by it. Returns the jobs that it had.
+    pub(crate) fn refuse(&mut self, id: u64, reason: &str) -> Vec<Job> {
+        if let Some(slot) = self.slots.get(&id) {
+            let refusal = (slot.instance.clone(), reason.to_owned());
+            self.refusals.insert(id, refusal);
+        }
+        self.unfit.insert(id, format!("refuses the work: {reason}"));
+        self.remove(id)
+    }
+
+    /// Why no server does the work, if there is none but those that refused it.
+    pub(crate) fn refused(&self) -> Option<String> {
+        let lines: Vec<String> = self
+            .refusals
+            .iter()
+            .map(|(id, (_, reason))| format!("server {id}: {reason}"))
+            .collect();
+        (self.slots.is_empty() && !lines.is_empty()).then(|| lines.join("; "))
+    }
+
+    /// A server's presence changed. Returns the work that this ends, and whether a discovery is worth it.
+    pub(crate) fn present(&mut self, presence: Presence, tool: &str) -> (Option<Ended>, bool) {
         let id = presence.server;
         let announced = presence
             .capabilities
             .swarmwright
             .as_ref()
             .and_then(|announced| announced.instance.clone());
-        let same = self
-            .slots
-            .get(&id)
-            .is_some_and(|slot| slot.instance.is_none() || slot.instance == announced);
         let state = presence.state;
         let elsewhere = state == State::Busy && presence.tool.as_deref() != Some(tool);
         let holder = presence
@@ -234,47 +338,57 @@ impl Offers {
             .clone()
             .unwrap_or_else(|| "another optimization tool".to_owned());
         self.presences.insert(id, presence);
-        if !same {
+        let Some(slot) = self
+            .slots
+            .get(&id)
+            .filter(|slot| slot.instance.is_none() || slot.instance == announced)
+        else {
             return (None, state == State::Ready);
-        }
+        };
+        let ended = |jobs: Vec<Job>, reason: String, own_fault: bool| {
+            let ended = Ended {
+                server: id,
+                jobs,
+                reason,
+                own_fault,
+            };
+            (Some(ended), false)
+        };
         match state {
-            State::Ready => (
-                None,
-                self.slots
-                    .get(&id)
-                    .is_none_or(|slot| !matches!(slot.duty, Duty::Running(_))),
-            ),
-            State::Lost => (
-                self.remove(id)
-                    .map(|hash| (hash, format!("server {id} was lost"), true)),
-                false,
-            ),
-            State::Busy if elsewhere => match self.slots.get(&id).map(|slot| slot.duty.clone()) {
-                Some(Duty::Running(hash)) => (
-                    Some((hash, format!("server {id} is taken by {holder}"), false)),
-                    false,
-                ),
-                Some(Duty::Idle) => {
-                    self.slots.remove(&id);
-                    (None, false)
-                }
-                _ => (None, false),
-            },
+            State::Ready => (None, slot.jobs.is_empty()),
+            State::Lost => ended(self.remove(id), format!("server {id} was lost"), true),
+            State::Busy if elsewhere && slot.jobs.is_empty() && slot.usable() => {
+                self.slots.remove(&id);
+                (None, false)
+            }
+            State::Busy if elsewhere => {
+                // Requests are answered by whoever has the server; steps would be waited for in vain.
+                let is_episode = |job: &Job| matches!(job, Job::Episode(_));
+                let jobs = slot.jobs.iter().filter(|job| is_episode(job));
+                let jobs = jobs.cloned().collect();
+                ended(jobs, format!("server {id} is taken by {holder}"), false)
+            }
             State::Busy => (None, false),
         }
     }
 
-    /// A server left in good order. Returns the hash of the run that this ends.
-    pub(crate) fn left(&mut self, id: u64) -> Option<String> {
+    /// A server left in good order. Returns the jobs that it had.
+    pub(crate) fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.unfit.remove(&id);
         self.remove(id)
     }
 
-    pub(crate) fn remove(&mut self, id: u64) -> Option<String> {
-        match self.slots.remove(&id)?.duty {
-            Duty::Running(hash) => Some(hash),
-            _ => None,
+    pub(crate) fn remove(&mut self, id: u64) -> Vec<Job> {
+        self.slots
+            .remove(&id)
+            .map_or_else(Vec::new, |slot| slot.jobs)
+    }
+
+    /// A server has done a job, or is not to do it any more.
+    pub(crate) fn finished(&mut self, id: u64, job: &Job) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.jobs.retain(|other| other != job);
         }
     }
 
@@ -284,27 +398,21 @@ impl Offers {
             slot.failures += 1;
             reason.clone_into(&mut slot.failure);
             let pause = FIRST_BENCH * 2u32.saturating_pow((slot.failures - 1).min(6));
-            slot.duty = Duty::Benched(now + pause.min(LONGEST_BENCH));
+            slot.benched = Some(now + pause.min(LONGEST_BENCH));
         }
     }
 
     /// Benched servers whose pause is over may be used again.
     pub(crate) fn unbench(&mut self, now: Instant) {
         for slot in self.slots.values_mut() {
-            if matches!(slot.duty, Duty::Benched(until) if until <= now) {
-                slot.duty = Duty::Idle;
+            if slot.benched.is_some_and(|until| until <= now) {
+                slot.benched = None;
             }
         }
     }
 
     pub(crate) fn next_unbench(&self) -> Option<Instant> {
-        self.slots
-            .values()
-            .filter_map(|slot| match slot.duty {
-                Duty::Benched(until) => Some(until),
-                _ => None,
-            })
-            .min()
+        self.slots.values().filter_map(|slot| slot.benched).min()
     }
 
     /// Numbers of sensors and actuators that a fitting server announces.

@@ -5,13 +5,14 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Map, Value};
 use swarmwright_mqtt::{
-    ConnectError, Connection, Event, QoS, Settings, SettingsError, Subscription,
+    ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
 };
 use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
 
 use crate::machine::{Action, Config, Machine};
+use crate::mode::Mode;
 use crate::offers::Demand;
-use crate::task::{Attempt, Outcome, Task};
+use crate::work::{Attempt, Work};
 
 /// How often the caller is asked whether to go on.
 const ASK: Duration = Duration::from_millis(100);
@@ -29,7 +30,7 @@ pub struct Options {
     pub demand: Demand,
     /// Parameters of the simulation.
     pub parameters: Map<String, Value>,
-    /// Whether servers are to show their runs.
+    /// Whether servers are to show their runs, which are stepwise then, whatever the demand says.
     pub visual: bool,
     /// How long to look for a first server.
     pub discovery_timeout: Duration,
@@ -37,6 +38,8 @@ pub struct Options {
     pub step_timeout: Duration,
     /// How often an episode is tried.
     pub attempts: u32,
+    /// Most evaluations in one request.
+    pub largest: usize,
 }
 
 /// Why the pool cannot do its work.
@@ -68,6 +71,9 @@ pub enum PoolError {
         "the servers do not announce their numbers of sensors and actuators; add `sensors:` and `actuators:` to the experiment"
     )]
     NoSizes,
+    /// Every server refuses the work.
+    #[error("no server can do this work: {0}")]
+    Rejected(String),
     /// The caller wants to stop.
     #[error("interrupted")]
     Interrupted,
@@ -78,6 +84,8 @@ pub struct Pool {
     machine: Machine,
     connection: Connection,
     topics: Topics,
+    /// The topic on which requests are answered.
+    reply: String,
     discovery_timeout: Duration,
     step_timeout: Duration,
     events: Vec<Event>,
@@ -92,6 +100,11 @@ impl Pool {
     /// No broker, credentials refused, a prefix that cannot be.
     pub fn connect(options: Options) -> Result<Self, PoolError> {
         let topics = Topics::new(&options.prefix)?;
+        let token = format!("{:016x}", fastrand::u64(..));
+        let mut demand = options.demand;
+        if options.visual {
+            demand.mode = Mode::Stepwise;
+        }
         let at = |topic| Subscription {
             filter: topics.name(topic),
             qos: QoS::AtMostOnce,
@@ -101,6 +114,10 @@ impl Pool {
             at(Topic::Sensor),
             at(Topic::Fitness),
             Subscription {
+                filter: topics.to_tool(&token),
+                qos: QoS::AtMostOnce,
+            },
+            Subscription {
                 filter: topics.presence_filter(),
                 qos: QoS::AtLeastOnce,
             },
@@ -108,7 +125,8 @@ impl Pool {
         let connection = Connection::open(options.settings, subscriptions)?;
         let host = gethostname::gethostname().to_string_lossy().into_owned();
         let config = Config {
-            demand: options.demand,
+            demand,
+            token: token.clone(),
             parameters: options.parameters,
             tool: format!(
                 "{}@{host}/{}/{:04x}",
@@ -120,6 +138,7 @@ impl Pool {
             visual: options.visual,
             step_timeout: options.step_timeout,
             attempts: options.attempts.max(1),
+            largest: options.largest.max(1),
             // Leaves room for 2^52 episodes below the 2^53 at which JSON's integers end.
             first_instance: fastrand::u64(..1 << 52),
         };
@@ -131,6 +150,7 @@ impl Pool {
         Ok(Self {
             machine: Machine::new(config, now),
             connection,
+            reply: topics.to_tool(&token),
             topics,
             discovery_timeout: options.discovery_timeout,
             step_timeout: options.step_timeout,
@@ -181,18 +201,18 @@ impl Pool {
         }
     }
 
-    /// Runs every task; outcomes in the order of the tasks. `on_progress(done, waiting_for)` is called ten times a second
-    /// and at the end, and may stop the work.
+    /// Evaluates every candidate in every episode: fitness, row-major (candidates, episodes), NaN where all attempts
+    /// failed. `on_progress(done, waiting_for)` is called ten times a second and at the end, and may stop the work.
     ///
     /// # Errors
-    /// No server for longer than the time-outs allow; stopped. The runs under way are ended then.
+    /// No server for longer than the time-outs allow; all servers refuse the work; stopped. What is under way is ended
+    /// then.
     pub fn evaluate(
         &mut self,
-        tasks: Vec<Task>,
-        seeds: &[u64],
+        work: Work,
         mut on_progress: impl FnMut(usize, &str) -> bool,
-    ) -> Result<Vec<Outcome>, PoolError> {
-        self.machine.submit(tasks, seeds, Instant::now());
+    ) -> Result<Vec<f64>, PoolError> {
+        self.machine.submit(work, Instant::now());
         let mut asked = Instant::now();
         let patience = self.discovery_timeout.max(self.step_timeout);
         let mut free_since = asked;
@@ -201,10 +221,13 @@ impl Pool {
             let now = Instant::now();
             if self.machine.finished() {
                 on_progress(self.machine.done(), "");
-                return Ok(self.machine.take_outcomes());
+                return Ok(self.machine.take_fitness());
             }
             if now.duration_since(asked) >= ASK {
                 asked = now;
+                if let Some(reason) = self.machine.rejected(now) {
+                    break PoolError::Rejected(reason);
+                }
                 let lonely = self.machine.lonely(now);
                 if self.machine.busy_elsewhere().is_some() {
                     free_since = now;
@@ -264,6 +287,23 @@ impl Pool {
                         QoS::AtMostOnce,
                         false,
                         None,
+                    );
+                }
+                Action::Request {
+                    server,
+                    request,
+                    payload,
+                } => {
+                    let options = PublishOptions {
+                        content_type: Some("application/msgpack"),
+                        response_topic: Some(&self.reply),
+                        correlation: Some(&request.to_be_bytes()),
+                        ..PublishOptions::default()
+                    };
+                    self.connection.publish_with(
+                        &self.topics.to_server(server),
+                        &payload,
+                        &options,
                     );
                 }
                 Action::Warn(text) => self.warnings.push(text),

@@ -5,12 +5,15 @@ use std::time::Instant;
 use swarmwright_controllers::Controller;
 use swarmwright_protocol::{ReadingWriter, SensorReading};
 
+use crate::ledger::Piece;
+
 /// An episode under way.
 pub(crate) struct Run {
-    /// Index into the pool's tasks.
-    pub task: usize,
+    /// The one evaluation that it is.
+    pub piece: Piece,
     pub server: u64,
-    pub attempt: u32,
+    /// The last round of discovery before it.
+    pub round: u64,
     pub started: Instant,
     /// When the server last said something of use.
     pub heard: Instant,
@@ -28,13 +31,12 @@ pub(crate) struct Run {
 }
 
 /// More agents than this are a mistake of the server, if the parameters do not say how many there are.
-const MOST_AGENTS: u64 = 1_000_000;
+pub(crate) const MOST_AGENTS: u64 = 1_000_000;
 
 impl Run {
     pub fn new(
-        task: usize,
+        piece: Piece,
         server: u64,
-        attempt: u32,
         prototype: Controller,
         agents: Option<u64>,
         writer: ReadingWriter,
@@ -43,9 +45,9 @@ impl Run {
         Self {
             actuator: vec![0.0; prototype.actuators()],
             writer,
-            task,
+            piece,
             server,
-            attempt,
+            round: 0,
             started: now,
             heard: now,
             refused: None,

@@ -4,19 +4,18 @@ mod common;
 
 use std::time::Duration;
 
-use common::{Line, Net, Party, server, tasks, tool};
+use common::{Line, Net, Party, server, tool, work};
 use proptest::prelude::*;
-use swarmwright_pool::Outcome;
 use swarmwright_protocol::{Message, Topic};
 
 const SEEDS: [u64; 2] = [3, 4];
 
-fn undisturbed() -> Vec<Outcome> {
+fn undisturbed() -> Vec<f64> {
     let mut net = Net::new(0);
     let now = net.now;
     let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
     net.add(Party::Server(Box::new(server(1, Line::new()))));
-    net.submit(index, tasks(7, 2), &SEEDS);
+    net.submit(index, work(7, &SEEDS));
     net.finish(index)
 }
 
@@ -31,7 +30,7 @@ proptest! {
             net.add(Party::Server(Box::new(server(id, Line::new()))));
         }
         let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-        net.submit(index, tasks(7, 2), &SEEDS);
+        net.submit(index, work(7, &SEEDS));
         prop_assert_eq!(net.finish(index), undisturbed());
         prop_assert!(net.warnings.is_empty(), "{:?}", net.warnings);
     }
@@ -45,12 +44,14 @@ proptest! {
         }
         let first = net.add(Party::Tool(Box::new(tool("a", 0, now))));
         let second = net.add(Party::Tool(Box::new(tool("b", 1 << 40, now))));
-        net.submit(first, tasks(7, 2), &SEEDS);
-        net.submit(second, tasks(7, 2), &SEEDS);
+        net.submit(first, work(7, &SEEDS));
+        net.submit(second, work(7, &SEEDS));
         prop_assert_eq!(net.finish(first), undisturbed());
         net.tool(first).release();
         net.collect(first);
         prop_assert_eq!(net.finish(second), undisturbed());
+        // Whoever came second to a server notices before the step time-out.
+        prop_assert!(net.now - now < Duration::from_secs(20), "{:?}: {:?}", net.now - now, net.warnings);
     }
 
     #[test]
@@ -60,7 +61,7 @@ proptest! {
         let doomed = net.add(Party::Server(Box::new(server(1, Line::new()))));
         net.add(Party::Server(Box::new(server(2, Line::new()))));
         let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-        net.submit(index, tasks(7, 2), &SEEDS);
+        net.submit(index, work(7, &SEEDS));
         for _ in 0..after {
             net.turn();
         }
@@ -91,7 +92,7 @@ proptest! {
                 net.publish(stranger, topic.name(), text.as_bytes());
             }
         }
-        net.submit(index, tasks(7, 2), &SEEDS);
+        net.submit(index, work(7, &SEEDS));
         prop_assert_eq!(net.finish(index), undisturbed());
     }
 }
@@ -102,7 +103,7 @@ fn the_sequence_is_that_of_the_protocol() {
     let now = net.now;
     net.add(Party::Server(Box::new(server(1, Line::new()))));
     let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-    net.submit(index, tasks(1, 1), &[0]);
+    net.submit(index, work(1, &[0]));
     net.finish(index);
     let topics: Vec<&str> = net
         .log
@@ -129,7 +130,7 @@ fn every_concurrent_episode_has_its_own_hash() {
         net.add(Party::Server(Box::new(server(id, Line::new()))));
     }
     let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-    net.submit(index, tasks(7, 2), &SEEDS);
+    net.submit(index, work(7, &SEEDS));
     net.finish(index);
     let mut hashes: Vec<String> = net
         .log
@@ -161,18 +162,19 @@ fn a_server_that_sends_the_wrong_number_of_sensors_is_left_for_another() {
                 format!(
                     r#"{{"server":1,"simulation_hash":"{}","simulations":["line"],"capabilities":{{"dimensions":2}}}}"#,
                     discovery.simulation_hash
-                ),
+                )
+                .into_bytes(),
             )],
             Ok(Message::Control(control)) if control.server == 1 && control.run => vec![(
                 "sensor".to_owned(),
-                format!(r#"{{"simulation_hash":"{}","agent":0,"sensor":[1,2,3]}}"#, control.simulation_hash),
+                format!(r#"{{"simulation_hash":"{}","agent":0,"sensor":[1,2,3]}}"#, control.simulation_hash).into_bytes(),
             )],
             _ => Vec::new(),
         }
     })));
     net.add(Party::Server(Box::new(server(2, Line::new()))));
     let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-    net.submit(index, tasks(7, 2), &SEEDS);
+    net.submit(index, work(7, &SEEDS));
     assert_eq!(net.finish(index), undisturbed());
     let told = net
         .warnings
@@ -190,7 +192,7 @@ fn two_servers_with_one_id_are_both_left_out_and_named() {
     net.add(Party::Server(Box::new(server(1, Line::new()))));
     net.add(Party::Server(Box::new(server(2, Line::new()))));
     let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-    net.submit(index, tasks(7, 2), &SEEDS);
+    net.submit(index, work(7, &SEEDS));
     assert_eq!(net.finish(index), undisturbed());
     assert!(
         net.warnings
@@ -207,7 +209,7 @@ fn a_server_whose_tool_is_gone_says_who_is_missing_and_gets_free_again() {
     let now = net.now;
     net.add(Party::Server(Box::new(server(1, Line::new()))));
     let dead = net.add(Party::Tool(Box::new(tool("dead", 0, now))));
-    net.submit(dead, tasks(7, 2), &SEEDS);
+    net.submit(dead, work(7, &SEEDS));
     while net
         .log
         .iter()
@@ -220,7 +222,7 @@ fn a_server_whose_tool_is_gone_says_who_is_missing_and_gets_free_again() {
     net.parties[dead] = Party::Gone;
     let start = net.now;
     let alive = net.add(Party::Tool(Box::new(tool("alive", 1 << 40, start))));
-    net.submit(alive, tasks(7, 2), &SEEDS);
+    net.submit(alive, work(7, &SEEDS));
     assert_eq!(net.finish(alive), undisturbed());
     assert!(net.now - start > Duration::from_secs(20));
     let words: Vec<&String> = net

@@ -3,6 +3,8 @@
 mod broker;
 mod controller;
 mod errors;
+mod genomes;
+mod local;
 mod pool;
 mod server;
 mod worlds;
@@ -22,7 +24,8 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(worlds::simulations, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::describe, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::check_parameters, module)?)?;
-    module.add_function(wrap_pyfunction!(worlds::rollout, module)?)?;
+    module.add_function(wrap_pyfunction!(local::evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(local::levels, module)?)?;
     module.add_function(wrap_pyfunction!(server::serve, module)?)?;
     module.add_function(wrap_pyfunction!(pool::servers, module)?)?;
     Ok(())

@@ -1,15 +1,15 @@
 //! The optimization tool's side of the broker.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use serde_json::json;
 use std::time::Duration;
-use swarmwright_controllers::{Controller, Specification};
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{Demand, Options, Outcome, Pool, PoolError, Task, list_servers};
+use swarmwright_pool::{Demand, Options, Pool, PoolError, list_servers};
 use swarmwright_protocol::{Requirements, State};
 
 use crate::errors::{engine, input, object};
+use crate::genomes::work;
 use crate::server::seconds;
 
 /// Finds servers and runs episodes on them.
@@ -27,7 +27,7 @@ fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3))]
+        mode="auto", visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3, largest=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -44,12 +44,8 @@ impl PyPool {
         discovery_timeout: f64,
         step_timeout: f64,
         attempts: u32,
+        largest: Option<usize>,
     ) -> PyResult<Self> {
-        if !matches!(mode, "auto" | "stepwise") {
-            return Err(input(format!(
-                "mode: {mode:?} is not possible; expected \"auto\" or \"stepwise\""
-            )));
-        }
         let requirements = Requirements::decode(requirements.as_bytes())
             .map_err(|error| input(format!("requirements: {error}")))?;
         let options = Options {
@@ -61,12 +57,15 @@ impl PyPool {
                 requirements,
                 sensors,
                 actuators,
+                mode: mode.parse().map_err(input)?,
+                kind: None,
             },
             parameters: object("parameters", parameters)?,
             visual,
             discovery_timeout: seconds("discovery_timeout", discovery_timeout)?,
             step_timeout: seconds("step_timeout", step_timeout)?,
             attempts,
+            largest: largest.unwrap_or(usize::MAX),
         };
         py.detach(|| Pool::connect(options))
             .map(|pool| Self(Some(pool)))
@@ -87,7 +86,7 @@ impl PyPool {
         result.map_err(|failed| error(&failed))
     }
 
-    #[pyo3(signature = (controllers, seeds, on_progress=None))]
+    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None))]
     #[expect(
         clippy::needless_pass_by_value,
         reason = "pyo3 hands arguments over by value"
@@ -95,27 +94,17 @@ impl PyPool {
     fn evaluate<'py>(
         &mut self,
         py: Python<'py>,
-        controllers: Vec<String>,
+        architecture: &str,
+        genomes: PyReadonlyArray2<'py, f32>,
         seeds: Vec<u64>,
         on_progress: Option<Py<PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, String)> {
         let pool = self.pool()?;
-        let mut tasks = Vec::with_capacity(controllers.len() * seeds.len());
-        for (candidate, text) in controllers.iter().enumerate() {
-            let specification = Specification::from_json(text).map_err(|failed| {
-                input(format!("controller of candidate {candidate}: {failed}"))
-            })?;
-            let controller = Controller::new(&specification);
-            tasks.extend((0..seeds.len()).map(|episode| Task {
-                candidate,
-                episode,
-                controller: controller.clone(),
-            }));
-        }
-        let total = tasks.len();
+        let work = work(architecture, &genomes, seeds)?;
+        let (shape, total) = ([work.candidates(), work.episodes()], work.len());
         let mut raised: Option<PyErr> = None;
         let result = py.detach(|| {
-            pool.evaluate(tasks, &seeds, |done, waiting_for| {
+            pool.evaluate(work, |done, waiting_for| {
                 let called = Python::attach(|py| {
                     py.check_signals()?;
                     on_progress.as_ref().map_or(Ok(()), |call| {
@@ -126,14 +115,7 @@ impl PyPool {
             })
         });
         raised.map_or(Ok(()), Err)?;
-        let outcomes = result.map_err(|failed| error(&failed))?;
-        let fitness: Vec<f64> = outcomes
-            .iter()
-            .map(|outcome| match outcome {
-                Outcome::Fitness(fitness) => *fitness,
-                Outcome::Failed(_) => f64::NAN,
-            })
-            .collect();
+        let fitness = result.map_err(|failed| error(&failed))?;
         let journal: Vec<String> = pool
             .take_warnings()
             .into_iter()
@@ -144,7 +126,7 @@ impl PyPool {
                     .map(|attempt| json!(attempt).to_string()),
             )
             .collect();
-        let fitness = PyArray1::from_vec(py, fitness).reshape([controllers.len(), seeds.len()])?;
+        let fitness = PyArray1::from_vec(py, fitness).reshape(shape)?;
         Ok((fitness, journal.join("\n")))
     }
 

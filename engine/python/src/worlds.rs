@@ -1,10 +1,9 @@
 //! Built-in simulations in this process.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use serde_json::json;
 use swarmwright_controllers::{Controller, Specification};
-use swarmwright_worlds::{self as worlds, Parameters, Simulation};
+use swarmwright_worlds::{self as worlds, Simulation};
 
 use crate::errors::{engine, input, object};
 
@@ -107,46 +106,4 @@ impl PyEpisode {
             .scene()
             .ok_or_else(|| engine("this simulation has nothing to show"))
     }
-}
-
-/// Evaluates controllers in this process.
-#[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
-pub fn rollout<'py>(
-    py: Python<'py>,
-    title: &str,
-    parameters: &str,
-    controllers: Vec<String>,
-    seeds: Vec<u64>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let mut simulation = create(title)?;
-    let parameters = object("parameters", parameters)?;
-    let crews = controllers
-        .iter()
-        .map(|text| controller(text))
-        .collect::<PyResult<Vec<_>>>()?;
-    let fitness = py
-        .detach(|| evaluate(&mut *simulation, &parameters, &crews, &seeds))
-        .map_err(input)?;
-    PyArray1::from_vec(py, fitness).reshape([controllers.len(), seeds.len()])
-}
-
-fn evaluate(
-    simulation: &mut dyn Simulation,
-    parameters: &Parameters,
-    controllers: &[Controller],
-    seeds: &[u64],
-) -> Result<Vec<f64>, worlds::RolloutError> {
-    let mut parameters = parameters.clone();
-    let mut fitness = Vec::with_capacity(controllers.len() * seeds.len());
-    for controller in controllers {
-        for &seed in seeds {
-            parameters.insert("seed".to_owned(), seed.into());
-            fitness.push(worlds::rollout(simulation, &parameters, controller)?);
-        }
-    }
-    Ok(fitness)
 }

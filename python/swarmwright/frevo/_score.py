@@ -1,7 +1,7 @@
 """FREVO's networks, evaluated again."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 from swarmwright._errors import InputError, engine_errors
 from swarmwright.frevo._document import open_session
 from swarmwright.frevo._mapping import problem_parameters
-from swarmwright.frevo._networks import networks
+from swarmwright.frevo._networks import Network, networks
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,18 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
         notes.append("activationFunction = SIGMOID: computed to 1e-7 here, so that fates may differ")
     first: int = parameters.pop("seed", 0)
     episodes = next(line.value for line in ranking if line.key == "episodes")
-    controllers = [json.dumps(network.specification) for network in found]
+    results = np.empty((len(found), episodes))
     try:
         with engine_errors():
             from swarmwright import _engine
 
             seeds = range(first, first + episodes)
-            results = _engine.rollout("emergency_exit", json.dumps(parameters), controllers, seeds)
+            for architecture, indices in _by_architecture(found).items():
+                weights = [found[index].specification["weights"] for index in indices]
+                genomes = np.array(weights, dtype=np.float32)
+                results[indices] = _engine.evaluate(
+                    "emergency_exit", json.dumps(parameters), architecture, genomes, seeds
+                )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     # One after another, as FREVO adds them; sum() would round otherwise.
@@ -81,3 +86,12 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     pairs = zip(totals.tolist(), found, strict=True)
     scores = tuple(Score(index, total, network.fitness) for index, (total, network) in enumerate(pairs))
     return Scores(scores, tuple(notes))
+
+
+def _by_architecture(networks: Sequence[Network]) -> dict[str, list[int]]:
+    """Return the indices of the networks by their specification (JSON, without weights)."""
+    found: dict[str, list[int]] = {}
+    for index, network in enumerate(networks):
+        common = {key: value for key, value in network.specification.items() if key != "weights"}
+        found.setdefault(json.dumps(common), []).append(index)
+    return found

@@ -1,6 +1,5 @@
 """What every representation does."""
 
-import json
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -19,11 +18,11 @@ Genomes = NDArray[np.float32]
 class Representation(ABC):
     """A genome is a flat row of float32 numbers; a representation knows what controller it stands for.
 
-    It gives a genome its meaning (`specification`, what the engine and every simulation server understand)
-    and its genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`), how two are
-    combined (`crossover`) and how different two are (`distance`). Methods work on genomes through these
-    alone, so any method evolves any representation. Operators are pure: they return new arrays and take their
-    randomness from the stream they are given.
+    It gives genomes their meaning (`architecture` and `weights`, what the engine and every simulation server
+    understand) and its genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`),
+    how two are combined (`crossover`) and how different two are (`distance`). Methods work on genomes through
+    these alone, so any method evolves any representation. Operators are pure: they return new arrays and take
+    their randomness from the stream they are given.
 
     Args:
         options: this representation's section of the experiment.
@@ -47,12 +46,26 @@ class Representation(ABC):
         """Number of genes."""
 
     @abstractmethod
-    def specification(self, genome: Genome) -> dict[str, Any]:
-        """Return the controller as plain values, see protocol/schemas/controller.schema.json."""
+    def architecture(self) -> dict[str, Any]:
+        """Return what all controllers have in common: a specification without its weights.
 
-    def specification_text(self, genome: Genome) -> str:
-        """Return the controller as JSON text."""
-        return json.dumps(self.specification(genome), allow_nan=False)
+        See protocol/schemas/controller.schema.json.
+        """
+
+    def weights(self, genomes: Genomes) -> NDArray[np.float32]:
+        """Return the weights of the controllers that genomes stand for.
+
+        Args:
+            genomes: (candidates, genome_size).
+
+        Returns:
+            (candidates, weights) float32, finite. Default: the genes are the weights.
+        """
+        return genomes
+
+    def specification(self, genome: Genome) -> dict[str, Any]:
+        """Return one controller as plain values."""
+        return {**self.architecture(), "weights": shortest(self.weights(genome[np.newaxis])[0])}
 
     @abstractmethod
     def initial(self, stream: Stream) -> Genome:

@@ -5,7 +5,6 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.representations._base import Genome, shortest
 from swarmwright.representations._network import NetworkOptions, NodeNetwork
 from swarmwright.representations.layered import OUTPUT_RANGE
 
@@ -39,8 +38,8 @@ class FullyMeshed(NodeNetwork):
         computed = self.options.hidden + self.actuators
         return [self.sensors + computed] * computed
 
-    def specification(self, genome: Genome) -> dict[str, Any]:
-        """Return the controller as plain values."""
+    def architecture(self) -> dict[str, Any]:
+        """Return the specification of all controllers, without weights."""
         return {
             "version": 1,
             "kind": self.kind,
@@ -50,5 +49,4 @@ class FullyMeshed(NodeNetwork):
             "activation": self.options.activation,
             "iterations": self.options.iterations,
             "output_range": OUTPUT_RANGE[self.options.activation],
-            "weights": shortest(genome),
         }

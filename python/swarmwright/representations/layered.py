@@ -6,7 +6,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.representations._base import Genome, shortest
 from swarmwright.representations._network import NetworkOptions, NodeNetwork
 
 Size = Annotated[int, Field(ge=1, le=10_000)]
@@ -47,8 +46,8 @@ class Layered(NodeNetwork):
         layers = [self.sensors, *self.options.hidden, self.actuators]
         return [before for before, here in pairwise(layers) for _ in range(here)]
 
-    def specification(self, genome: Genome) -> dict[str, Any]:
-        """Return the controller as plain values."""
+    def architecture(self) -> dict[str, Any]:
+        """Return the specification of all controllers, without weights."""
         return {
             "version": 1,
             "kind": self.kind,
@@ -57,5 +56,4 @@ class Layered(NodeNetwork):
             "hidden": list(self.options.hidden),
             "activation": self.options.activation,
             "output_range": OUTPUT_RANGE[self.options.activation],
-            "weights": shortest(genome),
         }

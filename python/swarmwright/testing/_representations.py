@@ -43,9 +43,16 @@ def _check_initial(subject: Representation) -> None:
 
 def _check_specification(subject: Representation) -> None:
     genome = _genomes(subject, 1)[0]
-    text = subject.specification_text(genome)
-    assert json.loads(text) == subject.specification(genome), "specification_text must be the same in JSON"
+    specification = subject.specification(genome)
+    text = json.dumps(specification, allow_nan=False)
     assert _engine.genome_size(text) == subject.genome_size, "the engine needs another number of weights"
+    rows = subject.weights(np.stack(_genomes(subject, 3)))
+    assert rows.dtype == np.float32, f"weights returns {rows.dtype}, not float32"
+    assert rows.shape == (3, _engine.genome_size(json.dumps(subject.architecture()))), (
+        "weights has another shape"
+    )
+    own = np.array(specification["weights"], dtype=np.float32)
+    assert own.tobytes() == rows[0].tobytes(), "specification must hold the genome's own weights"
     controller = _engine.Controller(text)
     assert (controller.sensors, controller.actuators) == (subject.sensors, subject.actuators)
     sensors = np.linspace(-1, 1, subject.sensors, dtype=np.float32)

@@ -82,7 +82,9 @@ def test_servers_are_listed_and_leave_with_their_supervisor(
 def test_optimize_uses_the_servers_of_a_broker(
     start: Any, program: Any, any_broker: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "x.yaml").write_text("simulation: minisim\nmethod: {population: 50, generations: 40}\n")
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmode: stepwise\nmethod: {population: 50, generations: 40}\n"
+    )
     serving = start("serve", "minisim", "--broker", any_broker, "--count", "2", "--json")
     events(serving, "ready", 2)
     result = program("optimize", "x.yaml", "--out", "result", env={"SWARMWRIGHT_BROKER": any_broker})

@@ -1,14 +1,25 @@
 //! A broker, a clock and parties without I/O: whole conversations between pools and servers in virtual time.
 
-use std::collections::VecDeque;
+#![allow(
+    dead_code,
+    unused_imports,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test; each uses a part of it"
+)]
+
+mod extended;
+
+use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value, json};
-use swarmwright_controllers::{Controller, Specification};
-use swarmwright_pool::{Config, Demand, Machine as PoolMachine, Outcome, Task};
+use serde_json::{Map, Value};
+use swarmwright_pool::{Attempt, Config, Demand, Machine as PoolMachine, Mode, Work};
 use swarmwright_protocol::{Requirements, Topic, Topics};
 use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation};
 use swarmwright_wrapper::{Identity, Machine as ServerMachine, Notice};
+
+pub use extended::{Extended, refusal};
 
 /// Agents on a line: each moves by its actuator; the fitness is the sum of the places, weighted by agent and seed.
 pub struct Line {
@@ -93,31 +104,31 @@ impl Simulation for Line {
     }
 }
 
-/// A controller of the given weight, without state.
-pub fn controller(weight: f32) -> Controller {
-    let specification = json!({"version": 1, "kind": "layered", "sensors": 2, "actuators": 1, "hidden": [],
-        "activation": "tanh", "output_range": [-1, 1], "weights": [weight, -weight, 0.5]});
-    Controller::new(&Specification::from_json(&specification.to_string()).unwrap())
-}
+/// The specification of all controllers here: layered, without state.
+pub const ARCHITECTURE: &str = r#"{"version": 1, "kind": "layered", "sensors": 2, "actuators": 1, "hidden": [],
+    "activation": "tanh", "output_range": [-1, 1]}"#;
 
-pub fn tasks(candidates: usize, episodes: usize) -> Vec<Task> {
-    (0..candidates)
-        .flat_map(|candidate| {
-            (0..episodes).map(move |episode| Task {
-                candidate,
-                episode,
-                controller: controller(candidate as f32 / 10.0),
-            })
-        })
-        .collect()
+/// Candidates of growing weight.
+pub fn work(candidates: usize, seeds: &[u64]) -> Work {
+    #[expect(clippy::cast_precision_loss, reason = "small numbers")]
+    let weight = |candidate: usize| candidate as f32 / 10.0;
+    let genome = |candidate| [weight(candidate), -weight(candidate), 0.5];
+    Work::new(
+        ARCHITECTURE,
+        (0..candidates).flat_map(genome).collect(),
+        seeds.to_vec(),
+    )
+    .unwrap()
 }
 
 /// Topic and payload in, topics and payloads out.
-pub type Script = Box<dyn FnMut(&str, &[u8]) -> Vec<(String, String)>>;
+pub type Script = Box<dyn FnMut(&str, &[u8]) -> Vec<(String, Vec<u8>)>>;
 
 pub enum Party {
     Tool(Box<PoolMachine>),
     Server(Box<ServerMachine>),
+    /// A server that knows the extensions.
+    Extended(Box<Extended>),
     /// Answers each message as it likes.
     Script(Script),
     /// Neither reads nor writes: frozen or killed.
@@ -140,10 +151,17 @@ pub struct Net {
     queues: Vec<VecDeque<Message>>,
     pub log: Vec<Message>,
     pub warnings: Vec<String>,
+    /// Parties that say nothing of extensions.
+    pub seed_only: HashSet<usize>,
     random: u64,
 }
 
+/// A tool that steps every agent of every episode by itself.
 pub fn tool(name: &str, first_instance: u64, now: Instant) -> PoolMachine {
+    tool_in_mode(Mode::Stepwise, name, first_instance, now)
+}
+
+pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -> PoolMachine {
     let mut parameters = Map::new();
     parameters.insert("numAgents".into(), 5.into());
     PoolMachine::new(
@@ -156,13 +174,17 @@ pub fn tool(name: &str, first_instance: u64, now: Instant) -> PoolMachine {
                 },
                 sensors: Some(2),
                 actuators: Some(1),
+                mode,
+                kind: None,
             },
             parameters,
             tool: name.into(),
+            token: name.into(),
             topics: Topics::default(),
             visual: false,
             step_timeout: Duration::from_secs(10),
             attempts: 3,
+            largest: usize::MAX,
             first_instance,
         },
         now,
@@ -186,6 +208,7 @@ impl Net {
             queues: Vec::new(),
             log: Vec::new(),
             warnings: Vec::new(),
+            seed_only: HashSet::new(),
             random: random.wrapping_mul(2).wrapping_add(1),
         }
     }
@@ -195,6 +218,13 @@ impl Net {
         self.queues.push(VecDeque::new());
         self.collect(self.parties.len() - 1);
         self.parties.len() - 1
+    }
+
+    /// A server that knows nothing of extensions.
+    pub fn add_seed_only(&mut self, id: u64) -> usize {
+        let index = self.add(Party::Server(Box::new(server(id, Line::new()))));
+        self.seed_only.insert(index);
+        index
     }
 
     pub fn tool(&mut self, index: usize) -> &mut PoolMachine {
@@ -224,6 +254,8 @@ impl Net {
     pub fn collect(&mut self, index: usize) {
         let topics = Topics::default();
         let mut published = Vec::new();
+        // A job's result is an action, and so is the next job.
+        let mut again = false;
         match &mut self.parties[index] {
             Party::Tool(machine) => {
                 for action in machine.actions() {
@@ -231,13 +263,21 @@ impl Net {
                         swarmwright_pool::Action::Publish(topic, payload) => {
                             published.push((topics.name(topic), payload))
                         }
+                        swarmwright_pool::Action::Request {
+                            server, payload, ..
+                        } => published.push((topics.to_server(server), payload)),
                         swarmwright_pool::Action::Warn(text) => self.warnings.push(text),
                     }
                 }
             }
             Party::Server(machine) => {
+                let mut jobs = Vec::new();
                 for action in machine.actions() {
                     match action {
+                        swarmwright_wrapper::Action::Reply { topic, payload, .. } => {
+                            published.push((topic, payload));
+                        }
+                        swarmwright_wrapper::Action::Evaluate(job) => jobs.push(job),
                         // Presence has its own tests; conversations must work without it.
                         swarmwright_wrapper::Action::Publish(Topic::Presence, _) => {}
                         swarmwright_wrapper::Action::Publish(topic, payload) => {
@@ -250,11 +290,25 @@ impl Net {
                         | swarmwright_wrapper::Action::Frame(_) => {}
                     }
                 }
+                for job in jobs {
+                    let done = job.run(swarmwright_worlds::Means::default());
+                    machine.finished(done, self.now);
+                    again = true;
+                }
             }
+            Party::Extended(server) => published = server.due(self.now),
             Party::Script(_) | Party::Gone => {}
         }
-        for (topic, payload) in published {
+        for (topic, mut payload) in published {
+            if topic == "server" && self.seed_only.contains(&index) {
+                let mut message: Value = serde_json::from_slice(&payload).unwrap();
+                message["capabilities"]["swarmwright"].take();
+                payload = message.to_string().into_bytes();
+            }
             self.publish(index, &topic, &payload);
+        }
+        if again {
+            self.collect(index);
         }
     }
 
@@ -270,12 +324,15 @@ impl Net {
                 Party::Server(machine) => {
                     machine.receive(&message.topic, &message.payload, false, self.now)
                 }
+                Party::Extended(server) => {
+                    server.receive(&message.topic, &message.payload, self.now)
+                }
                 Party::Script(script) => {
-                    for (topic, text) in script(&message.topic, &message.payload) {
+                    for (topic, payload) in script(&message.topic, &message.payload) {
                         self.queues[index].push_back(Message {
                             from: index,
                             topic,
-                            payload: text.into_bytes(),
+                            payload,
                         });
                     }
                 }
@@ -291,6 +348,7 @@ impl Net {
             .filter_map(|party| match party {
                 Party::Tool(machine) => Some(machine.next_tick()),
                 Party::Server(machine) => machine.next_tick(),
+                Party::Extended(server) => server.next(),
                 Party::Script(_) | Party::Gone => None,
             })
             .min()
@@ -308,7 +366,7 @@ impl Net {
                 match &mut self.parties[index] {
                     Party::Tool(machine) => machine.tick(self.now),
                     Party::Server(machine) => machine.tick(self.now, String::new),
-                    Party::Script(_) | Party::Gone => {}
+                    Party::Extended(_) | Party::Script(_) | Party::Gone => {}
                 }
                 self.collect(index);
             }
@@ -323,11 +381,11 @@ impl Net {
         self.deliver(&message);
     }
 
-    /// Turns until the tool has all its outcomes.
-    pub fn finish(&mut self, tool: usize) -> Vec<Outcome> {
+    /// Turns until the tool has all its results.
+    pub fn finish(&mut self, tool: usize) -> Vec<f64> {
         for _ in 0..2_000_000 {
             if self.tool(tool).finished() {
-                return self.tool(tool).take_outcomes();
+                return self.tool(tool).take_fitness();
             }
             self.turn();
         }
@@ -338,9 +396,14 @@ impl Net {
         );
     }
 
-    pub fn submit(&mut self, tool: usize, tasks: Vec<Task>, seeds: &[u64]) {
+    pub fn submit(&mut self, tool: usize, work: Work) {
         let now = self.now;
-        self.tool(tool).submit(tasks, seeds, now);
+        self.tool(tool).submit(work, now);
         self.collect(tool);
+    }
+
+    pub fn journal(&mut self, tool: usize) -> Vec<Attempt> {
+        let journal = self.tool(tool).take_journal();
+        journal.into_iter().map(|(attempt, _)| attempt).collect()
     }
 }

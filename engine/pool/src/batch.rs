@@ -1,0 +1,139 @@
+//! A batch of episodes on one server, seen from the optimization tool: a controller with its own state for every agent
+//! of every episode, all answered in one message a step.
+
+use swarmwright_controllers::Controller;
+use swarmwright_protocol::BatchSensors;
+
+use crate::run::MOST_AGENTS;
+
+/// A batch under way.
+pub(crate) struct Batch {
+    /// The step that comes next.
+    step: u64,
+    /// Number of agents of an episode, if the parameters tell.
+    agents: Option<u64>,
+    episodes: Vec<Episode>,
+    actuators: usize,
+    sensors: usize,
+}
+
+struct Episode {
+    /// Never stepped; none once the episode has ended.
+    prototype: Option<Controller>,
+    controllers: Vec<Option<Controller>>,
+}
+
+/// What a message of the server brought.
+#[derive(Debug, Default)]
+pub(crate) struct Progress {
+    /// Fitness, by index of the episode in the batch.
+    pub ended: Vec<(usize, f64)>,
+    /// Reason, by index of the episode in the batch.
+    pub failed: Vec<(usize, String)>,
+    /// The step and (rows, actuators) that answer it; none once all episodes have ended.
+    pub answer: Option<(u64, Vec<f32>)>,
+}
+
+impl Batch {
+    /// `controllers`: one per episode.
+    pub fn new(controllers: Vec<Controller>, agents: Option<u64>) -> Self {
+        let (sensors, actuators) = controllers
+            .first()
+            .map_or((0, 0), |one| (one.sensors(), one.actuators()));
+        let episode = |prototype| Episode {
+            prototype: Some(prototype),
+            controllers: Vec::new(),
+        };
+        Self {
+            step: 0,
+            agents,
+            episodes: controllers.into_iter().map(episode).collect(),
+            actuators,
+            sensors,
+        }
+    }
+
+    /// Steps that have been answered.
+    pub fn steps(&self) -> u64 {
+        self.step
+    }
+
+    /// Takes a message of the server; none if it is a repetition of an older one.
+    ///
+    /// # Errors
+    /// A step, an episode or an agent that cannot be; arrays that do not fit each other; an end that leaves episodes open.
+    pub fn step(&mut self, message: &BatchSensors) -> Result<Option<Progress>, String> {
+        if message.step < self.step {
+            return Ok(None);
+        }
+        if message.step > self.step {
+            let (found, expected) = (message.step, self.step);
+            return Err(format!("step {found} came, expected {expected}"));
+        }
+        let mut progress = Progress::default();
+        for (&episode, &fitness) in message.ended.0.iter().zip(&message.fitness.0) {
+            progress.ended.push((self.end(episode.into())?, fitness));
+        }
+        for failure in &message.failed {
+            let episode = self.end(failure.episode)?;
+            progress.failed.push((episode, failure.reason.clone()));
+        }
+        let rows = message.episodes.0.len();
+        if message.sensors.0.len() != rows * self.sensors {
+            return Err(format!(
+                "{} sensors for {rows} agents, expected {} each",
+                message.sensors.0.len(),
+                self.sensors
+            ));
+        }
+        if rows == 0 {
+            return match self.episodes.iter().position(|one| one.prototype.is_some()) {
+                Some(open) => Err(format!("nobody acts, but episode {open} has not ended")),
+                None => Ok(Some(progress)),
+            };
+        }
+        let mut actuators = vec![0.0; rows * self.actuators];
+        let agents = message.episodes.0.iter().zip(&message.agents.0);
+        let sensors = message.sensors.0.chunks_exact(self.sensors);
+        let room = actuators.chunks_exact_mut(self.actuators);
+        for (((&episode, &agent), sensors), room) in agents.zip(sensors).zip(room) {
+            self.controller(episode, agent)?
+                .step(sensors, room)
+                .map_err(|error| format!("agent {agent} of episode {episode}: {error}"))?;
+        }
+        progress.answer = Some((self.step, actuators));
+        self.step += 1;
+        Ok(Some(progress))
+    }
+
+    fn end(&mut self, episode: u64) -> Result<usize, String> {
+        let index = usize::try_from(episode).unwrap_or(usize::MAX);
+        let found = self.episodes.get_mut(index);
+        match found.and_then(|one| one.prototype.take()) {
+            Some(_) => Ok(index),
+            None => Err(format!("episode {episode} ended that was not running")),
+        }
+    }
+
+    fn controller(&mut self, episode: u32, agent: u32) -> Result<&mut Controller, String> {
+        let limit = self.agents.unwrap_or(MOST_AGENTS);
+        if u64::from(agent) >= limit {
+            let last = limit - 1;
+            return Err(format!(
+                "agent {agent} is unknown; the agents are 0 to {last}"
+            ));
+        }
+        let Some(Episode {
+            prototype: Some(prototype),
+            controllers,
+        }) = self.episodes.get_mut(episode as usize)
+        else {
+            return Err(format!("episode {episode} acts and is not running"));
+        };
+        let agent = agent as usize;
+        if agent >= controllers.len() {
+            controllers.resize(agent + 1, None);
+        }
+        Ok(controllers[agent].get_or_insert_with(|| prototype.clone()))
+    }
+}

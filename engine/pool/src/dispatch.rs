@@ -1,0 +1,130 @@
+//! Who gets what: how much work goes to which server.
+
+use std::time::Instant;
+
+use crate::machine::Machine;
+use crate::mode::Way;
+use crate::offers::Slot;
+
+/// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
+const BLOCK: f64 = 0.020;
+/// Less than this is not worth a message of its own.
+const LEAST: f64 = 0.001;
+/// Numbers in a message, at most.
+const NUMBERS: usize = 1 << 21;
+/// Blocks in flight to one server: one is computed, one waits.
+const IN_FLIGHT: usize = 2;
+/// A server is passed over when it would need this many times as long as all others for all that is left, and
+const PATIENCE: f64 = 2.0;
+/// this many seconds more.
+const GRACE: f64 = 0.05;
+
+/// A number of evaluations from a measured speed.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "limited to what an index can be"
+)]
+fn count(evaluations: f64) -> usize {
+    evaluations.ceil().clamp(1.0, 1e12) as usize
+}
+
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "far fewer than 2^53 evaluations"
+)]
+fn number(count: usize) -> f64 {
+    count as f64
+}
+
+impl Machine {
+    /// Gives work to every server that has room for it, to those that have none first.
+    pub(crate) fn dispatch(&mut self, now: Instant) {
+        for jobs in 0..IN_FLIGHT {
+            if self.ledger.queued() == 0 {
+                return;
+            }
+            let room = |slot: &Slot| {
+                slot.usable()
+                    && slot.jobs.len() == jobs
+                    && (jobs == 0 || slot.way == Way::Offloaded)
+            };
+            let slots = self.offers.slots.iter();
+            let servers: Vec<u64> = slots
+                .filter(|(_, slot)| room(slot))
+                .map(|(id, _)| *id)
+                .collect();
+            for server in servers {
+                self.give(server, now);
+            }
+        }
+    }
+
+    fn give(&mut self, server: u64, now: Instant) {
+        let Some(slot) = self.offers.slots.get(&server) else {
+            return;
+        };
+        if !self.is_worth_while(server, slot) {
+            return;
+        }
+        let (way, most) = (slot.way, self.most(slot));
+        let servers: Vec<u64> = self.offers.slots.keys().copied().collect();
+        let Some(piece) = self.ledger.take(server, &servers, most) else {
+            return;
+        };
+        match way {
+            Way::Stepwise => self.start_episode(piece, server, now),
+            Way::Batched(_) => self.start_batch(piece, server, now),
+            Way::Offloaded => self.send_block(piece, server, now),
+        }
+    }
+
+    /// How many evaluations a server gets at once.
+    fn most(&self, slot: &Slot) -> usize {
+        let most = match slot.way {
+            Way::Stepwise => 1,
+            Way::Batched(batch) => batch.min(count(self.share(slot))),
+            // A first one tells how fast the server is.
+            Way::Offloaded => slot.rate.map_or(1, |rate| {
+                let share = (self.share(slot) / number(IN_FLIGHT)).max(rate * LEAST);
+                count(share.min(rate * BLOCK))
+            }),
+        };
+        let Some(work) = &self.ledger.work else {
+            return most;
+        };
+        let candidates = (NUMBERS / work.architecture().weight_count()).max(1);
+        most.min(candidates.saturating_mul(work.episodes()))
+            .min(NUMBERS / 2)
+            .min(self.config.largest)
+    }
+
+    /// A server's part of the evaluations that are queued, by the speeds of all.
+    fn share(&self, slot: &Slot) -> f64 {
+        let usable = || self.offers.slots.values().filter(|slot| slot.usable());
+        let queued = number(self.ledger.queued());
+        let all: Option<f64> = usable().map(|slot| slot.rate).sum();
+        match (all, slot.rate) {
+            (Some(all), Some(rate)) => queued * rate / all,
+            _ => queued / number(usable().count()),
+        }
+    }
+
+    /// Whether the work is done earlier with this server's help than without.
+    fn is_worth_while(&self, server: u64, slot: &Slot) -> bool {
+        let Some(rate) = slot.rate else { return true };
+        let others: f64 = self
+            .offers
+            .slots
+            .iter()
+            .filter(|(id, slot)| **id != server && slot.usable())
+            .filter_map(|(_, slot)| slot.rate)
+            .sum();
+        // What failed somewhere may need just this server.
+        if others <= 0.0 || self.ledger.has_failures() {
+            return true;
+        }
+        let alone = number(self.most(slot)) / rate;
+        alone <= PATIENCE * number(self.ledger.queued()) / others + GRACE
+    }
+}

@@ -1,0 +1,250 @@
+//! What of the work is queued and what is done. Evaluations are numbered candidate by candidate, episode by episode.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+
+use crate::work::Work;
+
+/// How many of the evaluations `queued`, from the first on and at most `most`, make a rectangle: whole candidates, or
+/// some episodes of one. At least 1, unless nothing is queued.
+#[must_use]
+pub fn rectangle(queued: &Range<usize>, episodes: usize, most: usize) -> usize {
+    let length = queued.len().min(most.max(1));
+    let episode = queued.start % episodes;
+    if episode == 0 && length >= episodes {
+        length - length % episodes
+    } else {
+        length.min(episodes - episode)
+    }
+}
+
+/// Evaluations in a row that have the same past.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Piece {
+    pub evaluations: Range<usize>,
+    /// Attempts made before.
+    pub tries: u32,
+    /// Servers on which it failed: others are preferred.
+    failed_on: Vec<u64>,
+    /// How many of it may go in one request: fewer with each failure, so that in the end the one that brings servers
+    /// down is alone.
+    largest: usize,
+}
+
+impl Piece {
+    pub fn first(&self) -> usize {
+        self.evaluations.start
+    }
+
+    pub fn len(&self) -> usize {
+        self.evaluations.len()
+    }
+
+    /// A part of it, with the same past.
+    pub fn part(&self, evaluations: Range<usize>) -> Self {
+        Self {
+            evaluations,
+            ..self.clone()
+        }
+    }
+
+    /// What it is after a failure on a server.
+    pub fn failed(mut self, server: u64, attempts: u32) -> Self {
+        self.tries += 1;
+        self.failed_on.push(server);
+        self.largest = if self.tries + 1 >= attempts {
+            1
+        } else {
+            self.len().div_ceil(8)
+        };
+        self
+    }
+}
+
+/// The books of one block of work.
+#[derive(Debug, Default)]
+pub(crate) struct Ledger {
+    pub work: Option<Work>,
+    queue: VecDeque<Piece>,
+    queued: usize,
+    fitness: Vec<f64>,
+    settled: Vec<bool>,
+    done: usize,
+}
+
+impl Ledger {
+    pub fn new(work: Work) -> Self {
+        let count = work.len();
+        let whole = Piece {
+            evaluations: 0..count,
+            tries: 0,
+            failed_on: Vec::new(),
+            largest: usize::MAX,
+        };
+        Self {
+            work: Some(work),
+            queue: (count > 0).then_some(whole).into_iter().collect(),
+            queued: count,
+            fitness: vec![f64::NAN; count],
+            settled: vec![false; count],
+            done: 0,
+        }
+    }
+
+    pub fn episodes(&self) -> usize {
+        self.work.as_ref().map_or(1, Work::episodes)
+    }
+
+    /// Candidates and episodes of a piece.
+    pub fn extent(&self, piece: &Piece) -> (Range<usize>, Range<usize>) {
+        let episodes = self.episodes();
+        let (first, length) = (piece.first(), piece.len());
+        let (candidate, episode) = (first / episodes, first % episodes);
+        (
+            candidate..candidate + length.div_ceil(episodes),
+            episode..episode + length.min(episodes),
+        )
+    }
+
+    /// Evaluations that wait for a server.
+    pub fn queued(&self) -> usize {
+        self.queued
+    }
+
+    /// Evaluations that have ended.
+    pub fn done(&self) -> usize {
+        self.done
+    }
+
+    /// Whether something waits that failed before.
+    pub fn has_failures(&self) -> bool {
+        self.queue.iter().any(|piece| piece.tries > 0)
+    }
+
+    pub fn finished(&self) -> bool {
+        self.done == self.fitness.len()
+    }
+
+    /// A rectangle of at most `most` evaluations that this server has not failed, or which all of `servers` have.
+    pub fn take(&mut self, server: u64, servers: &[u64], most: usize) -> Option<Piece> {
+        let usable = |piece: &Piece| {
+            !piece.failed_on.contains(&server)
+                || servers.iter().all(|other| piece.failed_on.contains(other))
+        };
+        let position = self.queue.iter().position(usable)?;
+        let episodes = self.episodes();
+        let piece = &mut self.queue[position];
+        let count = rectangle(&piece.evaluations, episodes, most.min(piece.largest));
+        let taken = piece.part(piece.first()..piece.first() + count);
+        piece.evaluations.start += count;
+        if piece.evaluations.is_empty() {
+            self.queue.remove(position);
+        }
+        self.queued -= count;
+        Some(taken)
+    }
+
+    /// What of a piece is not settled waits for a server again, before all else.
+    pub fn put_back(&mut self, piece: &Piece) {
+        let mut end = piece.evaluations.end;
+        while end > piece.first() {
+            let open = |index: &usize| !self.settled[*index];
+            let from_end = || (piece.first()..end).rev();
+            let Some(last) = from_end().find(open) else {
+                return;
+            };
+            let before = (piece.first()..last).rev().find(|index| !open(index));
+            let first = before.map_or(piece.first(), |index| index + 1);
+            self.queued += last + 1 - first;
+            self.queue.push_front(piece.part(first..last + 1));
+            end = first;
+        }
+    }
+
+    /// An evaluation has ended, with NaN where it failed for good. Whatever comes later for it is not heard.
+    pub fn settle(&mut self, evaluation: usize, fitness: f64) {
+        if !std::mem::replace(&mut self.settled[evaluation], true) {
+            self.fitness[evaluation] = fitness;
+            self.done += 1;
+        }
+    }
+
+    /// The fitness of all evaluations, once all have ended.
+    pub fn take_fitness(&mut self) -> Vec<f64> {
+        std::mem::take(self).fitness
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ARCHITECTURE: &str = r#"{"version": 1, "kind": "layered", "sensors": 1, "actuators": 1, "hidden": [],
+        "activation": "tanh", "output_range": [-1, 1]}"#;
+
+    fn ledger(candidates: usize, episodes: u64) -> Ledger {
+        let work = Work::new(
+            ARCHITECTURE,
+            vec![0.5; 2 * candidates],
+            (0..episodes).collect(),
+        );
+        Ledger::new(work.unwrap())
+    }
+
+    #[test]
+    fn pieces_are_rectangles_and_cover_everything_once() {
+        for (candidates, episodes, most) in [
+            (7, 3, 1),
+            (7, 3, 2),
+            (7, 3, 3),
+            (7, 3, 7),
+            (5, 1, 2),
+            (1, 10, 4),
+            (4, 2, 100),
+        ] {
+            let mut ledger = ledger(candidates, episodes);
+            let mut next = 0;
+            while let Some(piece) = ledger.take(1, &[1], most) {
+                assert_eq!(piece.first(), next);
+                let (rows, columns) = ledger.extent(&piece);
+                assert_eq!(rows.len() * columns.len(), piece.len());
+                assert!(piece.len() <= most);
+                for index in piece.evaluations.clone() {
+                    ledger.settle(index, 1.0);
+                }
+                next += piece.len();
+            }
+            assert!(ledger.finished());
+            assert_eq!((ledger.queued(), next), (0, ledger.done()));
+        }
+    }
+
+    #[test]
+    fn what_is_settled_is_not_queued_again() {
+        let mut ledger = ledger(4, 2);
+        let piece = ledger.take(1, &[1], 8).unwrap();
+        for index in [0, 3, 4, 7] {
+            ledger.settle(index, 1.0);
+        }
+        ledger.put_back(&piece);
+        assert_eq!(ledger.queued(), 4);
+        let rest: Vec<_> = std::iter::from_fn(|| ledger.take(1, &[1], 8))
+            .map(|piece| piece.evaluations)
+            .collect();
+        assert_eq!(rest, [1..2, 2..3, 5..6, 6..7]);
+    }
+
+    #[test]
+    fn what_failed_goes_to_others_first_and_in_ever_smaller_parts() {
+        let mut ledger = ledger(64, 1);
+        let piece = ledger.take(1, &[1, 2], 64).unwrap();
+        ledger.put_back(&piece.failed(1, 3));
+        assert_eq!(ledger.take(1, &[1, 2], 64), None);
+        let again = ledger.take(2, &[1, 2], 64).unwrap();
+        assert_eq!(again.evaluations, 0..8);
+        ledger.put_back(&again.failed(2, 3));
+        assert_eq!(ledger.take(1, &[1, 2], 64).unwrap().evaluations, 0..1);
+        // No server is left that has not failed it; the rest waits for the other one.
+        assert_eq!(ledger.take(2, &[1, 2], 64).unwrap().evaluations, 1..2);
+    }
+}

@@ -1,0 +1,397 @@
+//! Work that goes to a server in one piece: blocks for offloaded evaluation, batches of episodes (DESIGN.md section 4).
+
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{
+    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s,
+    Refusal, RefusalKind, ToServer, ToTool, U64s,
+};
+
+use crate::batch::Batch;
+use crate::ledger::Piece;
+use crate::machine::{Action, Machine};
+use crate::mode::Mode;
+use crate::offers::Job;
+use crate::work::Attempt;
+
+/// A block is given to somebody else when it takes this many times as long as expected.
+const LEASE: f64 = 10.0;
+
+/// What was asked of a server and is not answered yet.
+pub(crate) struct Request {
+    pub server: u64,
+    piece: Piece,
+    started: Instant,
+    /// When the server last said something of use, or could begin with this.
+    pub heard: Instant,
+    lease: Duration,
+    /// None for a block.
+    batch: Option<Batch>,
+}
+
+impl Request {
+    pub fn deadline(&self) -> Instant {
+        self.heard + self.lease
+    }
+
+    fn attempt(&self, error: Option<String>) -> Attempt {
+        Attempt {
+            mode: if self.batch.is_some() {
+                Mode::Batched.name()
+            } else {
+                Mode::Offloaded.name()
+            },
+            server: self.server,
+            error,
+            ..Attempt::default()
+        }
+    }
+
+    /// What is waited for, in words.
+    pub fn waiting_for(&self, now: Instant) -> String {
+        let seconds = now.saturating_duration_since(self.heard).as_secs_f64();
+        let (server, count) = (self.server, self.piece.len());
+        match &self.batch {
+            None => format!(
+                "server {server} has not answered a block of {count} evaluations for {seconds:.1} s"
+            ),
+            Some(batch) if batch.steps() == 0 => {
+                format!(
+                    "server {server} has not begun its batch of {count} episodes for {seconds:.1} s"
+                )
+            }
+            Some(batch) => format!(
+                "server {server} has not answered the actuators of {count} episodes in step {} for {seconds:.1} s",
+                batch.steps() - 1
+            ),
+        }
+    }
+}
+
+impl Machine {
+    pub(crate) fn send_block(&mut self, piece: Piece, server: u64, now: Instant) {
+        let (candidates, episodes) = self.ledger.extent(&piece);
+        let Some(work) = &self.ledger.work else {
+            return;
+        };
+        let rate = self.offers.slots.get(&server).and_then(|slot| slot.rate);
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "far fewer than 2^53 evaluations"
+        )]
+        let expected = rate.map_or(0.0, |rate| LEASE * piece.len() as f64 / rate);
+        let lease = self.config.step_timeout.as_secs_f64().max(expected);
+        let message = ToServer::Evaluate(Evaluate {
+            version: EXTENSION_VERSION,
+            request: self.next_request,
+            tool: self.config.tool.clone(),
+            reply: self.reply.clone(),
+            simulation: self.config.demand.simulation.clone(),
+            parameters: self.config.parameters.clone(),
+            controller: work.specification().clone(),
+            genomes: F32s(work.genomes_of(candidates).to_vec()),
+            seeds: U64s(work.seeds()[episodes].to_vec()),
+            attempt: piece.tries + 1,
+            // What was sent before this one is computed first.
+            lease: lease * 2.0,
+        });
+        let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.step_timeout);
+        self.request(&message, piece, server, lease, None, now);
+    }
+
+    pub(crate) fn start_batch(&mut self, piece: Piece, server: u64, now: Instant) {
+        let Some(work) = &self.ledger.work else {
+            return;
+        };
+        let episodes = work.episodes();
+        let controllers: Result<Vec<_>, _> = piece
+            .evaluations
+            .clone()
+            .map(|evaluation| work.controller(evaluation / episodes))
+            .collect();
+        let controllers = match controllers {
+            Ok(controllers) => controllers,
+            Err(_) => return self.give_up(&piece),
+        };
+        let seeds = piece.evaluations.clone();
+        let message = ToServer::Start(BatchStart {
+            version: EXTENSION_VERSION,
+            request: self.next_request,
+            tool: self.config.tool.clone(),
+            reply: self.reply.clone(),
+            simulation: self.config.demand.simulation.clone(),
+            parameters: self.config.parameters.clone(),
+            seeds: U64s(
+                seeds
+                    .map(|evaluation| work.seeds()[evaluation % episodes])
+                    .collect(),
+            ),
+        });
+        let batch = Batch::new(controllers, self.agents);
+        self.request(
+            &message,
+            piece,
+            server,
+            self.config.step_timeout,
+            Some(batch),
+            now,
+        );
+    }
+
+    fn request(
+        &mut self,
+        message: &ToServer,
+        piece: Piece,
+        server: u64,
+        lease: Duration,
+        batch: Option<Batch>,
+        now: Instant,
+    ) {
+        let number = self.next_request;
+        self.next_request += 1;
+        self.ask(server, number, message);
+        let request = Request {
+            server,
+            piece,
+            started: now,
+            heard: now,
+            lease,
+            batch,
+        };
+        self.requests.insert(number, request);
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            slot.jobs.push(Job::Request(number));
+            slot.held = true;
+        }
+    }
+
+    fn ask(&mut self, server: u64, request: u64, message: &ToServer) {
+        self.actions.push(Action::Request {
+            server,
+            request,
+            payload: message.encode(),
+        });
+    }
+
+    /// A message for this tool came in. What is not waited for any more is passed over.
+    pub(crate) fn answered(&mut self, message: ToTool, now: Instant) {
+        let (number, server) = match &message {
+            ToTool::Evaluated(message) => (message.request, message.server),
+            ToTool::Sensors(message) => (message.request, message.server),
+        };
+        let Some(request) = self.requests.get(&number) else {
+            return;
+        };
+        let is_batch = request.batch.is_some();
+        if request.server != server {
+            return;
+        }
+        match message {
+            ToTool::Evaluated(message) => match message.error {
+                Some(refusal) => self.refused(number, server, &refusal, now),
+                None if !is_batch => self.evaluated(number, &message, now),
+                None => {}
+            },
+            ToTool::Sensors(message) => match &message.error {
+                Some(refusal) => self.refused(number, server, refusal, now),
+                None if is_batch => self.stepped(number, &message, now),
+                None => {}
+            },
+        }
+        self.dispatch(now);
+    }
+
+    fn evaluated(&mut self, number: u64, message: &Evaluated, now: Instant) {
+        let Some(request) = self.requests.remove(&number) else {
+            return;
+        };
+        if let Some(reason) = misfit(message, &request.piece, self.ledger.episodes()) {
+            let server = request.server;
+            self.requests.insert(number, request);
+            return self.fail_server(server, &format!("server {server}: {reason}"), now);
+        }
+        self.offers.finished(request.server, &Job::Request(number));
+        let (count, since) = (
+            request.piece.len(),
+            now.saturating_duration_since(request.heard),
+        );
+        if let Some(slot) = self.offers.slots.get_mut(&request.server) {
+            // A server's own word for it, as far as it can be true.
+            let told = message.seconds.is_finite() && message.seconds > 0.0;
+            let passed = since.as_secs_f64();
+            slot.measured(
+                count,
+                if told {
+                    message.seconds.min(passed)
+                } else {
+                    passed
+                },
+            );
+            for job in &slot.jobs {
+                if let Job::Request(next) = job
+                    && let Some(next) = self.requests.get_mut(next)
+                {
+                    next.heard = now;
+                }
+            }
+        }
+        self.record_request(&request, None, now);
+        for (offset, &fitness) in message.fitness.0.iter().enumerate() {
+            if fitness.is_finite() {
+                self.ledger.settle(request.piece.first() + offset, fitness);
+            }
+        }
+        let columns = self.ledger.extent(&request.piece).1.len();
+        for failure in &message.failed {
+            let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
+            self.fail_one(&request, offset.unwrap_or(usize::MAX), &failure.reason, now);
+        }
+    }
+
+    fn stepped(&mut self, number: u64, message: &BatchSensors, now: Instant) {
+        let Some(mut request) = self.requests.remove(&number) else {
+            return;
+        };
+        let server = request.server;
+        let Some(batch) = &mut request.batch else {
+            return;
+        };
+        let progress = match batch.step(message) {
+            Ok(Some(progress)) => progress,
+            Ok(None) => {
+                self.requests.insert(number, request);
+                return;
+            }
+            Err(reason) => {
+                self.requests.insert(number, request);
+                return self.fail_server(server, &format!("server {server}: {reason}"), now);
+            }
+        };
+        request.heard = now;
+        for (index, fitness) in progress.ended {
+            self.ledger.settle(request.piece.first() + index, fitness);
+        }
+        for (index, reason) in progress.failed {
+            self.fail_one(&request, index, &reason, now);
+        }
+        if let Some((step, actuators)) = progress.answer {
+            let answer = ToServer::Actuators(BatchActuators {
+                version: EXTENSION_VERSION,
+                request: number,
+                step,
+                actuators: F32s(actuators),
+            });
+            self.ask(server, number, &answer);
+            self.requests.insert(number, request);
+            return;
+        }
+        self.offers.finished(server, &Job::Request(number));
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            let seconds = now.saturating_duration_since(request.started);
+            slot.measured(request.piece.len(), seconds.as_secs_f64());
+        }
+        self.record_request(&request, None, now);
+    }
+
+    /// One evaluation of a request failed on a server that goes on.
+    fn fail_one(&mut self, request: &Request, offset: usize, reason: &str, now: Instant) {
+        let index = request.piece.first() + offset;
+        let piece = request.piece.part(index..index + 1);
+        let attempt = request.attempt(Some(reason.to_owned()));
+        self.record(attempt, &piece, request.started, now);
+        self.retry(piece, request.server, reason, true);
+    }
+
+    /// A server does not do what it was asked for.
+    fn refused(&mut self, number: u64, server: u64, refusal: &Refusal, now: Instant) {
+        let reason = &refusal.reason;
+        let jobs = match refusal.kind {
+            RefusalKind::Failed => {
+                return self.fail_server(server, &format!("server {server}: {reason}"), now);
+            }
+            RefusalKind::Taken => self.offers.remove(server),
+            RefusalKind::Invalid => {
+                self.refused_at = Some(now);
+                self.warn(format!("server {server} refuses the work: {reason}"));
+                self.offers.refuse(server, reason)
+            }
+        };
+        // Also where the server was given up meanwhile.
+        self.fail_request(number, reason, false, now);
+        self.fail_jobs(jobs, reason, false, now);
+    }
+
+    /// A request is over without a result; see [`retry`](Self::retry).
+    pub(crate) fn fail_request(&mut self, number: u64, reason: &str, counted: bool, now: Instant) {
+        let Some(request) = self.requests.remove(&number) else {
+            return;
+        };
+        let server = request.server;
+        self.offers.finished(server, &Job::Request(number));
+        self.record_request(&request, Some(reason.to_owned()), now);
+        self.retry(request.piece, server, reason, counted);
+    }
+
+    fn record_request(&mut self, request: &Request, error: Option<String>, now: Instant) {
+        let attempt = Attempt {
+            steps: request.batch.as_ref().map(Batch::steps),
+            ..request.attempt(error)
+        };
+        self.record(attempt, &request.piece, request.started, now);
+    }
+
+    /// Requests that have not been answered within their lease.
+    pub(crate) fn late_requests(&mut self, now: Instant) {
+        let mut late: Vec<u64> = self
+            .requests
+            .iter()
+            .filter(|(_, request)| request.deadline() <= now)
+            .map(|(number, _)| *number)
+            .collect();
+        late.sort_unstable();
+        for number in late {
+            if let Some(request) = self.requests.get(&number) {
+                let (server, reason) = (request.server, request.waiting_for(now));
+                self.fail_server(server, &reason, now);
+            }
+        }
+    }
+
+    /// A server failed: the oldest of its jobs is held against it, all are tried elsewhere, and it has a pause.
+    fn fail_server(&mut self, server: u64, reason: &str, now: Instant) {
+        self.warn(format!("{reason}; the work is tried again elsewhere"));
+        self.let_go(server);
+        self.offers.bench(server, reason, now);
+        let jobs = match self.offers.slots.get(&server) {
+            Some(slot) => slot.jobs.clone(),
+            None => Vec::new(),
+        };
+        for (index, job) in jobs.into_iter().enumerate() {
+            self.fail_jobs(vec![job], reason, index == 0, now);
+        }
+    }
+}
+
+/// Why a result is none of this piece.
+fn misfit(message: &Evaluated, piece: &Piece, episodes: usize) -> Option<String> {
+    let (found, expected) = (message.fitness.0.len(), piece.len());
+    if found != expected {
+        return Some(format!("{found} fitness values came, expected {expected}"));
+    }
+    let columns = piece.len().min(episodes) as u64;
+    let is_failed = |candidate: u64, episode: u64| {
+        let offset = candidate.checked_mul(columns)?.checked_add(episode)?;
+        let value = message.fitness.0.get(usize::try_from(offset).ok()?)?;
+        (episode < columns && !value.is_finite()).then_some(offset)
+    };
+    let failed: Option<std::collections::BTreeSet<u64>> = message
+        .failed
+        .iter()
+        .map(|failure| is_failed(failure.candidate, failure.episode))
+        .collect();
+    // As many failures as fitness values that are none: that was seen to when the message was read.
+    match failed {
+        Some(failed) if failed.len() == message.failed.len() => None,
+        _ => Some("the failed evaluations are not those without fitness".to_owned()),
+    }
+}

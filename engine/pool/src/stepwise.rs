@@ -1,0 +1,185 @@
+//! Episodes whose every step crosses the broker (DESIGN.md section 3).
+
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{
+    Fitness, MAX_PAYLOAD, ParametersMessage, ReadingWriter, SensorReading, Topic,
+};
+
+use crate::ledger::Piece;
+use crate::machine::{Action, Machine};
+use crate::mode::Mode;
+use crate::offers::Job;
+use crate::run::Run;
+use crate::work::Attempt;
+
+/// How long a server that sent a message that was refused may take to send a better one.
+const AFTER_REFUSAL: Duration = Duration::from_secs(2);
+/// How often in a row another tool may be faster on a server before the server is the one to blame.
+const MOST_BEATEN: u32 = 5;
+
+impl Machine {
+    pub(crate) fn start_episode(&mut self, piece: Piece, server: u64, now: Instant) {
+        let (candidates, episodes) = self.ledger.extent(&piece);
+        let Some(work) = &self.ledger.work else {
+            return;
+        };
+        let prototype = match work.controller(candidates.start) {
+            Ok(prototype) => prototype,
+            Err(_) => return self.give_up(&piece),
+        };
+        let (parameters, hasher) = &self.episodes[episodes.start];
+        let hash = hasher.hash(self.instance);
+        self.instance += 1;
+        let message = ParametersMessage {
+            server,
+            simulation_hash: hash.clone(),
+            parameters: parameters.clone(),
+        };
+        self.publish(Topic::Parameters, message.encode());
+        let control = self.control(server, hash.clone(), true);
+        self.publish(Topic::Control, control.encode());
+        let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
+        let mut run = Run::new(piece, server, prototype, self.agents, writer, now);
+        run.round = self.round;
+        self.runs.insert(hash.clone(), run);
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            slot.jobs.push(Job::Episode(hash.clone()));
+            slot.last_hash = Some(hash);
+            slot.held = true;
+        }
+    }
+
+    pub(crate) fn sensor(&mut self, sensor: &SensorReading, now: Instant) {
+        let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
+            return;
+        };
+        match run.answer(sensor, now) {
+            Ok(actuator) => self.publish(Topic::Actuator, actuator),
+            Err(reason) => {
+                let server = run.server;
+                run.refused = Some((now, reason.clone()));
+                self.complain(format!(
+                    "refusing a sensor message of server {server}: {reason}"
+                ));
+            }
+        }
+    }
+
+    pub(crate) fn fitness(&mut self, message: &Fitness, now: Instant) {
+        let Some(run) = self.runs.remove(&message.simulation_hash) else {
+            return;
+        };
+        let job = Job::Episode(message.simulation_hash.clone());
+        self.offers.finished(run.server, &job);
+        if let Some(slot) = self.offers.slots.get_mut(&run.server) {
+            let seconds = now.saturating_duration_since(run.started);
+            slot.measured(1, seconds.as_secs_f64());
+            slot.beaten = 0;
+        }
+        self.record_run(&run, None, now);
+        self.ledger.settle(run.piece.first(), message.fitness);
+        self.dispatch(now);
+    }
+
+    /// A message that is none of the protocol's: if it names a run of ours, its server gets little time for a better one.
+    pub(crate) fn undecodable(&mut self, topic: &str, payload: &[u8], error: &str, now: Instant) {
+        if payload.len() <= MAX_PAYLOAD {
+            let text = String::from_utf8_lossy(payload);
+            if let Some((_, run)) = self
+                .runs
+                .iter_mut()
+                .find(|(hash, _)| text.contains(hash.as_str()))
+            {
+                run.refused = Some((now, format!("message on {topic}: {error}")));
+            }
+        }
+        self.complain(format!("refusing a message on {topic}: {error}"));
+    }
+
+    /// An episode is over without fitness; see [`retry`](Self::retry).
+    pub(crate) fn fail_episode(&mut self, hash: &str, reason: &str, counted: bool, now: Instant) {
+        let Some(run) = self.runs.remove(hash) else {
+            return;
+        };
+        self.offers
+            .finished(run.server, &Job::Episode(hash.to_owned()));
+        self.record_run(&run, Some(reason.to_owned()), now);
+        self.retry(run.piece, run.server, reason, counted);
+    }
+
+    /// A server that answers a discovery sent after an episode's control message is not at that episode: another
+    /// tool's control came first, and its episode is over by now.
+    pub(crate) fn beaten(&mut self, id: u64, round: u64, now: Instant) {
+        let waiting = |run: &Run| run.server == id && !run.begun() && run.round < round;
+        let Some(hash) = self
+            .runs
+            .iter()
+            .find(|(_, run)| waiting(run))
+            .map(|(hash, _)| hash.clone())
+        else {
+            return;
+        };
+        let reason = format!("server {id} is free and has not begun the episode");
+        let mut own_fault = false;
+        if let Some(slot) = self.offers.slots.get_mut(&id) {
+            slot.beaten += 1;
+            own_fault = slot.beaten > MOST_BEATEN;
+        }
+        if own_fault {
+            self.offers.bench(id, &reason, now);
+        }
+        self.fail_episode(&hash, &reason, own_fault, now);
+        self.dispatch(now);
+    }
+
+    pub(crate) fn run_deadline(&self, run: &Run) -> Instant {
+        let silent = run.heard + self.config.step_timeout;
+        run.refused
+            .as_ref()
+            .map_or(silent, |(at, _)| silent.min(*at + AFTER_REFUSAL))
+    }
+
+    /// Episodes whose servers have been silent for too long, or sent nothing better after a refusal.
+    pub(crate) fn late_episodes(&mut self, now: Instant) {
+        let mut late: Vec<String> = self
+            .runs
+            .iter()
+            .filter(|(_, run)| self.run_deadline(run) <= now)
+            .map(|(hash, _)| hash.clone())
+            .collect();
+        late.sort();
+        for hash in late {
+            let Some(run) = self.runs.get(&hash) else {
+                continue;
+            };
+            let (server, waiting) = (run.server, run.waiting_for(now));
+            let reason = run
+                .refused
+                .as_ref()
+                .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
+            self.warn(format!("{reason}; the episode is tried again elsewhere"));
+            self.end_run(server, &hash);
+            self.offers.bench(server, &reason, now);
+            self.fail_episode(&hash, &reason, true, now);
+        }
+    }
+
+    fn record_run(&mut self, run: &Run, error: Option<String>, now: Instant) {
+        let attempt = Attempt {
+            mode: Mode::Stepwise.name(),
+            server: run.server,
+            steps: Some(run.steps()),
+            error,
+            ..Attempt::default()
+        };
+        self.record(attempt, &run.piece, run.started, now);
+    }
+
+    /// Ends an episode on a server.
+    pub(crate) fn end_run(&mut self, server: u64, hash: &str) {
+        let control = self.control(server, hash.to_owned(), false);
+        self.actions
+            .push(Action::Publish(Topic::Control, control.encode()));
+    }
+}

@@ -1,0 +1,177 @@
+//! What is asked of the pool, and the journal of what was done for it.
+
+use std::sync::Arc;
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+use swarmwright_controllers::{Architecture, Controller, ControllerError, SpecificationError};
+
+/// Many controllers of one architecture, each to be run in the same episodes.
+#[derive(Debug, Clone)]
+pub struct Work {
+    architecture: Arc<Architecture>,
+    specification: Map<String, Value>,
+    genomes: Vec<f32>,
+    seeds: Vec<u64>,
+}
+
+/// Work that cannot be done.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum WorkError {
+    /// No specification of a controller.
+    #[error(transparent)]
+    Specification(#[from] SpecificationError),
+    /// Genomes that are no whole number of controllers.
+    #[error("genomes: {numbers} numbers are no whole number of genomes of {weights}")]
+    Shape {
+        /// Numbers given.
+        numbers: usize,
+        /// Weights of a controller.
+        weights: usize,
+    },
+    /// A weight that is NaN or infinite.
+    #[error("genomes[{candidate}][{weight}] is NaN or infinite")]
+    NotFinite {
+        /// Which genome.
+        candidate: usize,
+        /// Which of its weights.
+        weight: usize,
+    },
+    /// No episode at all.
+    #[error("seeds: must hold the seed of at least one episode")]
+    NoEpisode,
+}
+
+impl Work {
+    /// `architecture`: a controller specification as JSON, its weights ignored. `genomes`: (candidates, weights),
+    /// row-major. `seeds`: one per episode.
+    ///
+    /// # Errors
+    /// A specification that is none; numbers that are not finite or no whole number of genomes; no seed.
+    pub fn new(architecture: &str, genomes: Vec<f32>, seeds: Vec<u64>) -> Result<Self, WorkError> {
+        let checked = Architecture::from_json(architecture)?;
+        let mut specification: Map<String, Value> =
+            serde_json::from_str(architecture).unwrap_or_default();
+        specification.remove("weights");
+        let weights = checked.weight_count();
+        if !genomes.len().is_multiple_of(weights) {
+            return Err(WorkError::Shape {
+                numbers: genomes.len(),
+                weights,
+            });
+        }
+        if let Some(index) = genomes.iter().position(|weight| !weight.is_finite()) {
+            return Err(WorkError::NotFinite {
+                candidate: index / weights,
+                weight: index % weights,
+            });
+        }
+        if seeds.is_empty() {
+            return Err(WorkError::NoEpisode);
+        }
+        Ok(Self {
+            architecture: Arc::new(checked),
+            specification,
+            genomes,
+            seeds,
+        })
+    }
+
+    /// What all controllers have in common.
+    #[must_use]
+    pub fn architecture(&self) -> &Arc<Architecture> {
+        &self.architecture
+    }
+
+    /// The specification of all controllers, without weights.
+    #[must_use]
+    pub fn specification(&self) -> &Map<String, Value> {
+        &self.specification
+    }
+
+    /// The controllers' kind.
+    #[must_use]
+    pub fn kind(&self) -> Option<&str> {
+        self.specification.get("kind").and_then(Value::as_str)
+    }
+
+    /// The seed of each episode.
+    #[must_use]
+    pub fn seeds(&self) -> &[u64] {
+        &self.seeds
+    }
+
+    /// All genomes, row-major.
+    #[must_use]
+    pub fn genomes(&self) -> &[f32] {
+        &self.genomes
+    }
+
+    /// The genomes of some candidates.
+    #[must_use]
+    pub fn genomes_of(&self, candidates: std::ops::Range<usize>) -> &[f32] {
+        let weights = self.architecture.weight_count();
+        &self.genomes[candidates.start * weights..candidates.end * weights]
+    }
+
+    /// Number of candidates.
+    #[must_use]
+    pub fn candidates(&self) -> usize {
+        self.genomes.len() / self.architecture.weight_count()
+    }
+
+    /// Number of episodes of each candidate.
+    #[must_use]
+    pub fn episodes(&self) -> usize {
+        self.seeds.len()
+    }
+
+    /// Number of evaluations: a candidate in an episode.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.candidates() * self.episodes()
+    }
+
+    /// Whether there is nothing to do.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.genomes.is_empty()
+    }
+
+    /// A candidate's controller at the start of an episode.
+    ///
+    /// # Errors
+    /// None for work that was checked by [`new`](Self::new).
+    pub fn controller(&self, candidate: usize) -> Result<Controller, ControllerError> {
+        let genome = self.genomes_of(candidate..candidate + 1);
+        Controller::with_weights(&self.architecture, genome.into())
+    }
+}
+
+/// A line of the journal: one attempt at one episode, or at a block of them.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Attempt {
+    /// How: stepwise, batched, offloaded.
+    pub mode: &'static str,
+    /// Index of the first candidate.
+    pub candidate: usize,
+    /// Number of candidates.
+    pub candidates: usize,
+    /// Index of the first episode.
+    pub episode: usize,
+    /// Number of episodes of each candidate.
+    pub episodes: usize,
+    /// The server's id.
+    pub server: u64,
+    /// 1 for the first try.
+    pub attempt: u32,
+    /// Steps that the server took, where it takes them one by one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steps: Option<u64>,
+    /// Start, seconds since 1970.
+    pub started: f64,
+    /// Duration in seconds.
+    pub seconds: f64,
+    /// Why it failed, if it did.
+    pub error: Option<String>,
+}

@@ -1,0 +1,231 @@
+//! A server with the extensions, as small as it can be, in virtual time: it computes at a set speed.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use swarmwright_controllers::{Architecture, Controller};
+use swarmwright_protocol::{
+    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s, F64s,
+    Failure, Message, Refusal, RefusalKind, ToServer, ToTool, Topic, Topics, U32s,
+};
+use swarmwright_worlds::{Simulation, rollout};
+
+use super::Line;
+
+/// Answers discovery, evaluates blocks and steps batches of `Line`.
+pub struct Extended {
+    pub id: u64,
+    pub modes: Vec<&'static str>,
+    pub controllers: Vec<&'static str>,
+    pub batch: usize,
+    /// Time for an episode, or for a step of a batch.
+    pub pace: Duration,
+    /// Refuses every request so.
+    pub refusal: Option<Refusal>,
+    /// Says of episodes with this seed that they failed.
+    pub fails_on: Option<u64>,
+    /// Sends everything twice.
+    pub twice: bool,
+    /// Requests seen: number and evaluations.
+    pub blocks: Vec<(u64, usize)>,
+    pub outgoing: VecDeque<(Instant, String, Vec<u8>)>,
+    pub busy_until: Option<Instant>,
+    pub batches: BTreeMap<u64, Running>,
+}
+
+pub struct Running {
+    reply: String,
+    step: u64,
+    episodes: Vec<Option<Line>>,
+}
+
+impl Extended {
+    pub fn new(id: u64, modes: &[&'static str]) -> Self {
+        Self {
+            id,
+            modes: modes.to_vec(),
+            controllers: vec!["layered"],
+            batch: 4,
+            pace: Duration::from_millis(1),
+            refusal: None,
+            fails_on: None,
+            twice: false,
+            blocks: Vec::new(),
+            outgoing: VecDeque::new(),
+            busy_until: None,
+            batches: BTreeMap::new(),
+        }
+    }
+
+    /// What is due by now.
+    pub fn due(&mut self, now: Instant) -> Vec<(String, Vec<u8>)> {
+        let mut due = Vec::new();
+        while self.outgoing.front().is_some_and(|(at, ..)| *at <= now) {
+            due.extend(self.outgoing.pop_front());
+        }
+        due.into_iter()
+            .map(|(_, topic, payload)| (topic, payload))
+            .collect()
+    }
+
+    pub fn next(&self) -> Option<Instant> {
+        self.outgoing.front().map(|(at, ..)| *at)
+    }
+
+    fn send(&mut self, topic: String, payload: Vec<u8>, work: u32, now: Instant) {
+        let start = self.busy_until.map_or(now, |until| until.max(now));
+        let at = start + self.pace * work;
+        self.busy_until = Some(at);
+        if self.twice {
+            self.outgoing
+                .push_back((at, topic.clone(), payload.clone()));
+        }
+        self.outgoing.push_back((at, topic, payload));
+    }
+
+    pub fn receive(&mut self, topic: &str, payload: &[u8], now: Instant) {
+        let kind = Topics::default().parse(topic);
+        if kind == Some(Topic::Discovery) {
+            let Ok(Message::Discovery(discovery)) = Message::decode(Topic::Discovery, payload)
+            else {
+                return;
+            };
+            let answer = json!({"server": self.id, "simulation_hash": discovery.simulation_hash,
+                "simulations": ["line"], "capabilities": {"dimensions": 2, "swarmwright": {"version": 1,
+                "modes": self.modes, "controllers": self.controllers, "batch": self.batch,
+                "instance": format!("{}", self.id)}}});
+            let answer = answer.to_string().into_bytes();
+            self.outgoing.push_back((now, "server".to_owned(), answer));
+        } else if topic == Topics::default().to_server(self.id) {
+            match ToServer::decode(payload).unwrap() {
+                ToServer::Evaluate(message) => self.evaluate(&message, now),
+                ToServer::Start(message) => self.start(&message, now),
+                ToServer::Actuators(message) => self.actuate(&message, now),
+            }
+        }
+    }
+
+    fn evaluate(&mut self, message: &Evaluate, now: Instant) {
+        let text = Value::Object(message.controller.clone()).to_string();
+        let architecture = Arc::new(Architecture::from_json(&text).unwrap());
+        let weights = architecture.weight_count();
+        let mut answer = Evaluated {
+            version: EXTENSION_VERSION,
+            request: message.request,
+            server: self.id,
+            fitness: F64s::default(),
+            metrics: BTreeMap::new(),
+            failed: Vec::new(),
+            error: self.refusal.clone(),
+            seconds: 0.0,
+        };
+        let refused = answer.error.is_some();
+        for (candidate, genome) in message.genomes.0.chunks_exact(weights).enumerate() {
+            let controller = Controller::with_weights(&architecture, genome.into()).unwrap();
+            for (episode, seed) in message.seeds.0.iter().enumerate().filter(|_| !refused) {
+                if self.fails_on == Some(*seed) {
+                    answer.fitness.0.push(f64::NAN);
+                    answer.failed.push(Failure {
+                        candidate: candidate as u64,
+                        episode: episode as u64,
+                        reason: "a wheel came off".to_owned(),
+                    });
+                    continue;
+                }
+                let mut parameters = message.parameters.clone();
+                parameters.insert("seed".into(), (*seed).into());
+                let fitness = rollout(&mut Line::new(), &parameters, &controller).unwrap();
+                answer.fitness.0.push(fitness);
+            }
+        }
+        let count = answer.fitness.0.len();
+        self.blocks.push((message.request, count));
+        let work = u32::try_from(count).unwrap();
+        answer.seconds = (self.pace * work).as_secs_f64();
+        let payload = ToTool::Evaluated(answer).encode();
+        self.send(message.reply.clone(), payload, work, now);
+    }
+
+    fn start(&mut self, message: &BatchStart, now: Instant) {
+        assert!(message.seeds.0.len() <= self.batch);
+        self.blocks.push((message.request, message.seeds.0.len()));
+        let episode = |seed: &u64| {
+            let mut parameters = message.parameters.clone();
+            parameters.insert("seed".into(), (*seed).into());
+            let mut line = Line::new();
+            line.reset(&parameters).unwrap();
+            Some(line)
+        };
+        let running = Running {
+            reply: message.reply.clone(),
+            step: 0,
+            episodes: message.seeds.0.iter().map(episode).collect(),
+        };
+        self.batches.insert(message.request, running);
+        self.sense(message.request, now);
+    }
+
+    fn actuate(&mut self, message: &BatchActuators, now: Instant) {
+        let Some(running) = self.batches.get_mut(&message.request) else {
+            return;
+        };
+        assert_eq!(message.step + 1, running.step);
+        let mut actuators = &message.actuators.0[..];
+        for line in running.episodes.iter_mut().flatten() {
+            let (mine, rest) = actuators.split_at(line.acting().len());
+            line.step(mine);
+            actuators = rest;
+        }
+        self.sense(message.request, now);
+    }
+
+    fn sense(&mut self, request: u64, now: Instant) {
+        let Some(running) = self.batches.get_mut(&request) else {
+            return;
+        };
+        let mut message = BatchSensors {
+            version: EXTENSION_VERSION,
+            request,
+            server: self.id,
+            step: running.step,
+            episodes: U32s::default(),
+            agents: U32s::default(),
+            sensors: F32s::default(),
+            ended: U32s::default(),
+            fitness: F64s::default(),
+            failed: Vec::new(),
+            error: self.refusal.clone(),
+        };
+        running.step += 1;
+        for (episode, slot) in (0u32..).zip(&mut running.episodes) {
+            let Some(line) = slot else { continue };
+            for &agent in line.acting() {
+                let mut sensors = [0.0; 2];
+                line.sense(agent, &mut sensors);
+                message.episodes.0.push(episode);
+                message.agents.0.push(agent);
+                message.sensors.0.extend(sensors);
+            }
+            if line.acting().is_empty() {
+                message.ended.0.push(episode);
+                message.fitness.0.push(line.fitness());
+                *slot = None;
+            }
+        }
+        let reply = running.reply.clone();
+        if message.episodes.0.is_empty() || self.refusal.is_some() {
+            self.batches.remove(&request);
+        }
+        self.send(reply, ToTool::Sensors(message).encode(), 1, now);
+    }
+}
+
+/// A refusal of the given kind.
+pub fn refusal(kind: RefusalKind, reason: &str) -> Option<Refusal> {
+    Some(Refusal {
+        kind,
+        reason: reason.to_owned(),
+    })
+}

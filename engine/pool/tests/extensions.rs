@@ -1,0 +1,434 @@
+//! Fleets of seed-only, batched and offloaded servers: the results are always those of one stepwise server.
+
+#![allow(clippy::panic, reason = "a test")]
+
+mod common;
+
+use std::time::Duration;
+
+use common::{Extended, Line, Net, Party, refusal, server, tool, tool_in_mode, work};
+use proptest::prelude::*;
+use swarmwright_pool::{Mode, Work};
+use swarmwright_protocol::{RefusalKind, ToServer, Topics};
+
+const SEEDS: [u64; 3] = [3, 4, 9];
+const CANDIDATES: usize = 40;
+
+fn undisturbed(candidates: usize) -> Vec<f64> {
+    let mut net = Net::new(0);
+    let now = net.now;
+    let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
+    net.add(Party::Server(Box::new(server(1, Line::new()))));
+    net.submit(index, work(candidates, &SEEDS));
+    net.finish(index)
+}
+
+fn batched(id: u64) -> Extended {
+    Extended::new(id, &["stepwise", "batched"])
+}
+
+fn offloaded(id: u64) -> Extended {
+    Extended::new(id, &["stepwise", "batched", "offloaded"])
+}
+
+/// The tool, and work submitted to it.
+fn begin(net: &mut Net, mode: Mode, work: Work) -> usize {
+    let tool = tool_in_mode(mode, "a", 0, net.now);
+    let index = net.add(Party::Tool(Box::new(tool)));
+    net.submit(index, work);
+    index
+}
+
+fn party(net: &mut Net, index: usize) -> &mut Extended {
+    match &mut net.parties[index] {
+        Party::Extended(server) => server,
+        _ => panic!("party {index} is no extended server"),
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn results_do_not_depend_on_how_and_by_whom_they_are_computed(
+        stepwise in 0u64..3, batching in 0u64..3, offloading in 0u64..3, real in 0u64..3, mode in 0usize..4,
+        random in any::<u64>(),
+    ) {
+        let mut net = Net::new(random);
+        for id in 30..30 + real {
+            net.add(Party::Server(Box::new(server(id, Line::new()))));
+        }
+        for id in 0..stepwise {
+            net.add_seed_only(id);
+        }
+        for id in 10..10 + batching {
+            let batch = 1 + usize::try_from(id * 7 % 11).unwrap();
+            net.add(Party::Extended(Box::new(Extended { batch, ..batched(id) })));
+        }
+        for id in 20..20 + offloading {
+            let pace = Duration::from_micros(1 + id * 37 % 1000);
+            net.add(Party::Extended(Box::new(Extended { pace, ..offloaded(id) })));
+        }
+        let mode = [Mode::Auto, Mode::Stepwise, Mode::Batched, Mode::Offloaded][mode];
+        let able = match mode {
+            Mode::Auto => stepwise + batching + offloading + real,
+            Mode::Stepwise => stepwise + real,
+            Mode::Batched => batching + offloading + real,
+            Mode::Offloaded => offloading + real,
+        };
+        prop_assume!(able > 0);
+        // The servers of these tests that know the extensions speak no plain steps.
+        prop_assume!(mode != Mode::Stepwise || batching + offloading == 0);
+        let index = begin(&mut net, mode, work(CANDIDATES, &SEEDS));
+        prop_assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    }
+
+    #[test]
+    fn a_server_lost_in_mid_block_costs_nothing_but_time(after in 0usize..300, random in any::<u64>(), batching: bool) {
+        let mut net = Net::new(random);
+        let make = if batching { batched } else { offloaded };
+        let doomed = net.add(Party::Extended(Box::new(make(1))));
+        net.add(Party::Extended(Box::new(make(2))));
+        net.add_seed_only(3);
+        let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+        for _ in 0..after {
+            net.turn();
+        }
+        net.parties[doomed] = Party::Gone;
+        prop_assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    }
+
+    #[test]
+    fn answers_that_come_twice_change_nothing(random in any::<u64>(), batching: bool) {
+        let mut net = Net::new(random);
+        let make = if batching { batched } else { offloaded };
+        net.add(Party::Extended(Box::new(Extended { twice: true, ..make(1) })));
+        net.add(Party::Extended(Box::new(Extended { twice: true, ..make(2) })));
+        let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+        prop_assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        let warnings: Vec<_> = net.warnings.iter().collect();
+        prop_assert!(warnings.is_empty(), "{:?}", warnings);
+    }
+}
+
+#[test]
+fn an_answer_that_comes_after_its_lease_is_not_heard() {
+    let mut net = Net::new(7);
+    // The tool waits for 10 seconds.
+    let slow = Extended {
+        pace: Duration::from_secs(25),
+        ..offloaded(1)
+    };
+    net.add(Party::Extended(Box::new(slow)));
+    net.add(Party::Extended(Box::new(offloaded(2))));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    let told = |text: &&String| text.contains("server 1 has not answered a block of 1 evaluations");
+    assert!(
+        net.warnings.iter().any(|text| told(&text)),
+        "{:?}",
+        net.warnings
+    );
+    // More work, while the late answers to the first come in.
+    net.submit(index, work(300, &SEEDS));
+    assert_eq!(net.finish(index), undisturbed(300));
+    let mut numbers: Vec<u64> = (0..2)
+        .flat_map(|at| party(&mut net, at).blocks.clone())
+        .map(|(number, _)| number)
+        .collect();
+    let all = numbers.len();
+    numbers.sort_unstable();
+    numbers.dedup();
+    assert_eq!(numbers.len(), all, "a request number was used twice");
+}
+
+#[test]
+fn blocks_follow_the_speed_of_each_server() {
+    let mut net = Net::new(11);
+    let fast = Extended {
+        pace: Duration::from_micros(20),
+        ..offloaded(1)
+    };
+    let slow = Extended {
+        pace: Duration::from_micros(200),
+        ..offloaded(2)
+    };
+    let fast = net.add(Party::Extended(Box::new(fast)));
+    let slow = net.add(Party::Extended(Box::new(slow)));
+    let index = begin(&mut net, Mode::Auto, work(20_000, &SEEDS));
+    let start = net.now;
+    net.finish(index);
+    let done = |server: &Extended| server.blocks.iter().map(|(_, count)| *count).sum::<usize>();
+    let (by_fast, by_slow) = (done(party(&mut net, fast)), done(party(&mut net, slow)));
+    assert_eq!(by_fast + by_slow, 60_000);
+    let share = by_fast as f64 / by_slow as f64;
+    assert!((8.0..12.0).contains(&share), "{by_fast} and {by_slow}");
+    // Both were busy all the time: as fast as the two together can be, and 5 % for the beginning and the end.
+    let ideal = Duration::from_micros(20) * 60_000 * 10 / 11;
+    assert!(net.now - start < ideal * 105 / 100, "{:?}", net.now - start);
+    // About 20 ms of work each, once the speed is known.
+    let largest = party(&mut net, fast)
+        .blocks
+        .iter()
+        .map(|(_, count)| *count)
+        .max();
+    assert!((900..=1100).contains(&largest.unwrap()), "{largest:?}");
+}
+
+#[test]
+fn a_slow_server_is_not_waited_for_when_the_others_are_faster_alone() {
+    let mut net = Net::new(3);
+    let slow = Extended {
+        pace: Duration::from_secs(2),
+        ..offloaded(1)
+    };
+    net.add(Party::Extended(Box::new(slow)));
+    net.add(Party::Extended(Box::new(offloaded(2))));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    net.finish(index);
+    let start = net.now;
+    net.submit(index, work(CANDIDATES, &SEEDS));
+    assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    assert!(
+        net.now - start < Duration::from_secs(1),
+        "{:?}",
+        net.now - start
+    );
+}
+
+#[test]
+fn two_blocks_are_in_flight() {
+    let mut net = Net::new(1);
+    net.add(Party::Extended(Box::new(offloaded(1))));
+    let index = begin(&mut net, Mode::Auto, work(1000, &SEEDS));
+    net.finish(index);
+    let topics = Topics::default();
+    let (mut open, mut most) = (0i64, 0);
+    for message in &net.log {
+        if message.topic == topics.to_server(1) {
+            open += 1;
+        } else if message.topic == topics.to_tool("a") {
+            open -= 1;
+        }
+        most = most.max(open);
+    }
+    assert_eq!(most, 2);
+}
+
+#[test]
+fn a_server_that_is_taken_is_somebody_elses_and_no_failure() {
+    let mut net = Net::new(5);
+    let taken = refusal(RefusalKind::Taken, "taken by b");
+    net.add(Party::Extended(Box::new(Extended {
+        refusal: taken,
+        ..offloaded(1)
+    })));
+    net.add(Party::Extended(Box::new(offloaded(2))));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    assert!(
+        net.journal(index)
+            .iter()
+            .all(|attempt| attempt.attempt == 1)
+    );
+    assert!(net.warnings.is_empty(), "{:?}", net.warnings);
+}
+
+#[test]
+fn a_server_that_refuses_the_work_is_left_out() {
+    for make in [batched, offloaded] {
+        let mut net = Net::new(6);
+        let refusal = refusal(RefusalKind::Invalid, "parameters.numAgents: too many");
+        let refusing = net.add(Party::Extended(Box::new(Extended { refusal, ..make(1) })));
+        net.add(Party::Extended(Box::new(make(2))));
+        let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        net.submit(index, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        assert!(party(&mut net, refusing).blocks.len() <= 4);
+        assert!(
+            net.warnings
+                .iter()
+                .any(|text| text.contains("parameters.numAgents: too many"))
+        );
+    }
+}
+
+#[test]
+fn work_that_all_servers_refuse_is_rejected_with_their_reason() {
+    let mut net = Net::new(6);
+    for id in [1, 2] {
+        let refusal = refusal(RefusalKind::Invalid, "parameters.numAgents: too many");
+        net.add(Party::Extended(Box::new(Extended {
+            refusal,
+            ..offloaded(id)
+        })));
+    }
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    let mut reason = None;
+    for _ in 0..1000 {
+        net.turn();
+        let now = net.now;
+        reason = reason.or_else(|| net.tool(index).rejected(now));
+    }
+    let reason = reason.unwrap();
+    assert!(
+        reason.contains("server 1: parameters.numAgents: too many"),
+        "{reason}"
+    );
+    assert!(reason.contains("server 2: "), "{reason}");
+}
+
+#[test]
+fn an_episode_that_fails_is_tried_elsewhere_and_the_others_are_kept() {
+    let mut net = Net::new(8);
+    let broken = Extended {
+        fails_on: Some(SEEDS[1]),
+        ..offloaded(1)
+    };
+    net.add(Party::Extended(Box::new(broken)));
+    net.add(Party::Extended(Box::new(offloaded(2))));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    let journal = net.journal(index);
+    let failed: Vec<_> = journal
+        .iter()
+        .filter(|attempt| attempt.error.is_some())
+        .collect();
+    assert!(!failed.is_empty());
+    for attempt in failed {
+        assert_eq!(attempt.error.as_deref(), Some("a wheel came off"));
+        assert_eq!(
+            (attempt.candidates, attempt.episode, attempt.episodes),
+            (1, 1, 1)
+        );
+        assert_eq!(attempt.server, 1);
+    }
+}
+
+#[test]
+fn an_episode_that_fails_everywhere_has_no_fitness() {
+    let mut net = Net::new(8);
+    for id in [1, 2] {
+        let fails_on = Some(SEEDS[1]);
+        net.add(Party::Extended(Box::new(Extended {
+            fails_on,
+            ..offloaded(id)
+        })));
+    }
+    let index = begin(&mut net, Mode::Auto, work(4, &SEEDS));
+    let (found, expected) = (net.finish(index), undisturbed(4));
+    for (at, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        if at % SEEDS.len() == 1 {
+            assert!(found.is_nan());
+        } else {
+            assert_eq!(found.to_bits(), expected.to_bits());
+        }
+    }
+    let tries: Vec<u32> = net
+        .journal(index)
+        .iter()
+        .map(|attempt| attempt.attempt)
+        .collect();
+    assert_eq!(tries.iter().max(), Some(&3));
+}
+
+#[test]
+fn a_mode_that_is_named_excludes_servers_without_it_and_says_so() {
+    let mut net = Net::new(2);
+    net.add_seed_only(1);
+    net.add(Party::Extended(Box::new(batched(2))));
+    let index = begin(&mut net, Mode::Offloaded, work(4, &SEEDS));
+    for _ in 0..200 {
+        net.turn();
+    }
+    assert!(!net.tool(index).has_server());
+    let words = net.tool(index).describe();
+    for part in [
+        "mode offloaded",
+        "server 1: does not offer mode offloaded",
+        "server 2: does not offer mode offloaded",
+    ] {
+        assert!(words.contains(part), "{words}");
+    }
+}
+
+#[test]
+fn a_kind_of_controller_that_a_server_does_not_know_stays_with_the_tool() {
+    let mut net = Net::new(2);
+    let other = Extended {
+        controllers: vec!["fully_meshed"],
+        ..offloaded(1)
+    };
+    net.add(Party::Extended(Box::new(other)));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    assert!(
+        net.journal(index)
+            .iter()
+            .all(|attempt| attempt.mode == "batched")
+    );
+}
+
+#[test]
+fn the_journal_has_a_line_for_each_request_and_covers_everything_once() {
+    let mut net = Net::new(9);
+    let server = net.add(Party::Extended(Box::new(offloaded(1))));
+    net.add(Party::Extended(Box::new(batched(2))));
+    net.add_seed_only(3);
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    net.finish(index);
+    let journal = net.journal(index);
+    let mut covered = [[0; SEEDS.len()]; CANDIDATES];
+    for attempt in &journal {
+        for row in &mut covered[attempt.candidate..][..attempt.candidates] {
+            for cell in &mut row[attempt.episode..][..attempt.episodes] {
+                *cell += 1;
+            }
+        }
+    }
+    assert_eq!(covered, [[1; SEEDS.len()]; CANDIDATES]);
+    let blocks = journal.iter().filter(|attempt| attempt.server == 1).count();
+    assert_eq!(blocks, party(&mut net, server).blocks.len());
+    let modes: Vec<_> = journal
+        .iter()
+        .map(|attempt| (attempt.server, attempt.mode))
+        .collect();
+    for expected in [(1, "offloaded"), (2, "batched"), (3, "stepwise")] {
+        assert!(modes.contains(&expected), "{modes:?}");
+    }
+}
+
+#[test]
+fn giving_up_frees_the_servers() {
+    let mut net = Net::new(4);
+    net.add(Party::Extended(Box::new(offloaded(1))));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    while party(&mut net, 0).blocks.is_empty() {
+        net.turn();
+    }
+    net.tool(index).release();
+    net.collect(index);
+    for _ in 0..20 {
+        net.turn();
+    }
+    let text = |payload: &[u8]| String::from_utf8_lossy(payload).into_owned();
+    let last = net
+        .log
+        .iter()
+        .rfind(|message| message.topic == "control")
+        .unwrap();
+    let control = text(&last.payload);
+    assert!(
+        control.contains(r#""run":false"#) && control.contains(r#""tool":"a""#),
+        "{control}"
+    );
+    let sent = |message: &&common::Message| message.topic == Topics::default().to_server(1);
+    let first = net.log.iter().find(sent).unwrap();
+    let Ok(ToServer::Evaluate(request)) = ToServer::decode(&first.payload) else {
+        panic!("no request");
+    };
+    assert_eq!((request.tool.as_str(), request.attempt), ("a", 1));
+    assert_eq!(request.reply, Topics::default().to_tool("a"));
+    assert!(request.lease >= 10.0);
+}

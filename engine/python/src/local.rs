@@ -1,0 +1,142 @@
+//! Evaluation in this process.
+
+use std::time::{Duration, Instant};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::prelude::*;
+use swarmwright_lanes::Level;
+use swarmwright_pool::{Work, rectangle};
+use swarmwright_worlds::{self as worlds, Block, Means, Parameters, RolloutError};
+
+use crate::errors::{input, object};
+use crate::genomes::work;
+use crate::worlds::create;
+
+/// Work between two looks at Ctrl-C.
+const PART: Duration = Duration::from_millis(30);
+/// Evaluations of the first part, which tells how long they take.
+const FIRST: usize = 64;
+/// Pause between two reports.
+const REPORT: Duration = Duration::from_millis(100);
+
+/// Instruction sets that this processor has.
+#[pyfunction]
+pub fn levels() -> Vec<&'static str> {
+    let available = Level::available();
+    std::iter::once("scalar")
+        .chain(available.into_iter().map(Level::name))
+        .collect()
+}
+
+fn means(level: &str, threads: usize) -> PyResult<Means> {
+    let level = match level {
+        "auto" => Some(Level::best()),
+        "scalar" => None,
+        name => match Level::available()
+            .into_iter()
+            .find(|one| one.name() == name)
+        {
+            Some(level) => Some(level),
+            None => {
+                return Err(input(format!(
+                    "level: {name:?} is not possible on this processor; expected one of auto, {}",
+                    levels().join(", ")
+                )));
+            }
+        },
+    };
+    Ok(Means { level, threads })
+}
+
+/// Evaluates controllers in this process.
+#[pyfunction]
+#[pyo3(signature = (title, parameters, architecture, genomes, seeds, on_progress=None, *, level="auto", threads=0))]
+#[expect(
+    clippy::needless_pass_by_value,
+    clippy::too_many_arguments,
+    reason = "pyo3 hands arguments over by value, keywords in Python"
+)]
+pub fn evaluate<'py>(
+    py: Python<'py>,
+    title: &str,
+    parameters: &str,
+    architecture: &str,
+    genomes: PyReadonlyArray2<'py, f32>,
+    seeds: Vec<u64>,
+    on_progress: Option<Py<PyAny>>,
+    level: &str,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    create(title)?;
+    let means = means(level, threads)?;
+    let parameters = object("parameters", parameters)?;
+    let work = work(architecture, &genomes, seeds)?;
+    let total = work.len();
+    let mut raised: Option<PyErr> = None;
+    let fitness = py
+        .detach(|| {
+            in_parts(title, &work, &parameters, means, |done, report| {
+                let called = Python::attach(|py| {
+                    py.check_signals()?;
+                    match on_progress.as_ref().filter(|_| report) {
+                        Some(call) => call.call1(py, (done, total, "")).map(|_| ()),
+                        None => Ok(()),
+                    }
+                });
+                called.map_err(|error| raised = Some(error)).is_ok()
+            })
+        })
+        .map_err(input)?;
+    raised.map_or(Ok(()), Err)?;
+    PyArray1::from_vec(py, fitness).reshape([work.candidates(), work.episodes()])
+}
+
+/// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each.
+fn in_parts(
+    title: &str,
+    work: &Work,
+    parameters: &Parameters,
+    means: Means,
+    mut go_on: impl FnMut(usize, bool) -> bool,
+) -> Result<Vec<f64>, RolloutError> {
+    let (total, episodes) = (work.len(), work.episodes());
+    let mut fitness = Vec::with_capacity(total);
+    let mut most = FIRST;
+    let mut reported = Instant::now();
+    while fitness.len() < total {
+        let first = fitness.len();
+        let count = rectangle(&(first..total), episodes, most);
+        let (candidate, episode) = (first / episodes, first % episodes);
+        let block = Block {
+            architecture: work.architecture(),
+            genomes: work.genomes_of(candidate..candidate + count.div_ceil(episodes)),
+            parameters,
+            seeds: &work.seeds()[episode..episode + count.min(episodes)],
+        };
+        let began = Instant::now();
+        let Some(part) = worlds::evaluate(title, &block, means) else {
+            break;
+        };
+        fitness.extend(part?);
+        let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
+        most = scaled(count, factor);
+        let report = fitness.len() == total || reported.elapsed() >= REPORT;
+        if report {
+            reported = Instant::now();
+        }
+        if !go_on(fitness.len(), report) {
+            break;
+        }
+    }
+    Ok(fitness)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "limited to what an index can be"
+)]
+fn scaled(count: usize, factor: f64) -> usize {
+    (count as f64 * factor.clamp(0.1, 32.0)).clamp(1.0, 1e9) as usize
+}

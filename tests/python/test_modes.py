@@ -1,0 +1,147 @@
+"""One record, however it is computed: stepwise, batched, offloaded, in this process, by one or many."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, Run, RunError, _engine, evaluate, optimize
+from swarmwright._engine import InputError
+from swarmwright._random import Stream
+
+MODES = ("stepwise", "batched", "offloaded")
+RECORD = ("record.csv", "generations.csv", "best.json")
+EXPERIMENTS: dict[str, dict[str, Any]] = {
+    "minisim": {
+        "simulation": "minisim",
+        "parameters": {"placement": "random", "numAgents": 3, "numDefenders": 2},
+        "controller": {"kind": "layered", "hidden": [5]},
+    },
+    "emergency_exit": {
+        "simulation": "emergency_exit",
+        "parameters": {"width": 8, "height": 8, "numAgents": 4, "numBlockades": 3, "steps": 8},
+        "controller": {"kind": "fully_meshed", "hidden": 2},
+    },
+}
+
+
+def experiment(name: str, **changes: Any) -> Experiment:
+    return Experiment.from_mapping(
+        {
+            **EXPERIMENTS[name],
+            "method": {"population": 12, "generations": 2},
+            "ranking": {"episodes": 3},
+            **changes,
+        }
+    )
+
+
+@pytest.fixture(scope="module", params=EXPERIMENTS)
+def expected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The run that all others must equal."""
+    folder = tmp_path_factory.mktemp(request.param) / "run"
+    return optimize(experiment(request.param), servers="local", out=folder)
+
+
+@pytest.mark.parametrize("servers", [1, 2, 8])
+@pytest.mark.parametrize("mode", MODES)
+def test_the_record_is_the_same_bytes(mode: str, servers: int, expected: Run, tmp_path: Path) -> None:
+    run = optimize(
+        experiment(expected.experiment.simulation, mode=mode), servers=servers, out=tmp_path / "run"
+    )
+    for name in RECORD:
+        assert (run.path / name).read_bytes() == (expected.path / name).read_bytes(), name
+    entries = [entry for entry in run.journal() if entry["event"] == "episode"]
+    assert {entry["mode"] for entry in entries} == {mode}
+    assert sum(entry["candidates"] * entry["episodes"] for entry in entries) == run.evaluations * 3
+    assert all(("steps" in entry) == (mode != "offloaded") for entry in entries)
+
+
+def test_of_each_server_the_fastest_way_is_used(tmp_path: Path) -> None:
+    run = optimize(experiment("minisim"), servers=2, out=tmp_path / "run")
+    assert {entry["mode"] for entry in run.journal() if entry["event"] == "episode"} == {"offloaded"}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("level", ["auto", *_engine.levels()])
+@pytest.mark.parametrize("threads", [0, 1, 3])
+def test_instruction_sets_and_threads_change_nothing(name: str, level: str, threads: int) -> None:
+    one = experiment(name)
+    representation = one.representation()
+    genomes = np.stack([representation.initial(Stream(1, "test", 0, index)) for index in range(101)])
+    arguments = (one.simulation, json.dumps(one.parameters), json.dumps(representation.architecture()))
+    seeds = [4, 5, 9]
+    found = _engine.evaluate(*arguments, genomes, seeds, level=level, threads=threads)
+    assert found.shape == (101, 3)
+    assert (
+        found.tobytes() == _engine.evaluate(*arguments, genomes, seeds, level="scalar", threads=1).tobytes()
+    )
+    # Candidates and episodes do not touch each other.
+    single = _engine.evaluate(*arguments, genomes[70:71].copy(), seeds[1:2], level=level, threads=threads)
+    assert single[0, 0] == found[70, 1]
+
+
+def test_wrong_ways_are_refused() -> None:
+    one = experiment("minisim")
+    representation = one.representation()
+    architecture = json.dumps(representation.architecture())
+    genomes = np.zeros((2, representation.genome_size), dtype=np.float32)
+    assert _engine.levels()[0] == "scalar"
+    for arguments, words in [
+        ({"level": "mmx"}, 'level: "mmx" is not possible on this processor; expected one of auto, scalar'),
+        ({"genomes": genomes[:, 1:]}, f"genomes: have {representation.genome_size - 1} weights each"),
+        ({"genomes": np.full_like(genomes, np.nan)}, r"genomes\[0\]\[0\] is NaN or infinite"),
+        ({"seeds": []}, "seeds: must hold the seed of at least one episode"),
+        ({"architecture": "{}"}, "controller.version"),
+        ({"title": "minisym"}, "unknown simulation 'minisym'"),
+        ({"parameters": '{"maxSteps": -1}'}, "maxSteps"),
+    ]:
+        given: dict[str, Any] = {
+            "title": "minisim",
+            "parameters": "{}",
+            "architecture": architecture,
+            "genomes": genomes,
+            "seeds": [0],
+        }
+        with pytest.raises(InputError, match=words):
+            _engine.evaluate(**{**given, **arguments})  # type: ignore[arg-type]
+
+
+def test_progress_and_interruption_in_this_process() -> None:
+    one = experiment("minisim", parameters={"maxSteps": 100_000, "numDefenders": 0, "speedAgents": 0})
+    seen: list[tuple[int, int, str]] = []
+
+    def stop(done: int, total: int, waiting_for: str) -> None:
+        seen.append((done, total, waiting_for))
+        raise KeyboardInterrupt
+
+    genomes = np.zeros((20_000, one.genome_size), dtype=np.float32)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(one, genomes, servers="local", on_progress=stop)
+    assert len(seen) == 1
+    assert 0 < seen[0][0] < seen[0][1] == 60_000
+
+
+def test_a_seed_only_server_is_stepped_and_unfit_for_any_other_mode(
+    foreign: Callable[..., Any], any_broker: str, tmp_path: Path
+) -> None:
+    line = Experiment.from_mapping(
+        {
+            "simulation": "line",
+            "requirements": {"dimensions": 1},
+            "sensors": 2,
+            "actuators": 1,
+            "method": {"population": 6, "generations": 1},
+        }
+    )
+    with foreign(any_broker, "line") as plain:
+        run = optimize(line, broker=any_broker, out=tmp_path / "run")
+        assert plain.episodes == 6
+        assert {entry["mode"] for entry in run.journal() if entry["event"] == "episode"} == {"stepwise"}
+        for mode in ("batched", "offloaded"):
+            named = line.replace(mode=mode, timeouts={"discovery": 0.5})
+            with pytest.raises(RunError, match=f"server 77: does not offer mode {mode}"):
+                optimize(named, broker=any_broker, out=tmp_path / "other")
