@@ -55,53 +55,26 @@ impl<'a, L: Lanes> LaneController<'a, L> {
     #[inline(always)]
     pub fn step(&mut self, state: &mut [L], sensors: &[L], actuators: &mut [L]) {
         let (weights, scratch) = (self.weights.as_slice(), self.scratch.as_mut_slice());
-        macro_rules! with {
-            ($function:ty) => {
-                match self.architecture {
-                    Architecture::Layered(net) => {
-                        layered::<L, $function>(net, weights, scratch, sensors, actuators);
-                    }
-                    Architecture::FullyMeshed(net) => {
-                        fully_meshed::<L, $function>(
-                            net, weights, state, scratch, sensors, actuators,
-                        );
-                    }
-                }
-            };
-        }
-        match self.architecture.activation() {
-            Activation::Tanh => with!(Tanh),
-            Activation::Sigmoid => with!(Sigmoid),
-            Activation::Relu => with!(Relu),
-            Activation::Clamp => with!(Clamp),
-            Activation::Linear => with!(Linear),
+        match self.architecture {
+            Architecture::Layered(net) => layered(net, weights, scratch, sensors, actuators),
+            Architecture::FullyMeshed(net) => {
+                fully_meshed(net, weights, state, scratch, sensors, actuators);
+            }
         }
     }
 }
 
-/// An activation as a type: unlike a closure it is inlined wherever it is used, and so compiled for the instruction set.
-trait Function {
-    fn apply<L: Lanes>(a: L) -> L;
-}
-
-macro_rules! functions {
-    ($($name:ident: $a:ident => $value:expr;)*) => {$(
-        struct $name;
-        impl Function for $name {
-            #[inline(always)]
-            fn apply<L: Lanes>($a: L) -> L {
-                $value
-            }
-        }
-    )*};
-}
-
-functions! {
-    Tanh: a => functions::tanh(a);
-    Sigmoid: a => functions::sigmoid(a);
-    Relu: a => a.at_least(L::splat(0.0));
-    Clamp: a => a.at_least(L::splat(0.0)).at_most(L::splat(1.0));
-    Linear: a => a;
+/// The activation function. The choice is made anew for each node, and always the same: the processor foresees it, and the
+/// code stays small, which counts since all of it is compiled for every instruction set.
+#[inline(always)]
+fn apply<L: Lanes>(activation: Activation, a: L) -> L {
+    match activation {
+        Activation::Tanh => functions::tanh(a),
+        Activation::Sigmoid => functions::sigmoid(a),
+        Activation::Relu => a.at_least(L::splat(0.0)),
+        Activation::Clamp => a.at_least(L::splat(0.0)).at_most(L::splat(1.0)),
+        Activation::Linear => a,
+    }
 }
 
 /// The products of one row of weights with the inputs, added to `start` in their order.
@@ -142,25 +115,28 @@ fn split<L, const N: usize>(rows: &[L], length: usize, from: usize) -> [&[L]; N]
 
 /// A layer of nodes: the sum of the products, then the bias, then the function.
 #[inline(always)]
-fn layer<L: Lanes, F: Function>(rows: &[L], inputs: &[L], outputs: &mut [L]) {
+fn layer<L: Lanes>(activation: Activation, rows: &[L], inputs: &[L], outputs: &mut [L]) {
     let length = inputs.len() + 1;
     let mut fours = outputs.chunks_exact_mut(4);
     let mut rest = rows;
     for four in &mut fours {
         let sums = add_rows([L::splat(0.0); 4], split::<L, 4>(rest, length, 1), inputs);
         for node in 0..4 {
-            four[node] = F::apply(rest[node * length].add(sums[node]));
+            four[node] = apply(activation, rest[node * length].add(sums[node]));
         }
         rest = &rest[4 * length..];
     }
     for output in fours.into_remainder() {
-        *output = F::apply(rest[0].add(add_row(L::splat(0.0), &rest[1..length], inputs)));
+        *output = apply(
+            activation,
+            rest[0].add(add_row(L::splat(0.0), &rest[1..length], inputs)),
+        );
         rest = &rest[length..];
     }
 }
 
 #[inline(always)]
-fn layered<L: Lanes, F: Function>(
+fn layered<L: Lanes>(
     net: &Layered,
     weights: &[L],
     scratch: &mut [L],
@@ -173,7 +149,7 @@ fn layered<L: Lanes, F: Function>(
     let mut inputs = &sensors[..width];
     for nodes in net.layers() {
         let (rows, behind) = rest.split_at(nodes * (width + 1));
-        layer::<L, F>(rows, inputs, &mut above[..nodes]);
+        layer(net.activation, rows, inputs, &mut above[..nodes]);
         (below, above) = (above, below);
         (width, rest) = (nodes, behind);
         inputs = &below[..width];
@@ -184,7 +160,7 @@ fn layered<L: Lanes, F: Function>(
 }
 
 #[inline(always)]
-fn fully_meshed<L: Lanes, F: Function>(
+fn fully_meshed<L: Lanes>(
     net: &FullyMeshed,
     weights: &[L],
     state: &mut [L],
@@ -192,15 +168,11 @@ fn fully_meshed<L: Lanes, F: Function>(
     sensors: &[L],
     actuators: &mut [L],
 ) {
-    // Few nodes stay in registers from iteration to iteration.
+    // A handful of nodes, as in the built-in examples, stay in registers from iteration to iteration.
     match net.hidden + net.actuators {
-        1 => small::<L, F, 1>(net, weights, state, sensors),
-        2 => small::<L, F, 2>(net, weights, state, sensors),
-        3 => small::<L, F, 3>(net, weights, state, sensors),
-        4 => small::<L, F, 4>(net, weights, state, sensors),
-        5 => small::<L, F, 5>(net, weights, state, sensors),
-        6 => small::<L, F, 6>(net, weights, state, sensors),
-        _ => large::<L, F>(net, weights, state, scratch, sensors),
+        3 => small::<L, 3>(net, weights, state, sensors),
+        4 => small::<L, 4>(net, weights, state, sensors),
+        _ => large(net, weights, state, scratch, sensors),
     }
     for (actuator, output) in actuators.iter_mut().zip(&state[net.hidden..]) {
         *actuator = limited(net.output_range, *output);
@@ -212,7 +184,7 @@ fn fully_meshed<L: Lanes, F: Function>(
 /// Sensors come first in every sum and do not change within a step, so their part of it is the same in every
 /// iteration, to the bit.
 #[inline(always)]
-fn small<L: Lanes, F: Function, const N: usize>(
+fn small<L: Lanes, const N: usize>(
     net: &FullyMeshed,
     weights: &[L],
     state: &mut [L],
@@ -232,7 +204,7 @@ fn small<L: Lanes, F: Function, const N: usize>(
     for _ in 0..net.iterations {
         let sums = add_rows(heard, rows, &outputs);
         for node in 0..N {
-            outputs[node] = F::apply(weights[node * length].add(sums[node]));
+            outputs[node] = apply(net.activation, weights[node * length].add(sums[node]));
         }
     }
     for node in 0..N {
@@ -242,7 +214,7 @@ fn small<L: Lanes, F: Function, const N: usize>(
 
 /// A fully meshed network of any size.
 #[inline(always)]
-fn large<L: Lanes, F: Function>(
+fn large<L: Lanes>(
     net: &FullyMeshed,
     weights: &[L],
     state: &mut [L],
@@ -261,8 +233,10 @@ fn large<L: Lanes, F: Function>(
             .zip(heard.iter())
             .zip(weights.chunks_exact(length))
         {
-            *next =
-                F::apply(row[0].add(add_row(*heard, &row[1 + net.sensors..], &state[..active])));
+            *next = apply(
+                net.activation,
+                row[0].add(add_row(*heard, &row[1 + net.sensors..], &state[..active])),
+            );
         }
         state[..active].copy_from_slice(next);
     }
