@@ -132,4 +132,6 @@ pub trait Int: Copy {
     fn select(self, other: Self, condition: Self::Mask) -> Self;
     /// `table[self]` per lane. Panics when a lane lies outside of the table.
     fn lookup(self, table: &[i32]) -> Self;
+    /// The four bytes from `bytes[self]` on, the first one lowest, per lane. Panics when one of them lies outside.
+    fn lookup_bytes(self, bytes: &[u8]) -> Self;
 }

@@ -94,7 +94,10 @@ impl<L: Lanes> Mask for PairMask<L> {
     }
     #[inline(always)]
     fn from_bits(bits: u32) -> Self {
-        Self(L::Mask::from_bits(bits), L::Mask::from_bits(bits >> L::WIDTH))
+        Self(
+            L::Mask::from_bits(bits),
+            L::Mask::from_bits(bits >> L::WIDTH),
+        )
     }
     both! {
         and(other);
@@ -145,5 +148,9 @@ impl<L: Lanes> Int for PairInt<L> {
     #[inline(always)]
     fn lookup(self, table: &[i32]) -> Self {
         Self(self.0.lookup(table), self.1.lookup(table))
+    }
+    #[inline(always)]
+    fn lookup_bytes(self, bytes: &[u8]) -> Self {
+        Self(self.0.lookup_bytes(bytes), self.1.lookup_bytes(bytes))
     }
 }

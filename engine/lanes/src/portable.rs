@@ -205,4 +205,12 @@ impl Int for I32s {
     fn lookup(self, table: &[i32]) -> Self {
         Self(self.0.map(|index| table[index as usize]))
     }
+    #[inline(always)]
+    #[expect(clippy::cast_sign_loss, reason = "as above")]
+    fn lookup_bytes(self, bytes: &[u8]) -> Self {
+        Self(self.0.map(|index| {
+            let four = &bytes[index as usize..][..4];
+            i32::from_le_bytes([four[0], four[1], four[2], four[3]])
+        }))
+    }
 }

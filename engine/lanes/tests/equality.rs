@@ -1,23 +1,40 @@
 //! Every instruction set computes the same bits as plain scalar arithmetic, on every kind of number.
 
 use proptest::prelude::*;
-use swarmwright_lanes::{Int, Kernel, Lanes, Level, Mask};
+use swarmwright_lanes::{Int, Kernel, Lanes, Level, Mask, Pair};
 
-/// Applies every operation to two slices of 16 and collects the bits.
-struct All<'a>(&'a [f32], &'a [f32], &'a [i32], &'a [i32]);
+/// Conditions of 32 lanes.
+const CONDITIONS: u32 = 0xA65C_3B91;
+const BYTES: [u8; 7] = [1, 0x80, 0xFF, 0, 7, 0x55, 0xAA];
+
+/// Applies every operation to two slices of 32, with single vectors or pairs, and collects the bits.
+struct All<'a> {
+    numbers: [&'a [f32]; 2],
+    integers: [&'a [i32]; 2],
+    paired: bool,
+}
 
 impl Kernel for All<'_> {
     type Output = Vec<u32>;
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Vec<u32> {
+        if self.paired {
+            self.collect::<Pair<L>>()
+        } else {
+            self.collect::<L>()
+        }
+    }
+}
+
+impl All<'_> {
+    #[inline(always)]
+    fn collect<L: Lanes>(self) -> Vec<u32> {
+        let ([a, b], [i, j]) = (self.numbers, self.integers);
         let mut columns: Vec<Vec<u32>> = Vec::new();
-        for start in (0..16).step_by(L::WIDTH) {
-            let (a, b) = (L::load(&self.0[start..]), L::load(&self.1[start..]));
-            let (i, j) = (
-                L::Int::load(&self.2[start..]),
-                L::Int::load(&self.3[start..]),
-            );
+        for start in (0..32).step_by(L::WIDTH) {
+            let (a, b) = (L::load(&a[start..]), L::load(&b[start..]));
+            let (i, j) = (L::Int::load(&i[start..]), L::Int::load(&j[start..]));
             let small = a
                 .at_most(L::splat(1000.0))
                 .at_least(L::splat(-1000.0))
@@ -39,10 +56,7 @@ impl Kernel for All<'_> {
                 a.select(b, a.lt(b).and(i.lt(j))),
                 a.select(b, a.lt(b).or(i.lt(j))),
                 a.select(b, a.lt(b).and_not(i.lt(j))),
-                a.select(
-                    b,
-                    <L::Mask as Mask>::from_bits(0b1010_0110_0101_1100 >> start),
-                ),
+                a.select(b, <L::Mask as Mask>::from_bits(CONDITIONS >> start)),
             ];
             let ints = [
                 i.add(j),
@@ -57,6 +71,7 @@ impl Kernel for All<'_> {
                 i.select(j, i.lt(j)),
                 small.floor(),
                 i.and(L::Int::splat(3)).lookup(&[7, -5, 1 << 30, 0]),
+                i.and(L::Int::splat(3)).lookup_bytes(&BYTES),
             ];
             let mut lanes = vec![0.0; L::WIDTH];
             for value in floats {
@@ -94,8 +109,8 @@ impl Kernel for All<'_> {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 29];
-    for lane in 0..16 {
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 30];
+    for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
         let small = if a > 1000.0 { 1000.0 } else { a };
@@ -117,7 +132,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             choose(a < b && i < j),
             choose(a < b || i < j),
             choose(a < b && !(i < j)),
-            choose(0b1010_0110_0101_1100 >> lane & 1 == 1),
+            choose(CONDITIONS >> lane & 1 == 1),
         ];
         let ints = [
             i.wrapping_add(j),
@@ -132,6 +147,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             if i < j { i } else { j },
             small.floor() as i32,
             [7, -5, 1 << 30, 0][(i & 3) as usize],
+            i32::from_le_bytes(std::array::from_fn(|byte| BYTES[(i & 3) as usize + byte])),
         ];
         let column = floats
             .map(|value| {
@@ -172,33 +188,46 @@ fn number() -> impl Strategy<Value = f32> {
 proptest! {
     #[test]
     fn all_instruction_sets_agree_with_scalar_arithmetic(
-        a in prop::collection::vec(number(), 16), b in prop::collection::vec(number(), 16),
-        i in prop::collection::vec(any::<i32>(), 16), j in prop::collection::vec(any::<i32>(), 16),
+        a in prop::collection::vec(number(), 32), b in prop::collection::vec(number(), 32),
+        i in prop::collection::vec(any::<i32>(), 32), j in prop::collection::vec(any::<i32>(), 32),
     ) {
         let expected = scalar(&a, &b, &i, &j);
         for level in Level::available() {
-            prop_assert_eq!(&level.run(All(&a, &b, &i, &j)), &expected, "{}", level.name());
+            for paired in [false, true] {
+                let all = All { numbers: [&a, &b], integers: [&i, &j], paired };
+                prop_assert_eq!(&level.run(all), &expected, "{} paired: {}", level.name(), paired);
+            }
         }
     }
 }
 
-struct Outside;
+struct Outside {
+    bytes: bool,
+}
 impl Kernel for Outside {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let mut out = vec![0; L::WIDTH];
-        L::Int::splat(4).lookup(&[1, 2, 3, 4]).store(&mut out);
+        let index = L::Int::splat(4);
+        let found = if self.bytes {
+            index.lookup_bytes(&BYTES)
+        } else {
+            index.lookup(&[1, 2, 3, 4])
+        };
+        found.store(&mut out);
     }
 }
 
 #[test]
 fn a_lookup_outside_of_the_table_panics() {
     for level in Level::available() {
-        assert!(
-            std::panic::catch_unwind(|| level.run(Outside)).is_err(),
-            "{}",
-            level.name()
-        );
+        for bytes in [false, true] {
+            assert!(
+                std::panic::catch_unwind(|| level.run(Outside { bytes })).is_err(),
+                "{} bytes: {bytes}",
+                level.name()
+            );
+        }
     }
 }

@@ -213,4 +213,20 @@ impl Int for I32s {
         // SAFETY: every lane's index lies within the table, as asserted.
         Self(unsafe { _mm256_i32gather_epi32::<4>(table.as_ptr(), self.0) })
     }
+    #[inline(always)]
+    #[expect(clippy::cast_possible_wrap, reason = "compared without a sign")]
+    fn lookup_bytes(self, bytes: &[u8]) -> Self {
+        let last = bytes
+            .len()
+            .checked_sub(4)
+            .and_then(|last| u32::try_from(last).ok());
+        let last = simd!(_mm256_set1_epi32(last.unwrap_or(0) as i32));
+        let inside = simd!(_mm256_cmpeq_epi32(_mm256_min_epu32(self.0, last), self.0));
+        assert!(
+            bytes.len() >= 4 && simd!(_mm256_movemask_epi8(inside)) == -1,
+            "an index lies outside of the bytes"
+        );
+        // SAFETY: every lane's four bytes lie within, as asserted.
+        Self(unsafe { _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), self.0) })
+    }
 }

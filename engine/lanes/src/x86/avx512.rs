@@ -198,4 +198,12 @@ impl Int for I32s {
         // SAFETY: every lane's index lies within the table, as asserted.
         Self(unsafe { _mm512_i32gather_epi32::<4>(self.0, table.as_ptr()) })
     }
+    #[inline(always)]
+    fn lookup_bytes(self, bytes: &[u8]) -> Self {
+        let length = i32::try_from(bytes.len().saturating_sub(3)).unwrap_or(i32::MAX);
+        let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
+        assert!(inside == u16::MAX, "an index lies outside of the bytes");
+        // SAFETY: every lane's four bytes lie within, as asserted.
+        Self(unsafe { _mm512_i32gather_epi32::<1>(self.0, bytes.as_ptr().cast()) })
+    }
 }

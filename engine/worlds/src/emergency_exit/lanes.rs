@@ -14,10 +14,10 @@ use super::{ACTUATORS, SENSORS};
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld, MOST_LANES};
 
-/// Added to dx and dy in `Terrain::to_exit`, so that both are positive: sides are far below 2^15.
-const BIAS: i32 = 1 << 15;
-/// dx = dy = 0: an exit.
-const EXIT: i32 = BIAS << 16 | BIAS;
+/// Added to dx and dy in `Terrain::to_exit`, so that both are positive: sides are far below 2^14.
+const BIAS: i32 = 1 << 14;
+/// dx = dy = 0: an exit, the only one below 0.
+const EXIT: i32 = i32::MIN | BIAS << 16 | BIAS;
 /// More cells than this in all grids of a group of lanes, and memory rather than arithmetic sets the pace.
 const MOST_CELLS: usize = 1 << 27;
 
@@ -41,7 +41,7 @@ pub(crate) struct EmergencyExitLanes {
 
 /// A field in cells, with a border of two rows above, one below, and one column on each side.
 struct Terrain {
-    /// By cell: dy and dx to the nearest exit, each with `BIAS` added, in 16 bits each.
+    /// By cell: dy and dx to the nearest exit, each with `BIAS` added, in 15 of 16 bits each, or `EXIT`.
     to_exit: Vec<i32>,
     /// By cell: distance to the nearest exit; 0 where agents that are out are kept.
     distance: Vec<f64>,
@@ -54,6 +54,8 @@ struct Terrain {
 pub(crate) struct Room<L: Lanes> {
     /// By lane, then cell: 1 where an agent could go now.
     free: Vec<u8>,
+    /// Index in `free` of each lane's cell to the left of its first one.
+    bases: PerLane,
     /// By agent: its cell in each lane.
     places: Vec<PerLane>,
     /// By agent: `Terrain::to_exit` of its cell in each lane.
@@ -82,7 +84,8 @@ impl Terrain {
         for y in 0..field.height {
             for x in 0..field.width {
                 let [dx, dy] = grid.to_exit(grid.index([x, y])).map(i32::from);
-                terrain.to_exit[index([x, y])] = (dy + BIAS) << 16 | (dx + BIAS);
+                let way = (dy + BIAS) << 16 | (dx + BIAS);
+                terrain.to_exit[index([x, y])] = if [dx, dy] == [0, 0] { EXIT } else { way };
                 terrain.distance[index([x, y])] = grid.distance(grid.index([x, y]));
                 terrain.free[index([x, y])] = 1;
             }
@@ -140,7 +143,12 @@ impl LaneWorld for EmergencyExitLanes {
     #[inline(always)]
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
         let simultaneous = self.settings.update == Update::Simultaneous;
+        let mut bases = PerLane([0; MOST_LANES]);
+        for (lane, base) in bases.0.iter_mut().enumerate() {
+            *base = (lane * self.cells) as i32 - 1;
+        }
         Room {
+            bases,
             free: vec![0; self.cells * L::WIDTH],
             places: vec![PerLane([0; MOST_LANES]); self.agents],
             ways: vec![PerLane([0; MOST_LANES]); self.agents],
@@ -199,26 +207,18 @@ impl LaneWorld for EmergencyExitLanes {
 #[inline(always)]
 fn sense<L: Lanes>(
     free: &[u8],
-    cells: usize,
+    bases: &PerLane,
     stride: usize,
     places: &PerLane,
     ways: &PerLane,
 ) -> [L; SENSORS] {
-    let (mut above, mut beside, mut below) = (
-        PerLane([0; MOST_LANES]),
-        PerLane([0; MOST_LANES]),
-        PerLane([0; MOST_LANES]),
-    );
-    for lane in 0..L::WIDTH {
-        let around = lane * cells + places.0[lane] as usize - 1;
-        above.0[lane] = four(free, around - stride);
-        beside.0[lane] = four(free, around);
-        below.0[lane] = four(free, around + stride);
-    }
+    // The cell to the left.
+    let around = L::Int::load(&places.0).add(L::Int::load(&bases.0));
+    let row = L::Int::splat(stride as i32);
     let (above, beside, below) = (
-        L::Int::load(&above.0),
-        L::Int::load(&beside.0),
-        L::Int::load(&below.0),
+        around.sub(row).lookup_bytes(free),
+        around.lookup_bytes(free),
+        around.add(row).lookup_bytes(free),
     );
     let way = L::Int::load(&ways.0);
     [
@@ -238,7 +238,7 @@ fn sense<L: Lanes>(
 /// 16 bits of each lane, without `BIAS`.
 #[inline(always)]
 fn half<L: Lanes>(way: L::Int, shift: i32) -> L {
-    let half = way.shr(L::Int::splat(shift)).and(L::Int::splat(0xFFFF));
+    let half = way.shr(L::Int::splat(shift)).and(L::Int::splat(0x7FFF));
     L::from_int(half.sub(L::Int::splat(BIAS)))
 }
 
@@ -246,23 +246,6 @@ fn half<L: Lanes>(way: L::Int, shift: i32) -> L {
 #[inline(always)]
 fn byte<L: Lanes>(row: L::Int, shift: i32) -> L {
     L::from_int(row.shr(L::Int::splat(shift)).and(L::Int::splat(1)))
-}
-
-/// Four bytes as an integer.
-#[inline(always)]
-fn four(bytes: &[u8], at: usize) -> i32 {
-    debug_assert!(at + 4 <= bytes.len());
-    // SAFETY: agents stand on cells of the field or on `nowhere`; around both there is a border on all sides, and four
-    // bytes behind the last cell. Checked in debug builds, in which the tests run.
-    #[allow(unsafe_code)]
-    unsafe {
-        bytes
-            .as_ptr()
-            .add(at)
-            .cast::<i32>()
-            .read_unaligned()
-            .to_le()
-    }
 }
 
 /// `numbers[index]`
@@ -329,7 +312,7 @@ impl<L: Lanes> Room<L> {
         let places = &self.places[agent];
         let sensors: [L; SENSORS] = sense(
             &self.free,
-            world.cells,
+            &self.bases,
             world.stride,
             places,
             &self.ways[agent],
@@ -347,9 +330,9 @@ impl<L: Lanes> Room<L> {
         targets
     }
 
-    /// Takes those who stand on an exit out. Returns the lanes in which the agent is still inside.
+    /// Takes those who stand on an exit out.
     #[inline(always)]
-    fn leave(&mut self, agent: usize, world: &EmergencyExitLanes) -> u32 {
+    fn leave(&mut self, agent: usize, world: &EmergencyExitLanes) {
         let ways = L::Int::load(&self.ways[agent].0);
         let mut out = ways.eq(L::Int::splat(EXIT)).bits();
         self.inside[agent] &= !out;
@@ -361,7 +344,6 @@ impl<L: Lanes> Room<L> {
             *place = world.nowhere;
             self.ways[agent].0[lane] = 0;
         }
-        self.inside[agent]
     }
 
     /// One after another. Returns the lanes in which somebody is still inside.
@@ -383,6 +365,7 @@ impl<L: Lanes> Room<L> {
                 &mut self.ways[agent],
                 &mut self.free,
             );
+            let mut ways_taken = 0;
             for lane in 0..L::WIDTH {
                 let base = lane * world.cells;
                 let (place, target) = (places.0[lane], targets.0[lane]);
@@ -392,9 +375,15 @@ impl<L: Lanes> Room<L> {
                 put(free, base + place as usize, moved);
                 put(free, base + there as usize, 0);
                 places.0[lane] = there;
-                ways.0[lane] = get(&terrains[lane].to_exit, there as usize);
+                let way = get(&terrains[lane].to_exit, there as usize);
+                ways.0[lane] = way;
+                ways_taken |= way;
             }
-            any |= self.leave(agent, world);
+            // Few steps lead to an exit; the numbers just stored had better not be loaded as one vector at once.
+            if ways_taken < 0 {
+                self.leave(agent, world);
+            }
+            any |= self.inside[agent];
         }
         any
     }
@@ -439,7 +428,8 @@ impl<L: Lanes> Room<L> {
                 }
                 self.ways[agent].0[lane] = get(&terrains[lane].to_exit, there as usize);
             }
-            any |= self.leave(agent, world);
+            self.leave(agent, world);
+            any |= self.inside[agent];
         }
         any
     }
