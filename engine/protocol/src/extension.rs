@@ -3,6 +3,8 @@
 //! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown keys
 //! are ignored. Shapes are checked where a message is read, so that whoever holds one need not.
 
+use std::fmt;
+
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -25,23 +27,40 @@ macro_rules! numbers {
 
         impl Serialize for $name {
             fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-                let bytes: Vec<u8> = self.0.iter().flat_map(|number| number.to_le_bytes()).collect();
+                let mut bytes = vec![0; size_of_val(&self.0[..])];
+                let (rows, _) = bytes.as_chunks_mut::<{ size_of::<$number>() }>();
+                for (row, number) in rows.iter_mut().zip(&self.0) {
+                    *row = number.to_le_bytes();
+                }
                 serializer.serialize_bytes(&bytes)
             }
         }
 
         impl<'de> Deserialize<'de> for $name {
             fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                const SIZE: usize = size_of::<$number>();
-                let bytes = serde_bytes::ByteBuf::deserialize(deserializer)?;
-                let (numbers, rest) = bytes.as_chunks::<SIZE>();
-                if !rest.is_empty() {
-                    return Err(serde::de::Error::custom(format_args!(
-                        "{} bytes are no whole number of {SIZE}-byte numbers",
-                        bytes.len()
-                    )));
+                struct Numbers;
+
+                impl serde::de::Visitor<'_> for Numbers {
+                    type Value = $name;
+
+                    fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+                        formatter.write_str("binary")
+                    }
+
+                    fn visit_bytes<E: serde::de::Error>(self, bytes: &[u8]) -> Result<$name, E> {
+                        const SIZE: usize = size_of::<$number>();
+                        let (numbers, rest) = bytes.as_chunks::<SIZE>();
+                        if !rest.is_empty() {
+                            return Err(E::custom(format_args!(
+                                "{} bytes are no whole number of {SIZE}-byte numbers",
+                                bytes.len()
+                            )));
+                        }
+                        Ok($name(numbers.iter().map(|number| <$number>::from_le_bytes(*number)).collect()))
+                    }
                 }
-                Ok(Self(numbers.iter().map(|number| <$number>::from_le_bytes(*number)).collect()))
+
+                deserializer.deserialize_bytes(Numbers)
             }
         }
     };
@@ -181,7 +200,7 @@ pub struct BatchActuators {
 }
 
 /// Tool to server, on one topic.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum ToServer {
     /// Offloaded evaluation.
@@ -222,7 +241,7 @@ pub struct BatchSensors {
 }
 
 /// Server to tool, on one topic.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum ToTool {
     /// Result of an offloaded evaluation.
@@ -240,6 +259,16 @@ fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
     }
     rmp_serde::from_slice(payload)
         .map_err(|error| DecodeError::Value(format!("no message of this extension: {error}")))
+}
+
+/// The kind alone: the rest is then read once, straight into its place.
+#[derive(Deserialize)]
+struct Kind {
+    kind: String,
+}
+
+fn unknown(kind: &str, expected: &str) -> DecodeError {
+    DecodeError::Value(format!("\"kind\" is {kind:?}, expected {expected}"))
 }
 
 fn encode<T: Serialize>(message: &T) -> Vec<u8> {
@@ -301,7 +330,13 @@ impl ToServer {
     /// # Errors
     /// No MessagePack map of a known kind and version, numbers that are not finite, no seed, too large.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let message: Self = decode(payload)?;
+        let Kind { kind } = decode(payload)?;
+        let message = match kind.as_str() {
+            "evaluate" => Self::Evaluate(decode(payload)?),
+            "start" => Self::Start(decode(payload)?),
+            "actuators" => Self::Actuators(decode(payload)?),
+            _ => return Err(unknown(&kind, "evaluate, start or actuators")),
+        };
         match &message {
             Self::Evaluate(m) => {
                 check(m.version)?;
@@ -340,7 +375,12 @@ impl ToTool {
     /// No MessagePack map of a known kind and version, arrays that do not fit each other, a fitness that is not finite
     /// though nothing says that it failed, too large.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let message: Self = decode(payload)?;
+        let Kind { kind } = decode(payload)?;
+        let message = match kind.as_str() {
+            "evaluated" => Self::Evaluated(decode(payload)?),
+            "sensors" => Self::Sensors(decode(payload)?),
+            _ => return Err(unknown(&kind, "evaluated or sensors")),
+        };
         match &message {
             Self::Evaluated(m) => {
                 check(m.version)?;

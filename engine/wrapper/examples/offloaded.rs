@@ -156,8 +156,18 @@ fn main() {
             "output_range": [-1, 1]}"#,
     )
     .unwrap();
-    for candidates in [50_000, 200_000] {
+    for candidates in [20_000, 50_000] {
         let payload = request(candidates);
+        let start = Instant::now();
+        let message = ToServer::decode(&payload).unwrap();
+        let read = start.elapsed();
+        let start = Instant::now();
+        assert_eq!(message.encode().len(), payload.len());
+        println!(
+            "{} bytes: read in {read:.1?}, written in {:.1?}",
+            payload.len(),
+            start.elapsed()
+        );
         let genomes = genomes(candidates);
         let (mut inside, mut outside) = (Vec::new(), Vec::new());
         for _ in 0..7 {

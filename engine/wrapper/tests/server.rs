@@ -48,8 +48,8 @@ impl Simulation for Slow {
     }
 }
 
-/// A tool's connection.
-struct Tool(Connection);
+/// A tool's connection, and what came in and was not looked at.
+struct Tool(Connection, Vec<Event>);
 
 impl Tool {
     fn new(broker: &Broker, filter: &str) -> Self {
@@ -58,12 +58,15 @@ impl Tool {
             qos: QoS::AtMostOnce,
         };
         let settings = Settings::new(broker.url().parse().unwrap());
-        Self(Connection::open(settings, vec![subscription]).unwrap())
+        Self(
+            Connection::open(settings, vec![subscription]).unwrap(),
+            Vec::new(),
+        )
     }
 
     fn publish(&mut self, topic: &str, payload: &[u8]) {
         self.0.publish(topic, payload, QoS::AtMostOnce, false, None);
-        self.0.poll(Instant::now(), &mut Vec::new());
+        self.0.poll(Instant::now(), &mut self.1);
     }
 
     fn ask(&mut self, message: ToServer) {
@@ -72,15 +75,14 @@ impl Tool {
 
     fn next(&mut self) -> Vec<u8> {
         let deadline = Instant::now() + PATIENCE;
-        let mut events = Vec::new();
         loop {
-            assert!(Instant::now() < deadline, "nothing came");
-            self.0.poll(deadline, &mut events);
-            for event in events.drain(..) {
-                if let Event::Message(message) = event {
+            while !self.1.is_empty() {
+                if let Event::Message(message) = self.1.remove(0) {
                     return message.payload().to_vec();
                 }
             }
+            assert!(Instant::now() < deadline, "nothing came");
+            self.0.poll(deadline, &mut self.1);
         }
     }
 
