@@ -10,8 +10,9 @@ use crate::offers::Slot;
 const BLOCK: f64 = 0.020;
 /// Less than this is not worth a message of its own.
 const LEAST: f64 = 0.001;
-/// Numbers in a message, at most.
-const NUMBERS: usize = 1 << 21;
+/// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
+/// the speed of 4 MiB and more).
+const NUMBERS: usize = 1 << 17;
 /// Blocks in flight to one server: one is computed, one waits.
 const IN_FLIGHT: usize = 2;
 /// A server is passed over when it would need this many times as long as all others for all that is left, and
