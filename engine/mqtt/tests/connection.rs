@@ -1,4 +1,5 @@
 //! The connection against real brokers and against listeners that are none.
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use std::io::{Read, Write};
 use std::net::TcpListener;

@@ -271,9 +271,14 @@ fn unknown(kind: &str, expected: &str) -> DecodeError {
     DecodeError::Value(format!("\"kind\" is {kind:?}, expected {expected}"))
 }
 
-fn encode<T: Serialize>(message: &T) -> Vec<u8> {
+/// `numbers`: bytes that the message's arrays will take, so that a block is not moved about while it is written.
+fn encode<T: Serialize>(message: &T, numbers: usize) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(numbers + 1024);
     // Maps, texts and numbers cannot fail to serialize into memory.
-    rmp_serde::to_vec_named(message).unwrap_or_default()
+    match rmp_serde::encode::write_named(&mut bytes, message) {
+        Ok(()) => bytes,
+        Err(_) => Vec::new(),
+    }
 }
 
 fn check(version: u64) -> Result<(), DecodeError> {
@@ -364,7 +369,12 @@ impl ToServer {
     /// The payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
-        encode(self)
+        let numbers = match self {
+            Self::Evaluate(m) => size_of_val(&m.genomes.0[..]) + size_of_val(&m.seeds.0[..]),
+            Self::Start(m) => size_of_val(&m.seeds.0[..]),
+            Self::Actuators(m) => size_of_val(&m.actuators.0[..]),
+        };
+        encode(self, numbers)
     }
 }
 
@@ -416,6 +426,10 @@ impl ToTool {
     /// The payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
-        encode(self)
+        let numbers = match self {
+            Self::Evaluated(m) => size_of_val(&m.fitness.0[..]),
+            Self::Sensors(m) => size_of_val(&m.sensors.0[..]) + 8 * m.agents.0.len(),
+        };
+        encode(self, numbers)
     }
 }
