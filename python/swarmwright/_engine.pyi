@@ -81,6 +81,12 @@ class Episode:
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
+def decimals(genomes: NDArray[np.float32]) -> list[str]:
+    """Each row of (candidates, genes) as text: the shortest decimals that read back as the same binary32, with commas between.
+
+    Raises InputError for a gene that is not finite.
+    """
+
 def levels() -> list[str]:
     """How this processor can evaluate, the fastest last: scalar, then instruction sets (portable, avx2, avx512)."""
 

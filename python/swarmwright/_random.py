@@ -57,3 +57,13 @@ class Stream:
             word = int(self._bits.random_raw())
             if word < limit:
                 return word % below
+
+    def integers(self, below: int, count: int) -> list[int]:
+        """Return `count` integers, the same as so many calls of `integer` would."""
+        # As a rule no word is drawn in vain: less than one in 2**64 / below.
+        words = self.raw(count).tolist()
+        limit = _WORDS - _WORDS % below
+        accepted = [word % below for word in words if word < limit]
+        while len(accepted) < count:
+            accepted.append(self.integer(below))
+        return accepted

@@ -16,11 +16,12 @@ from typing import IO, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
 from swarmwright._statistics import Summary
 from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, shortest
+from swarmwright.representations._base import Genomes
 
 FORMAT = 1
 """Version of the run folder."""
@@ -113,9 +114,15 @@ class RecordWriter:
         best: fitness, generation, candidate, controller; None when no candidate is better than all before.
         """
         lines = []
-        for index, (genome, value, results) in enumerate(zip(genomes, fitness, episodes, strict=True)):
-            cells = [str(summary.generation), str(index), *map(repr, (float(value), *results.tolist()))]
-            lines.append(",".join((*cells, *map(repr, shortest(genome)))))
+        texts = _engine.decimals(genomes)
+        for index, (genes, value, results) in enumerate(zip(texts, fitness, episodes, strict=True)):
+            cells = [
+                str(summary.generation),
+                str(index),
+                *map(repr, (float(value), *results.tolist())),
+                genes,
+            ]
+            lines.append(",".join(cells))
         self._write("record.csv", lines)
         self._write("generations.csv", [",".join(repr(value) for value in astuple(summary))])
         self._mark(best)

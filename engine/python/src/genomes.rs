@@ -28,3 +28,27 @@ pub fn work(
     };
     Work::new(architecture, flat, seeds).map_err(input)
 }
+
+/// Each row as text: the shortest decimals that read back as the same binary32, with commas between.
+#[pyfunction]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "pyo3 hands arguments over by value"
+)]
+pub fn decimals(genomes: PyReadonlyArray2<'_, f32>) -> PyResult<Vec<String>> {
+    genomes
+        .as_array()
+        .rows()
+        .into_iter()
+        .map(|row| {
+            let numbers: Vec<f32> = row.iter().copied().collect();
+            if numbers.iter().any(|number| !number.is_finite()) {
+                return Err(input(
+                    "genomes: NaN or infinite, but every gene must be a finite number",
+                ));
+            }
+            let text = serde_json::to_string(&numbers).map_err(input)?;
+            Ok(text.trim_matches(['[', ']']).to_owned())
+        })
+        .collect()
+}

@@ -169,10 +169,10 @@ class Nnga(Method):
         while len(children) < self._shares.crossover and trial < self._shares.crossover + _TRIALS:
             stream = self.stream("nnga.crossover", trial)
             trial += 1
-            mother = survivors[stream.integer(len(survivors))]
-            partners = [survivors[stream.integer(len(survivors))] for _ in range(self.options.partners)]
-            distances = [self.representation.distance(mother, partner) for partner in partners]
-            father = partners[distances.index(max(distances))]
+            chosen, *partners = stream.integers(len(survivors), 1 + self.options.partners)
+            mother = survivors[chosen]
+            distances = self.representation.distances(mother, self._genomes[partners])
+            father = survivors[partners[int(np.argmax(distances))]]
             child = self.representation.crossover(mother, father, stream)
             if child.tobytes() not in known:
                 known.add(child.tobytes())

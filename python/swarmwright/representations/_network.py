@@ -10,7 +10,7 @@ from pydantic import Field
 
 from swarmwright._options import Options
 from swarmwright._random import Stream
-from swarmwright.representations._base import Genome, Representation
+from swarmwright.representations._base import Genome, Genomes, Representation
 
 _SHARE = 0.2
 _LEAST = 0.1
@@ -92,5 +92,11 @@ class NodeNetwork(Representation):
 
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the sum of absolute differences, added in the genome's order in binary64."""
+        return float(self.distances(one, other[np.newaxis])[0])
+
+    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+        """Return the distance of one genome to each row of others, (k, D) to (k,)."""
         # accumulate adds strictly one after another; sum() would add in an order of NumPy's own.
-        return float(np.add.accumulate(np.abs(one.astype(np.float64) - other))[-1])
+        differences = np.abs(one.astype(np.float64) - others)
+        sums: NDArray[np.float64] = np.add.accumulate(differences, axis=1)[:, -1]
+        return sums
