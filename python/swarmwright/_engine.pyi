@@ -82,7 +82,9 @@ class Episode:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
 def decimals(genomes: NDArray[np.float32]) -> list[str]:
-    """Each row of (candidates, genes) as text: the shortest decimals that read back as the same binary32, with commas between.
+    """Each row of (candidates, genes) as text: the shortest decimals that read back as the same binary32.
+
+    Commas stand between them.
 
     Raises InputError for a gene that is not finite.
     """

@@ -3,6 +3,7 @@
 import dataclasses
 import platform
 import socket
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from swarmwright._backend import Backend, Crews, Progress, Servers, open_backend
 from swarmwright._errors import RunError
 from swarmwright._experiment import Experiment
+from swarmwright._plot import prepare
 from swarmwright._record import FORMAT, RecordWriter, check_folder, default_folder
 from swarmwright._run import Run
 from swarmwright._statistics import Summary, summarize
@@ -95,6 +97,8 @@ def optimize(
         representation = experiment.representation(backend.sensors, backend.actuators)
         folder = default_folder(experiment) if out is None else Path(out)
         resolved = dataclasses.replace(experiment, sensors=backend.sensors, actuators=backend.actuators)
+        # The plotting library takes a quarter of a second to load: while the simulations run, that is free.
+        threading.Thread(target=prepare, daemon=True).start()
         with RecordWriter(folder, resolved, representation.genome_size) as record:
             loop = _Loop(
                 method=experiment.new_method(representation),

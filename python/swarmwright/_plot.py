@@ -1,5 +1,7 @@
 """The fitness plot of a run."""
 
+import importlib
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +13,13 @@ if TYPE_CHECKING:
     from swarmwright._run import Run
 
 _BEST, _MEAN, _INK, _PAPER, _GRID = "#0b6e4f", "#c8553d", "#22303c", "#ffffff", "#e3e7eb"
+
+
+def prepare() -> None:
+    """Load what `draw` needs, so that it need not wait for it."""
+    with suppress(ImportError):  # `draw` says so if it is wanted
+        importlib.import_module("matplotlib.backends.backend_agg")
+        importlib.import_module("matplotlib.figure")
 
 
 def draw(run: "Run", path: Path) -> None:

@@ -84,7 +84,7 @@ class Representation(ABC):
         """Return how different two genomes are: 0 for equal ones, symmetric."""
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
-        """Return the distance of one genome to each row of others, (k, D) to (k,); the same numbers, faster where it can be."""
+        """Return the distance of one genome to each row of others, (k, D) to (k,)."""
         return np.array([self.distance(one, other) for other in others], dtype=np.float64)
 
 
