@@ -67,18 +67,18 @@ def mosquitto() -> Iterator[Broker]:
 
 
 @contextlib.contextmanager
-def servers(broker: Broker, count: int, prefix: str) -> Iterator[list[int]]:
-    """Minisim servers, each a process; their process ids, once all are ready."""
+def servers(broker: Broker, count: int, prefix: str, simulation: str = "minisim") -> Iterator[list[int]]:
+    """Simulation servers, each a process; their process ids, once all are ready."""
     command = [
         *PROGRAM,
         "serve",
-        "minisim",
+        simulation,
         "--broker",
         broker.url,
         "--count",
         str(count),
         "--id",
-        "1",
+        "1" if simulation == "minisim" else "101",
         "--json",
     ]
     if prefix:

@@ -7,7 +7,8 @@ import sys
 import tempfile
 import time
 
-from benchmarks.processes import PROGRAM, ROOT, Broker, peak_memory, servers
+from benchmarks.measurement import Samples
+from benchmarks.processes import PROGRAM, ROOT, Broker, embedded, peak_memory, servers
 
 EXAMPLE = ROOT / "experiments" / "minisim.yaml"
 
@@ -54,3 +55,36 @@ def peak_memories(broker: Broker) -> tuple[float, float]:
         if process.returncode != 0:
             raise SystemExit(f"{' '.join(command)}: exit status {process.returncode}")
         return usage.ru_maxrss * 1024 / 1e6, max(map(peak_memory, pids))
+
+
+class ProgramSuite:
+    """What does not depend on the broker."""
+
+    def __init__(self) -> None:
+        self._python = Samples("python -c pass", "ms")
+        self._import = Samples("python -c 'import swarmwright'", "ms", self._python, "< 150 ms")
+        self._help = Samples("swarmwright --help", "ms", self._python, "< 300 ms")
+        self._whole = Samples("swarmwright optimize experiments/minisim.yaml --servers 2", "s")
+        self._rate = Samples("its evaluations", "evaluations/s")
+
+    def repeat(self) -> None:
+        """Take one sample of everything."""
+        self._python.add(start_up("-c", "pass"))
+        self._import.add(start_up("-c", "import swarmwright"))
+        self._help.add(help_start_up())
+        seconds, evaluations = whole_run()
+        self._whole.add(seconds)
+        self._rate.add(evaluations / seconds)
+
+    def samples(self) -> list[Samples]:
+        """Everything measured, in the order of the table; the example's memory after all of it."""
+        with embedded() as broker:
+            tool, server = peak_memories(broker)
+        return [
+            *(self._python, self._import, self._help, self._whole, self._rate),
+            Samples("peak memory, optimization tool", "MB", values=[tool]),
+            Samples("peak memory, simulation server", "MB", values=[server]),
+        ]
+
+    def close(self) -> None:
+        """Nothing is left open."""

@@ -1,0 +1,145 @@
+"""How near a rollout comes to what the processor could do at most with the operations that it needs.
+
+The counts below are those of the algorithm for one agent-step of one vector of lanes, read off the sources named, each
+arithmetic operation of a vector once; moving data between registers and memory is not counted, except for what lanes
+must read and write one by one. `benchmarks/peak` measures how many of each kind the processor does in a nanosecond.
+"""
+
+import json
+import subprocess
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from benchmarks.measurement import Samples
+from benchmarks.rollout import Block, minisim, stadium
+
+FOLDER = Path(__file__).parent / "peak"
+BINARY = FOLDER / "target" / "release" / "peak"
+
+
+@dataclass(frozen=True)
+class Count:
+    """Operations of one phase. vector: those at the rate of multiplications and additions."""
+
+    vector: int = 0
+    divide: int = 0
+    square_root: int = 0
+    scalar_load: int = 0
+    scalar_store: int = 0
+
+    def __add__(self, other: "Count") -> "Count":
+        return Count(*(getattr(self, kind.name) + getattr(other, kind.name) for kind in fields(self)))
+
+
+TANH = Count(vector=21, divide=2)
+"""engine/controllers/src/functions/lanes.rs: 2 limits, z, two cubics of 6, y*P, t+t, t*t, 1+, 2 limits; 2 quotients."""
+
+MINISIM = {
+    # Differences to the goal, four quotients; the way to the defender is known from the step before.
+    "sensors": Count(vector=2, divide=4),
+    # 8 nodes of 4 products, 4 sums and a bias, 1 node of 8, 8 and 1; 9 tanh; the output checked and limited.
+    "network": Count(vector=8 * 9 + 17 + 9 * TANH.vector + 3, divide=9 * TANH.divide),
+    # Cosine 16, sine 18, two products and sums, four limits, two selections.
+    "move": Count(vector=44),
+    # The closest agent 11, the step 4, which of them 5.
+    "defender": Count(vector=20, divide=1, square_root=1),
+    # Distances to goal and defender, and both compared.
+    "judge": Count(vector=12, square_root=2),
+}
+"""engine/worlds/src/minisim/lanes.rs with a 4-8-1 tanh network, one agent and one defender."""
+
+EMERGENCY_EXIT = {
+    # Three indices, two halves of the way (7), eight neighbours (21); each lane reads its three rows.
+    "sensors": Count(vector=31, scalar_load=48),
+    # 4 nodes of 10 products and sums; twice 4 nodes of 4 products and sums, a bias and 2 limits; the range of 2 outputs.
+    "network": Count(vector=80 + 88 + 10),
+    # Each lane reads place, target, whether it is free, the way from there, and writes two cells, place and way.
+    "move": Count(vector=11, scalar_load=64, scalar_store=64),
+}
+"""engine/worlds/src/emergency_exit/lanes.rs with 2 hidden nodes, 2 iterations, clamped, in 16 lanes."""
+
+
+def build() -> None:
+    """Compile the measurement of the peak."""
+    command = ["cargo", "build", "--release", "--quiet", "--manifest-path", str(FOLDER / "Cargo.toml")]
+    subprocess.run(command, check=True)
+
+
+def peak() -> dict[str, float]:
+    """Operations per nanosecond of one core, by kind, with the best instruction set; and `lanes` of a vector."""
+    result = subprocess.run([str(BINARY)], check=True, capture_output=True, text=True, timeout=60)
+    rates: dict[str, float] = json.loads(result.stdout)
+    return rates
+
+
+def bounds(count: Count, rates: dict[str, float], lanes: int) -> tuple[float, float]:
+    """Nanoseconds that `count` takes at least: all units busy at once, and one kind after the other.
+
+    Quotients and roots share a unit, and take a vector instruction each as well. Counts of scalar operations are for
+    16 lanes.
+    """
+    divider = count.divide / rates["divide"] + count.square_root / rates["square_root"]
+    vector = (count.vector + count.divide + count.square_root) / rates["multiply_add"]
+    load = count.scalar_load * lanes / 16 / rates["scalar_load"]
+    store = count.scalar_store * lanes / 16 / rates["scalar_store"]
+    return max(divider, vector, load, store), count.vector / rates["multiply_add"] + divider + load + store
+
+
+def endless_minisim(candidates: int) -> tuple[Block, int]:
+    """Nobody arrives, nobody is caught, the defender follows; and its agent-steps."""
+    block = minisim(
+        candidates, mapWidth=10_000, mapHeight=10_000, goalRadius=0, captureRadius=0, maxSteps=200
+    )
+    return block, candidates * 200
+
+
+def endless_stadium(candidates: int) -> tuple[Block, int]:
+    """Stadium with its exits walled in; and its agent-steps."""
+    block = stadium(candidates)
+    parameters = json.loads(block.parameters)
+    field = parameters["field"]
+    field["blockades"] += [[x, y] for x in (1, 18) for y in (8, 9, 10, 11)]
+    agents = len(field["agents"])
+    block.parameters = json.dumps(parameters)
+    return block, candidates * agents * 50
+
+
+class BoundSuite:
+    """Nanoseconds of a vector's agent-step, and what share of them the bound is."""
+
+    def __init__(self, scale: int = 1) -> None:
+        build()
+        self._blocks = {
+            "Minisim": (*endless_minisim(8_192 // scale), sum(MINISIM.values(), Count())),
+            "Emergency Exit": (*endless_stadium(2_048 // scale), sum(EMERGENCY_EXIT.values(), Count())),
+        }
+        self._rates: dict[str, Samples] = {}
+        self._figures: dict[str, tuple[Samples, Samples, Samples]] = {}
+        for name in self._blocks:
+            taken = Samples(f"{name}, a vector's agent-step", "ns")
+            self._figures[name] = (
+                taken,
+                Samples(f"{name}, counted bound, all units at once", "ns", taken, ">= 0.4"),
+                Samples(f"{name}, counted bound, one kind after the other", "ns", taken),
+            )
+
+    def repeat(self) -> None:
+        """Take one sample of everything."""
+        rates = peak()
+        lanes = int(rates["lanes"])
+        for kind in ("multiply_add", "divide", "square_root", "scalar_load", "scalar_store"):
+            samples = self._rates.setdefault(kind, Samples(f"peak, {kind}", "operations/ns"))
+            samples.add(rates[kind])
+        for name, (block, agent_steps, count) in self._blocks.items():
+            taken, at_once, in_turn = self._figures[name]
+            seconds = min(block.time().processor for _ in range(3))
+            taken.add(seconds / agent_steps * lanes * 1e9)
+            for samples, bound in zip((at_once, in_turn), bounds(count, rates, lanes), strict=True):
+                samples.add(bound)
+
+    def samples(self) -> list[Samples]:
+        """Everything measured, in the order of the table."""
+        return [*self._rates.values(), *(one for figures in self._figures.values() for one in figures)]
+
+    def close(self) -> None:
+        """Nothing is left open."""

@@ -1,0 +1,128 @@
+"""Blocks of episodes in this process, timed: Minisim and Emergency Exit as FREVO's Stadium."""
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.measurement import Samples
+from swarmwright import _engine
+
+STADIUM = Path(__file__).parents[1] / "tests" / "data" / "frevo" / "stadium.json"
+FREVO_RATE = 733.0
+"""Evaluations/s of FREVO 1.5 on the Stadium field, one thread, quoted from tests/data/frevo/README.md."""
+
+LAYERED = {
+    "version": 1,
+    "kind": "layered",
+    "sensors": 4,
+    "actuators": 1,
+    "hidden": [8],
+    "activation": "tanh",
+    "output_range": [-1, 1],
+}
+MESHED = {
+    "version": 1,
+    "kind": "fully_meshed",
+    "sensors": 10,
+    "actuators": 2,
+    "hidden": 2,
+    "activation": "clamp",
+    "iterations": 2,
+    "output_range": [0, 1],
+}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of the clock and of processors."""
+
+    clock: float
+    processor: float
+
+
+class Block:
+    """One episode each of many random networks. architecture: specification without weights; seeds: one."""
+
+    def __init__(
+        self, title: str, parameters: dict[str, Any], architecture: dict[str, Any], candidates: int
+    ) -> None:
+        self.title, self.parameters = title, json.dumps(parameters)
+        self.architecture = json.dumps(architecture)
+        self.candidates = candidates
+        weights = _engine.genome_size(self.architecture)
+        source = np.random.default_rng(1)
+        self.genomes: NDArray[np.float32] = source.uniform(-2, 2, (candidates, weights)).astype(np.float32)
+
+    def run(self, level: str = "auto", threads: int = 1) -> NDArray[np.float64]:
+        """The fitness, (candidates,)."""
+        arguments = (self.title, self.parameters, self.architecture, self.genomes, [0])
+        return _engine.evaluate(*arguments, level=level, threads=threads)[:, 0]
+
+    def time(self, level: str = "auto", threads: int = 1) -> Timing:
+        """How long it takes."""
+        clock, processor = time.perf_counter(), time.process_time()
+        self.run(level, threads)
+        return Timing(time.perf_counter() - clock, time.process_time() - processor)
+
+
+def minisim(candidates: int, **parameters: Any) -> Block:
+    """The published example, with 4-8-1 tanh networks."""
+    return Block("minisim", parameters, LAYERED, candidates)
+
+
+def stadium(candidates: int, **parameters: Any) -> Block:
+    """FREVO's Stadium, 72 agents, 50 steps, with its networks: 2 hidden nodes, clamped."""
+    field = json.loads(STADIUM.read_text(encoding="utf-8"))
+    return Block("emergency_exit", {"field": field, **parameters}, MESHED, candidates)
+
+
+class RolloutSuite:
+    """Evaluations/s for each instruction set, and on two threads, against one episode at a time."""
+
+    def __init__(self, scale: int = 1) -> None:
+        self._blocks = {
+            "Minisim": (minisim(65_536 // scale), minisim(4_096 // scale)),
+            "Stadium": (stadium(4_096 // scale), stadium(256 // scale)),
+        }
+        self._levels = [level for level in _engine.levels() if level != "scalar"]
+        self._rates: dict[str, Samples] = {}
+        for name in self._blocks:
+            scalar = Samples(f"{name}, scalar stepper, one core", "evaluations/s")
+            self._rates[f"{name} scalar"] = scalar
+            for level in self._levels:
+                self._rates[f"{name} {level}"] = Samples(
+                    f"{name}, {level}, one core", "evaluations/s", scalar
+                )
+        self._frevo = Samples("FREVO on Stadium (quoted)", "evaluations/s", values=[FREVO_RATE])
+        self._two = {
+            "Minisim": Samples("Minisim, two threads, by the clock", "evaluations/s"),
+            "Stadium": Samples(
+                "Stadium, two threads, by the clock", "evaluations/s", self._frevo, ">= 95 (70,000/s)"
+            ),
+        }
+        self._two_processor = Samples(
+            "Stadium, two threads, by processor time", "evaluations/s", self._frevo, ">= 95 (70,000/s)"
+        )
+
+    def repeat(self) -> None:
+        """Take one sample of everything."""
+        for name, (block, few) in self._blocks.items():
+            self._rates[f"{name} scalar"].add(few.candidates / few.time("scalar").processor)
+            for level in self._levels:
+                self._rates[f"{name} {level}"].add(block.candidates / block.time(level).processor)
+            timing = block.time(threads=2)
+            self._two[name].add(block.candidates / timing.clock)
+            if name == "Stadium":
+                self._two_processor.add(2 * block.candidates / timing.processor)
+
+    def samples(self) -> list[Samples]:
+        """Everything measured, in the order of the table."""
+        return [*self._rates.values(), self._frevo, *self._two.values(), self._two_processor]
+
+    def close(self) -> None:
+        """Nothing is left open."""

@@ -1,0 +1,98 @@
+"""FREVO's Stadium experiment from its session file to the result, from the command line."""
+
+import csv
+import json
+import os
+import resource
+import statistics
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.measurement import Samples
+from benchmarks.processes import PROGRAM, ROOT
+
+SESSION = ROOT / "tests" / "data" / "frevo" / "emergency_exit_stadium.zse"
+FREVO_SECONDS = 15.2
+"""A seed in FREVO 1.5, one thread, quoted from tests/data/frevo/README.md."""
+FREVO_BEST = {50: -3.8, 100: -0.13, 299: 0.46}
+"""By generation: FREVO's best fitness, mean of the seeds 12345 to 12354, quoted from the same page."""
+SEEDS = range(12345, 12355)
+
+
+class WholeSuite:
+    """All ten seeds, each once: import and optimize, by the clock and in processor time; how good they get."""
+
+    def __init__(self, seeds: range = SEEDS) -> None:
+        self._seeds = iter(seeds)
+        self._count = len(seeds)
+        frevo = Samples("FREVO, Stadium, 300 generations (quoted)", "s", values=[FREVO_SECONDS])
+        self._frevo = frevo
+        self._clock = Samples("swarmwright import and optimize, by the clock", "s", frevo, "<= 0.05")
+        self._processor = Samples("the same, processor time", "s", frevo)
+        self._import = Samples("import alone, by the clock", "s")
+        self._best = {generation: Samples("", "") for generation in FREVO_BEST}
+
+    def repeat(self) -> None:
+        """Two seeds each time, so that five repetitions take all ten."""
+        for seed in (next(self._seeds, None), next(self._seeds, None)):
+            if seed is not None:
+                self._run(seed)
+
+    def _run(self, seed: int) -> None:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            before = _children()
+            start = time.perf_counter()
+            experiment = _output("import", str(SESSION), cwd=folder)
+            (folder / "stadium.yaml").write_text(experiment, encoding="utf-8")
+            imported = time.perf_counter() - start
+            lines = _output(
+                *("optimize", "stadium.yaml", "--seed", str(seed), "--out", "run", "--servers", "local"),
+                "--json",
+                cwd=folder,
+            )
+            self._clock.add(time.perf_counter() - start)
+            self._processor.add(_children() - before)
+            self._import.add(imported)
+            assert json.loads(lines.splitlines()[-1])["generations"] == 300
+            with (folder / "run" / "generations.csv").open(encoding="utf-8", newline="") as file:
+                rows = {int(row["generation"]): float(row["best"]) for row in csv.DictReader(file)}
+            for generation, samples in self._best.items():
+                # Best so far; the elite keeps it in the population.
+                samples.add(max(value for index, value in rows.items() if index <= generation))
+
+    def samples(self) -> list[Samples]:
+        """Everything measured, in the order of the table."""
+        found = [self._frevo, self._clock, self._processor, self._import]
+        for generation, samples in self._best.items():
+            quoted = FREVO_BEST[generation]
+            at = f"best fitness at generation {generation}"
+            frevo = Samples(f"FREVO, {at}, mean of ten seeds (quoted)", "", values=[quoted])
+            mean = statistics.fmean(samples.values)
+            found += [
+                frevo,
+                Samples(f"{at}, mean of {len(samples.values)} seeds", "", aim=f">= {quoted}", values=[mean]),
+                Samples(f"{at}, median", "", aim=f">= {quoted}", values=samples.values),
+            ]
+        return found
+
+    def close(self) -> None:
+        """Nothing is left open."""
+
+
+def _children() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _output(*arguments: str, cwd: Path) -> str:
+    environment = os.environ | {"PYTHONPATH": ""}
+    command = [*PROGRAM, *arguments]
+    result = subprocess.run(
+        command, check=False, capture_output=True, text=True, timeout=300, cwd=cwd, env=environment
+    )
+    if result.returncode != 0:
+        raise SystemExit(f"{' '.join(command)}: {result.stderr}")
+    return result.stdout
