@@ -198,18 +198,14 @@ fn small<L: Lanes, const N: usize>(
     );
     let rows = split::<L, N>(weights, length, 1 + net.sensors);
     let mut outputs = [L::splat(0.0); N];
-    for node in 0..N {
-        outputs[node] = state[node];
-    }
+    outputs.copy_from_slice(&state[..N]);
     for _ in 0..net.iterations {
         let sums = add_rows(heard, rows, &outputs);
         for node in 0..N {
             outputs[node] = apply(net.activation, weights[node * length].add(sums[node]));
         }
     }
-    for node in 0..N {
-        state[node] = outputs[node];
-    }
+    state[..N].copy_from_slice(&outputs);
 }
 
 /// A fully meshed network of any size.

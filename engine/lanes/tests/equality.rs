@@ -115,7 +115,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
         let choose = |condition: bool| if condition { a } else { b };
         let small = if a > 1000.0 { 1000.0 } else { a };
         let small = if small < -1000.0 { -1000.0 } else { small };
-        let small = if a <= a { small } else { 0.0 };
+        let small = if a.is_nan() { 0.0 } else { small };
         let floats = [
             a + b,
             a - b,
@@ -131,7 +131,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             i as f32,
             choose(a < b && i < j),
             choose(a < b || i < j),
-            choose(a < b && !(i < j)),
+            choose(a < b && i >= j),
             choose(CONDITIONS >> lane & 1 == 1),
         ];
         let ints = [

@@ -1,4 +1,5 @@
 //! Lanes, threads and one episode at a time give the same fitness, to the bit.
+#![allow(clippy::unwrap_used)] // helpers of tests
 
 use proptest::prelude::*;
 use serde_json::{Map, Value, json};

@@ -366,7 +366,7 @@ impl<L: Lanes> Room<L> {
                 &mut self.free,
             );
             let mut ways_taken = 0;
-            for lane in 0..L::WIDTH {
+            for (lane, terrain) in terrains.iter().enumerate().take(L::WIDTH) {
                 let base = lane * world.cells;
                 let (place, target) = (places.0[lane], targets.0[lane]);
                 let moved = get(free, base + target as usize);
@@ -375,7 +375,7 @@ impl<L: Lanes> Room<L> {
                 put(free, base + place as usize, moved);
                 put(free, base + there as usize, 0);
                 places.0[lane] = there;
-                let way = get(&terrains[lane].to_exit, there as usize);
+                let way = get(&terrain.to_exit, there as usize);
                 ways.0[lane] = way;
                 ways_taken |= way;
             }
@@ -421,12 +421,12 @@ impl<L: Lanes> Room<L> {
                 continue;
             }
             let (places, (before, _)) = (&self.places[agent], &self.moves[agent]);
-            for lane in 0..L::WIDTH {
+            for (lane, terrain) in terrains.iter().enumerate().take(L::WIDTH) {
                 let (left, there) = (before.0[lane], places.0[lane]);
                 if left != there {
                     put(&mut self.free, lane * world.cells + left as usize, 1);
                 }
-                self.ways[agent].0[lane] = get(&terrains[lane].to_exit, there as usize);
+                self.ways[agent].0[lane] = get(&terrain.to_exit, there as usize);
             }
             self.leave(agent, world);
             any |= self.inside[agent];
