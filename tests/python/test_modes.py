@@ -90,7 +90,7 @@ def test_wrong_ways_are_refused() -> None:
     architecture = json.dumps(representation.architecture())
     genomes = np.zeros((2, representation.genome_size), dtype=np.float32)
     assert _engine.levels()[0] == "scalar"
-    for arguments, words in [
+    mistakes: list[tuple[dict[str, Any], str]] = [
         ({"level": "mmx"}, 'level: "mmx" is not possible on this processor; expected one of auto, scalar'),
         ({"genomes": genomes[:, 1:]}, f"genomes: have {representation.genome_size - 1} weights each"),
         ({"genomes": np.full_like(genomes, np.nan)}, r"genomes\[0\]\[0\] is NaN or infinite"),
@@ -98,7 +98,8 @@ def test_wrong_ways_are_refused() -> None:
         ({"architecture": "{}"}, "controller.version"),
         ({"title": "minisym"}, "unknown simulation 'minisym'"),
         ({"parameters": '{"maxSteps": -1}'}, "maxSteps"),
-    ]:
+    ]
+    for arguments, words in mistakes:
         given: dict[str, Any] = {
             "title": "minisim",
             "parameters": "{}",
@@ -107,7 +108,7 @@ def test_wrong_ways_are_refused() -> None:
             "seeds": [0],
         }
         with pytest.raises(InputError, match=words):
-            _engine.evaluate(**{**given, **arguments})  # type: ignore[arg-type]
+            _engine.evaluate(**{**given, **arguments})
 
 
 def test_progress_and_interruption_in_this_process() -> None:
