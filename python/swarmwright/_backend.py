@@ -4,9 +4,7 @@ Simulation servers on a broker, or this process. Started, used and closed in one
 """
 
 import json
-import os
 import secrets
-import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -144,7 +142,7 @@ def _pool(experiment: Experiment, address: str, *, visual: bool) -> _engine.Pool
         sensors=experiment.sensors,
         actuators=experiment.actuators,
         prefix=experiment.prefix,
-        tool=f"swarmwright@{socket.gethostname()}/{os.getpid()}",
+        tool="swarmwright",  # host and process are added
         mode=experiment.mode,
         visual=visual,
         discovery_timeout=experiment.timeouts.discovery,

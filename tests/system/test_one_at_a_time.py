@@ -1,6 +1,7 @@
 """A server serves one optimization tool at a time; `swarmwright servers` says whom."""
 
 import json
+import re
 import signal
 import threading
 import time
@@ -69,7 +70,7 @@ def test_nobody_else_is_answered_while_a_run_lasts(
     assert {state["state"] for state in states.values()} == {"busy"}
     holders = {state["tool"] for state in states.values()}
     assert len(holders) == 1
-    assert f"/{run.pid}" in holders.pop()
+    assert re.fullmatch(rf"swarmwright@[^@/]+/{run.pid}/[0-9a-f]{{4}}", holders.pop())
     run.signal(signal.SIGINT)
     assert run.wait() == 130
     ended = time.monotonic()
