@@ -5,7 +5,10 @@ What stands behind the language of a fenced block, which nobody sees on the page
 - `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
 - `bash background ready="text"`: left running until the page's end; the next block waits for that text;
 - `bash make`: targets of the Makefile, checked to be there without being made, for they run these tests;
-- `python`: run as a script; any language with `file=NAME`: written to that file.
+- `python`: run as a script; any language with `file=NAME`: written to that file;
+- `text output`: what the `bash` or `python` block before it has said; `...` stands for anything.
+
+The experiments and FREVO's files are there as in a clone.
 """
 
 import contextlib
@@ -136,8 +139,10 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)
-    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    for name in ("experiments", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
     ports: dict[str, str] = {}
+    said = ""
     with ExitStack() as stack:
         for block in blocks(page):
             where = f"{page.relative_to(ROOT)}:{block.line}"
@@ -147,16 +152,20 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
                     text += "user root\n"
                 (tmp_path / block.directives["file"]).write_text(text, encoding="utf-8")
             elif block.language == "python":
-                run([sys.executable, "-W", "error", "-c", text], tmp_path, environment, where)
+                said = run([sys.executable, "-W", "error", "-c", text], tmp_path, environment, where)
             elif block.language == "bash":
-                _bash(block, text, stack, tmp_path, environment, where)
+                said = _bash(block, text, stack, tmp_path, environment, where)
+            elif "output" in block.directives:
+                pattern = re.escape(text.strip()).replace(re.escape("..."), ".*")
+                assert re.fullmatch(pattern, said.strip(), re.DOTALL), f"{where}: it said\n{said}"
             else:
                 assert block.language in SHOWN_ONLY, f"{where}: nothing tests a block of {block.language!r}"
 
 
 def _bash(
     block: Block, text: str, stack: ExitStack, folder: Path, environment: dict[str, str], where: str
-) -> None:
+) -> str:
+    """Run a block as its directives say; what it said."""
     if "make" in block.directives:
         for line in text.splitlines():
             if line.startswith("make "):
@@ -169,7 +178,14 @@ def _bash(
             name, _, value = pair.partition("=")
             environment[name] = value
     else:
-        run(["bash", "-euo", "pipefail", "-c", text], folder, environment, where)
+        return run(["bash", "-euo", "pipefail", "-c", text], folder, environment, where)
+    return ""
+
+
+def test_every_page_is_in_the_index() -> None:
+    linked = set(re.findall(r"\]\(([^)#]+)\)", (ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
+    pages = {str(page.relative_to(ROOT / "docs")) for page in PAGES[1:]} - {"index.md"}
+    assert pages - linked == set()
 
 
 def test_links_between_pages_lead_somewhere() -> None:
