@@ -3,6 +3,7 @@
 //! What is decided is in [`machine`], which knows neither sockets nor clocks; [`Pool`] is its thin shell.
 
 mod batch;
+mod discovery;
 mod dispatch;
 mod ledger;
 pub mod machine;
@@ -11,6 +12,7 @@ mod offers;
 mod pool;
 mod requests;
 mod run;
+mod status;
 mod stepwise;
 mod work;
 

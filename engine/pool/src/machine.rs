@@ -8,27 +8,16 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_protocol::{
-    Control, Discovery, EpisodeHasher, Message, Presence, SensorReading, ServerMessage, ToTool,
-    Topic, Topics,
-};
+use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
 
+use crate::discovery::{FIRST_ROUND, LATER_ROUND};
 use crate::ledger::{Ledger, Piece};
-use crate::offers::{Answer, Demand, Job, Offers};
+use crate::offers::{Demand, Job, Offers};
 use crate::requests::Request;
 use crate::run::Run;
 use crate::work::{Attempt, Work};
 
-/// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
-const FIRST_ROUND: Duration = Duration::from_millis(100);
-const LATER_ROUND: Duration = Duration::from_secs(2);
-/// Rounds whose answers are still understood.
-const ROUNDS: usize = 16;
-/// After how long silence is worth a word.
-const SILENCE: Duration = Duration::from_secs(1);
 const COMPLAINTS: usize = 1000;
-/// How long other servers may take to answer when one refused the work.
-const OTHERS: Duration = Duration::from_millis(500);
 
 /// What the machine wants done.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,12 +66,12 @@ pub struct Config {
 pub struct Machine {
     pub(crate) config: Config,
     pub(crate) offers: Offers,
-    discovery_hasher: EpisodeHasher,
-    rounds: VecDeque<(String, u64)>,
+    pub(crate) discovery_hasher: EpisodeHasher,
+    pub(crate) rounds: VecDeque<(String, u64)>,
     pub(crate) round: u64,
     pub(crate) instance: u64,
-    next_round: Instant,
-    round_pause: Duration,
+    pub(crate) next_round: Instant,
+    pub(crate) round_pause: Duration,
     /// Parameters and hasher of each episode seed.
     pub(crate) episodes: Vec<(Map<String, Value>, EpisodeHasher)>,
     pub(crate) agents: Option<u64>,
@@ -95,11 +84,11 @@ pub struct Machine {
     pub(crate) reply: String,
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
-    journal: Vec<(Attempt, Instant)>,
-    complaints: HashSet<String>,
+    pub(crate) journal: Vec<(Attempt, Instant)>,
+    pub(crate) complaints: HashSet<String>,
     pub(crate) actions: Vec<Action>,
     /// Since when there is work and no server for it.
-    lonely_since: Option<Instant>,
+    pub(crate) lonely_since: Option<Instant>,
 }
 
 /// The number of agents that the parameters tell.
@@ -157,51 +146,6 @@ impl Machine {
 
     pub(crate) fn publish(&mut self, topic: Topic, payload: Vec<u8>) {
         self.actions.push(Action::Publish(topic, payload));
-    }
-
-    /// Sensors and actuators that a fitting server announces, or that the experiment says.
-    #[must_use]
-    pub fn sizes(&self) -> Option<(usize, usize)> {
-        match (self.config.demand.sensors, self.config.demand.actuators) {
-            (Some(sensors), Some(actuators)) => Some((sensors, actuators)),
-            _ => self.offers.sizes(),
-        }
-    }
-
-    /// Whether a fitting server is there for this tool.
-    #[must_use]
-    pub fn has_server(&self) -> bool {
-        !self.offers.slots.is_empty()
-    }
-
-    /// A server that fits and serves somebody else.
-    #[must_use]
-    pub fn busy_elsewhere(&self) -> Option<String> {
-        self.offers.busy_elsewhere(&self.config.demand)
-    }
-
-    /// Why the work cannot be done, when all servers that are there say so.
-    #[must_use]
-    pub fn rejected(&self, now: Instant) -> Option<String> {
-        let settled = now.saturating_duration_since(self.refused_at?) >= OTHERS;
-        let alone = settled && self.busy_elsewhere().is_none();
-        alone.then(|| self.offers.refused()).flatten()
-    }
-
-    /// What was required and what was found, in words.
-    #[must_use]
-    pub fn describe(&self) -> String {
-        format!(
-            "required: {}; found: {}",
-            self.config.demand.describe(),
-            self.offers.describe(&self.config.demand)
-        )
-    }
-
-    /// Titles that the servers offer.
-    #[must_use]
-    pub fn titles(&self) -> Vec<String> {
-        self.offers.titles()
     }
 
     /// Begins a block of work.
@@ -296,7 +240,7 @@ impl Machine {
         self.end_run(server, &hash);
     }
 
-    fn new_hash(&mut self) -> String {
+    pub(crate) fn new_hash(&mut self) -> String {
         let hash = self.discovery_hasher.hash(self.instance);
         self.instance += 1;
         hash
@@ -355,54 +299,6 @@ impl Machine {
             Ok(Message::Presence(presence)) => self.presence(presence, now),
             Ok(_) => {}
             Err(error) => self.undecodable(topic, payload, &error.to_string(), now),
-        }
-    }
-
-    fn server(&mut self, message: ServerMessage, now: Instant) {
-        let Some((_, round)) = self
-            .rounds
-            .iter()
-            .find(|(hash, _)| *hash == message.simulation_hash)
-        else {
-            return;
-        };
-        let (id, round) = (message.server, *round);
-        match self.offers.answered(message, round, &self.config.demand) {
-            Answer::Welcome => self.dispatch(now),
-            Answer::Known => self.beaten(id, round, now),
-            Answer::Unfit(None) => {}
-            Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
-            Answer::Twins(jobs, news) => {
-                if news {
-                    self.warn(format!("two servers answer to the id {id}, so neither is used; give one another --id"));
-                }
-                for job in &jobs {
-                    if let Job::Episode(hash) = job {
-                        self.end_run(id, hash);
-                    }
-                }
-                let reason = format!("two servers answer to the id {id}");
-                self.fail_jobs(jobs, &reason, false, now);
-            }
-        }
-    }
-
-    fn presence(&mut self, presence: Presence, now: Instant) {
-        let (ended, discover) = self.offers.present(presence, &self.config.tool);
-        if let Some(mut ended) = ended {
-            if !ended.own_fault {
-                // A run that has begun is ours; the presence is older.
-                ended.jobs.retain(|job| {
-                    matches!(job, Job::Episode(hash) if !self.runs.get(hash).is_some_and(Run::begun))
-                });
-            }
-            if !ended.jobs.is_empty() {
-                self.offers.remove(ended.server);
-                self.fail_jobs(ended.jobs, &ended.reason, ended.own_fault, now);
-            }
-        }
-        if discover {
-            self.next_round = self.next_round.min(now);
         }
     }
 
@@ -485,35 +381,6 @@ impl Machine {
         self.lonely_since = lonely.then(|| self.lonely_since.unwrap_or(now));
     }
 
-    /// How long there has been work and no server for it.
-    #[must_use]
-    pub fn lonely(&self, now: Instant) -> Duration {
-        self.lonely_since
-            .map_or(Duration::ZERO, |since| now.saturating_duration_since(since))
-    }
-
-    fn discover(&mut self, now: Instant) {
-        self.round += 1;
-        let hash = self.new_hash();
-        self.rounds.push_back((hash.clone(), self.round));
-        if self.rounds.len() > ROUNDS {
-            self.rounds.pop_front();
-        }
-        let discovery = Discovery {
-            simulation: self.config.demand.simulation.clone(),
-            simulation_hash: hash,
-            requirements: self.config.demand.requirements.clone(),
-            tool: Some(self.config.tool.clone()),
-        };
-        self.publish(Topic::Discovery, discovery.encode());
-        self.round_pause = if self.has_server() {
-            LATER_ROUND
-        } else {
-            (self.round_pause * 2).min(LATER_ROUND)
-        };
-        self.next_round = now + self.round_pause;
-    }
-
     /// The connection broke: the work under way on it is lost, and nobody's fault.
     pub fn disconnected(&mut self, now: Instant) {
         self.offers.clear();
@@ -526,47 +393,6 @@ impl Machine {
             .chain(numbers.into_iter().map(Job::Request))
             .collect();
         self.fail_jobs(jobs, "the connection to the broker broke", false, now);
-    }
-
-    /// The connection is back.
-    pub fn connected(&mut self, now: Instant) {
-        self.round_pause = FIRST_ROUND;
-        self.next_round = now;
-    }
-
-    /// What is waited for, in words; empty while everything moves.
-    #[must_use]
-    pub fn waiting_for(&self, now: Instant) -> String {
-        if self.finished() {
-            return String::new();
-        }
-        let run = self.runs.values().min_by_key(|run| (run.heard, run.server));
-        let request = self
-            .requests
-            .iter()
-            .min_by_key(|(number, request)| (request.heard, **number))
-            .map(|(_, request)| request);
-        let is_silent = |heard: Instant| now.saturating_duration_since(heard) >= SILENCE;
-        match (run, request) {
-            (Some(run), other)
-                if is_silent(run.heard) && other.is_none_or(|other| run.heard <= other.heard) =>
-            {
-                run.waiting_for(now)
-            }
-            (_, Some(request)) if is_silent(request.heard) => request.waiting_for(now),
-            (None, None) => {
-                let seconds = self.lonely(now).as_secs_f64();
-                let busy = self
-                    .busy_elsewhere()
-                    .map_or_else(String::new, |busy| format!(" ({busy})"));
-                if seconds >= SILENCE.as_secs_f64() {
-                    format!("no server for {seconds:.1} s{busy}")
-                } else {
-                    String::new()
-                }
-            }
-            _ => String::new(),
-        }
     }
 
     pub(crate) fn warn(&mut self, text: String) {

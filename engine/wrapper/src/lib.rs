@@ -16,6 +16,7 @@ mod guard;
 mod identity;
 mod job;
 pub mod machine;
+mod notice;
 mod run;
 mod server;
 

@@ -6,23 +6,25 @@
 
 mod batched;
 mod offloaded;
+mod presence;
 mod stepwise;
 
 use std::collections::{HashSet, VecDeque};
-use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    Capabilities, Control, Discovery, Message, ParametersMessage, Presence, Refusal, RefusalKind,
-    ServerMessage, State as PresenceState, ToServer, Topic, Topics,
+    Control, Discovery, Message, ParametersMessage, Refusal, RefusalKind, ServerMessage,
+    State as PresenceState, ToServer, Topic, Topics,
 };
-use swarmwright_worlds::{Description, Parameters, Scene, Simulation};
+use swarmwright_worlds::{Description, Parameters, Simulation};
+
+pub use crate::notice::{Action, Notice};
 
 use crate::Identity;
 use crate::batch::Batch;
 use crate::guard::guarded;
-use crate::job::{Job, Setup};
+use crate::job::Setup;
 use crate::run::Run;
 use offloaded::Work;
 
@@ -39,53 +41,6 @@ const COMPLAINTS: usize = 1000;
 
 /// Most episodes of a batch, where the simulation can be duplicated.
 pub(crate) const MAX_BATCH: usize = 256;
-
-/// What the machine wants done.
-#[derive(Debug)]
-pub enum Action {
-    /// Publish with QoS 0; or, for presence, QoS 1 and retained.
-    Publish(Topic, Vec<u8>),
-    /// Publish the answer to a request, QoS 0, with the media type of extension messages.
-    Reply {
-        /// Topic without prefix.
-        topic: String,
-        /// The request's number: correlation data, 8 bytes big-endian.
-        request: u64,
-        /// The message.
-        payload: Vec<u8>,
-    },
-    /// Compute, here or on another thread, and give the result to [`Machine::finished`].
-    Evaluate(Job),
-    /// Tell the operator.
-    Notice(Notice),
-    /// Show the run.
-    Frame(Scene),
-}
-
-/// Something that the operator of a server wants to know.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Notice {
-    /// The server is free.
-    Ready,
-    /// The server is taken, by the named tool if it gave a name.
-    Busy(Option<String>),
-    /// Something is not as it should be.
-    Warning(String),
-    /// The broker is gone; trying again.
-    Lost(String),
-}
-
-impl fmt::Display for Notice {
-    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
-        match self {
-            Self::Ready => formatter.write_str("ready"),
-            Self::Busy(Some(tool)) => write!(formatter, "busy for {tool}"),
-            Self::Busy(None) => formatter.write_str("busy"),
-            Self::Warning(text) => write!(formatter, "warning: {text}"),
-            Self::Lost(reason) => write!(formatter, "lost the broker: {reason}"),
-        }
-    }
-}
 
 enum State {
     Free,
@@ -172,42 +127,6 @@ impl Machine {
     /// What is to be done now; empties the list.
     pub fn actions(&mut self) -> std::vec::Drain<'_, Action> {
         self.actions.drain(..)
-    }
-
-    /// Titles of the simulations offered.
-    #[must_use]
-    pub fn titles(&self) -> Vec<String> {
-        self.offers
-            .iter()
-            .map(|offer| offer.description.title.clone())
-            .collect()
-    }
-
-    /// The presence message for a state.
-    #[must_use]
-    pub fn presence(&self, state: PresenceState, since: String) -> Presence {
-        Presence {
-            server: self.identity.id,
-            state,
-            simulations: self.titles(),
-            capabilities: self.capabilities(&self.offers[0]),
-            tool: self.holder(),
-            since,
-        }
-    }
-
-    fn capabilities(&self, offer: &Offer) -> Capabilities {
-        self.identity.capabilities(&offer.description, offer.batch)
-    }
-
-    fn holder(&self) -> Option<String> {
-        match &self.state {
-            State::Running(run) => run.tool.clone(),
-            State::Stepping(batch) => Some(batch.tool.clone()),
-            State::Working(work) => work.holder(),
-            State::Held { tool, .. } => Some(tool.clone()),
-            State::Free | State::Configured { .. } => None,
-        }
     }
 
     /// A message came in. Retained messages are leftovers of somebody's past, except presence.
@@ -329,26 +248,6 @@ impl Machine {
         }
     }
 
-    fn other_presence(&mut self, presence: &Presence) {
-        let other = presence.capabilities.swarmwright.as_ref();
-        let instance = other.and_then(|other| other.instance.as_ref());
-        if presence.server == self.identity.id
-            && presence.state != PresenceState::Lost
-            && instance != Some(&self.identity.instance)
-        {
-            let host = other
-                .and_then(|other| other.host.clone())
-                .unwrap_or_else(|| "an unknown host".to_owned());
-            let pid = other
-                .and_then(|other| other.pid)
-                .map_or_else(String::new, |pid| format!(", process {pid}"));
-            self.complain(format!(
-                "another server has the id {} too ({host}{pid}); give one of them another --id",
-                self.identity.id
-            ));
-        }
-    }
-
     /// A run is over: its tool, if it gave its name, keeps the server for the next one.
     fn leave(&mut self, now: Instant) {
         let tool = self.holder();
@@ -428,29 +327,6 @@ impl Machine {
         if self.changed_at.is_some_and(|at| at + SETTLE <= now) {
             self.publish_presence(stamp());
         }
-    }
-
-    /// Publishes what the server does now, unless that is known.
-    pub fn publish_presence(&mut self, since: String) {
-        self.changed_at = None;
-        let state = if matches!(self.state, State::Free) {
-            PresenceState::Ready
-        } else {
-            PresenceState::Busy
-        };
-        let current = (state, self.holder());
-        if self.published.as_ref() == Some(&current) {
-            return;
-        }
-        self.actions.push(Action::Publish(
-            Topic::Presence,
-            self.presence(state, since).encode(),
-        ));
-        self.actions.push(Action::Notice(match state {
-            PresenceState::Busy => Notice::Busy(current.1.clone()),
-            _ => Notice::Ready,
-        }));
-        self.published = Some(current);
     }
 
     /// The connection broke: messages of the run are lost, so the run is.

@@ -1,0 +1,93 @@
+//! Who is there: rounds of discovery, the answers to them, presence.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{Discovery, Presence, ServerMessage, Topic};
+
+use crate::machine::Machine;
+use crate::offers::{Answer, Job};
+use crate::run::Run;
+
+/// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
+pub(crate) const FIRST_ROUND: Duration = Duration::from_millis(100);
+pub(crate) const LATER_ROUND: Duration = Duration::from_secs(2);
+/// Rounds whose answers are still understood.
+const ROUNDS: usize = 16;
+
+impl Machine {
+    pub(crate) fn server(&mut self, message: ServerMessage, now: Instant) {
+        let Some((_, round)) = self
+            .rounds
+            .iter()
+            .find(|(hash, _)| *hash == message.simulation_hash)
+        else {
+            return;
+        };
+        let (id, round) = (message.server, *round);
+        match self.offers.answered(message, round, &self.config.demand) {
+            Answer::Welcome => self.dispatch(now),
+            Answer::Known => self.beaten(id, round, now),
+            Answer::Unfit(None) => {}
+            Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
+            Answer::Twins(jobs, news) => {
+                if news {
+                    self.warn(format!("two servers answer to the id {id}, so neither is used; give one another --id"));
+                }
+                for job in &jobs {
+                    if let Job::Episode(hash) = job {
+                        self.end_run(id, hash);
+                    }
+                }
+                let reason = format!("two servers answer to the id {id}");
+                self.fail_jobs(jobs, &reason, false, now);
+            }
+        }
+    }
+
+    pub(crate) fn presence(&mut self, presence: Presence, now: Instant) {
+        let (ended, discover) = self.offers.present(presence, &self.config.tool);
+        if let Some(mut ended) = ended {
+            if !ended.own_fault {
+                // A run that has begun is ours; the presence is older.
+                ended.jobs.retain(|job| {
+                    matches!(job, Job::Episode(hash) if !self.runs.get(hash).is_some_and(Run::begun))
+                });
+            }
+            if !ended.jobs.is_empty() {
+                self.offers.remove(ended.server);
+                self.fail_jobs(ended.jobs, &ended.reason, ended.own_fault, now);
+            }
+        }
+        if discover {
+            self.next_round = self.next_round.min(now);
+        }
+    }
+
+    pub(crate) fn discover(&mut self, now: Instant) {
+        self.round += 1;
+        let hash = self.new_hash();
+        self.rounds.push_back((hash.clone(), self.round));
+        if self.rounds.len() > ROUNDS {
+            self.rounds.pop_front();
+        }
+        let discovery = Discovery {
+            simulation: self.config.demand.simulation.clone(),
+            simulation_hash: hash,
+            requirements: self.config.demand.requirements.clone(),
+            tool: Some(self.config.tool.clone()),
+        };
+        self.publish(Topic::Discovery, discovery.encode());
+        self.round_pause = if self.has_server() {
+            LATER_ROUND
+        } else {
+            (self.round_pause * 2).min(LATER_ROUND)
+        };
+        self.next_round = now + self.round_pause;
+    }
+
+    /// The connection is back.
+    pub fn connected(&mut self, now: Instant) {
+        self.round_pause = FIRST_ROUND;
+        self.next_round = now;
+    }
+}

@@ -1,0 +1,55 @@
+//! What a server's machine wants done, and what it tells its operator.
+
+use std::fmt;
+
+use swarmwright_protocol::Topic;
+use swarmwright_worlds::Scene;
+
+use crate::job::Job;
+
+/// What the machine wants done.
+#[derive(Debug)]
+pub enum Action {
+    /// Publish with QoS 0; or, for presence, QoS 1 and retained.
+    Publish(Topic, Vec<u8>),
+    /// Publish the answer to a request, QoS 0, with the media type of extension messages.
+    Reply {
+        /// Topic without prefix.
+        topic: String,
+        /// The request's number: correlation data, 8 bytes big-endian.
+        request: u64,
+        /// The message.
+        payload: Vec<u8>,
+    },
+    /// Compute, here or on another thread, and give the result to [`Machine::finished`](crate::Machine::finished).
+    Evaluate(Job),
+    /// Tell the operator.
+    Notice(Notice),
+    /// Show the run.
+    Frame(Scene),
+}
+
+/// Something that the operator of a server wants to know.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Notice {
+    /// The server is free.
+    Ready,
+    /// The server is taken, by the named tool if it gave a name.
+    Busy(Option<String>),
+    /// Something is not as it should be.
+    Warning(String),
+    /// The broker is gone; trying again.
+    Lost(String),
+}
+
+impl fmt::Display for Notice {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Ready => formatter.write_str("ready"),
+            Self::Busy(Some(tool)) => write!(formatter, "busy for {tool}"),
+            Self::Busy(None) => formatter.write_str("busy"),
+            Self::Warning(text) => write!(formatter, "warning: {text}"),
+            Self::Lost(reason) => write!(formatter, "lost the broker: {reason}"),
+        }
+    }
+}
