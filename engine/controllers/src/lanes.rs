@@ -33,13 +33,7 @@ impl<'a, L: Lanes> LaneController<'a, L> {
     /// Gives each lane the weights of a genome; `genomes` holds one per lane, each as long as the weight count.
     #[inline(always)]
     pub fn load(&mut self, genomes: &[&[f32]]) {
-        let mut lanes = [0.0; 64];
-        for (index, weight) in self.weights.iter_mut().enumerate() {
-            for (lane, genome) in lanes.iter_mut().zip(genomes) {
-                *lane = genome[index];
-            }
-            *weight = L::load(&lanes);
-        }
+        L::transpose(genomes, 0, &mut self.weights);
     }
 
     /// Vectors of state that one agent needs; all 0 at the start of an episode.

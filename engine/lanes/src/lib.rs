@@ -32,6 +32,9 @@ mod x86;
 pub use level::{Kernel, Level};
 pub use pair::{Pair, PairInt, PairMask};
 
+/// Most lanes of any instruction set that is not a [`Pair`].
+const MOST_LANES: usize = 16;
+
 /// A vector of binary32, one number per lane, and its companions: integers and conditions.
 ///
 /// Implementations for instruction sets that not every processor has are to be used only inside [`Level::run`], which
@@ -78,14 +81,26 @@ pub trait Lanes: Copy {
     fn floor(self) -> Self::Int;
     /// The integers as binary32.
     fn from_int(int: Self::Int) -> Self;
+    /// Numbers that lie in rows, one for each lane, from the index `from` on: lane l of `columns[i]` becomes
+    /// `rows[l][from + i]`. Panics when there are fewer rows than lanes or a row is too short.
+    #[inline(always)]
+    fn transpose(rows: &[&[f32]], from: usize, columns: &mut [Self]) {
+        let mut lanes = [0.0; MOST_LANES];
+        for (index, column) in columns.iter_mut().enumerate() {
+            for lane in 0..Self::WIDTH {
+                lanes[lane] = rows[lane][from + index];
+            }
+            *column = Self::load(&lanes);
+        }
+    }
 }
 
 /// One condition per lane.
 pub trait Mask: Copy {
     /// Bit i is the condition of lane i.
-    fn bits(self) -> u32;
+    fn bits(self) -> u64;
     /// The conditions in the lowest bits; those above do not count.
-    fn from_bits(bits: u32) -> Self;
+    fn from_bits(bits: u64) -> Self;
     /// Both hold.
     fn and(self, other: Self) -> Self;
     /// At least one holds.

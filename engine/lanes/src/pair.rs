@@ -85,15 +85,29 @@ impl<L: Lanes> Lanes for Pair<L> {
     fn from_int(int: PairInt<L>) -> Self {
         Self(L::from_int(int.0), L::from_int(int.1))
     }
+    #[inline(always)]
+    fn transpose(rows: &[&[f32]], from: usize, columns: &mut [Self]) {
+        const TILE: usize = 16;
+        let (low, high) = rows.split_at(L::WIDTH);
+        for (tile, columns) in columns.chunks_mut(TILE).enumerate() {
+            let from = from + tile * TILE;
+            let mut halves = [[L::splat(0.0); TILE]; 2];
+            L::transpose(low, from, &mut halves[0][..columns.len()]);
+            L::transpose(high, from, &mut halves[1][..columns.len()]);
+            for (index, column) in columns.iter_mut().enumerate() {
+                *column = Self(halves[0][index], halves[1][index]);
+            }
+        }
+    }
 }
 
 impl<L: Lanes> Mask for PairMask<L> {
     #[inline(always)]
-    fn bits(self) -> u32 {
+    fn bits(self) -> u64 {
         self.0.bits() | self.1.bits() << L::WIDTH
     }
     #[inline(always)]
-    fn from_bits(bits: u32) -> Self {
+    fn from_bits(bits: u64) -> Self {
         Self(
             L::Mask::from_bits(bits),
             L::Mask::from_bits(bits >> L::WIDTH),

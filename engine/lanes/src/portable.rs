@@ -116,11 +116,11 @@ impl Lanes for F32s {
 
 impl Mask for Conditions {
     #[inline(always)]
-    fn bits(self) -> u32 {
-        (0..WIDTH).fold(0, |bits, lane| bits | u32::from(self.0[lane]) << lane)
+    fn bits(self) -> u64 {
+        (0..WIDTH).fold(0, |bits, lane| bits | u64::from(self.0[lane]) << lane)
     }
     #[inline(always)]
-    fn from_bits(bits: u32) -> Self {
+    fn from_bits(bits: u64) -> Self {
         Self(std::array::from_fn(|lane| bits >> lane & 1 == 1))
     }
     #[inline(always)]

@@ -5,12 +5,15 @@ use swarmwright_lanes::{Int, Kernel, Lanes, Level, Mask, Pair};
 
 /// Conditions of 32 lanes.
 const CONDITIONS: u32 = 0xA65C_3B91;
+const COLUMNS: usize = 20;
 const BYTES: [u8; 7] = [1, 0x80, 0xFF, 0, 7, 0x55, 0xAA];
 
 /// Applies every operation to two slices of 32, with single vectors or pairs, and collects the bits.
 struct All<'a> {
     numbers: [&'a [f32]; 2],
     integers: [&'a [i32]; 2],
+    /// Something to transpose: more columns than a vector has lanes.
+    table: &'a [[f32; COLUMNS]],
     paired: bool,
 }
 
@@ -56,7 +59,7 @@ impl All<'_> {
                 a.select(b, a.lt(b).and(i.lt(j))),
                 a.select(b, a.lt(b).or(i.lt(j))),
                 a.select(b, a.lt(b).and_not(i.lt(j))),
-                a.select(b, <L::Mask as Mask>::from_bits(CONDITIONS >> start)),
+                a.select(b, <L::Mask as Mask>::from_bits(u64::from(CONDITIONS >> start))),
             ];
             let ints = [
                 i.add(j),
@@ -94,8 +97,18 @@ impl All<'_> {
                 value.store(&mut lanes);
                 column.push(lanes.iter().map(|lane| *lane as u32).collect());
             }
+            let rows: Vec<&[f32]> = (start..start + L::WIDTH)
+                .map(|row| &self.table[row][..])
+                .collect();
+            let mut columns_of_rows = [L::splat(0.0); COLUMNS - 1];
+            L::transpose(&rows, 1, &mut columns_of_rows);
+            for value in columns_of_rows {
+                let mut lanes = vec![0.0_f32; L::WIDTH];
+                value.store(&mut lanes);
+                column.push(lanes.iter().map(|lane| lane.to_bits()).collect());
+            }
             let bits = a.lt(b).bits();
-            column.push((0..L::WIDTH).map(|lane| bits >> lane & 1).collect());
+            column.push((0..L::WIDTH).map(|lane| (bits >> lane & 1) as u32).collect());
             for (index, part) in column.into_iter().enumerate() {
                 if columns.len() <= index {
                     columns.push(Vec::new());
@@ -107,9 +120,13 @@ impl All<'_> {
     }
 }
 
+fn number_in_table(row: usize, column: usize) -> f32 {
+    (row * COLUMNS + column) as f32
+}
+
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 30];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 29 + COLUMNS];
     for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -159,6 +176,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             })
             .into_iter()
             .chain(ints.map(|value| value as u32))
+            .chain((1..COLUMNS).map(|column| number_in_table(lane, column).to_bits()))
             .chain([u32::from(a < b)]);
         for (part, value) in columns.iter_mut().zip(column) {
             part.push(value);
@@ -192,9 +210,11 @@ proptest! {
         i in prop::collection::vec(any::<i32>(), 32), j in prop::collection::vec(any::<i32>(), 32),
     ) {
         let expected = scalar(&a, &b, &i, &j);
+        let table: Vec<[f32; COLUMNS]> =
+            (0..32).map(|row| std::array::from_fn(|column| number_in_table(row, column))).collect();
         for level in Level::available() {
             for paired in [false, true] {
-                let all = All { numbers: [&a, &b], integers: [&i, &j], paired };
+                let all = All { numbers: [&a, &b], integers: [&i, &j], table: &table, paired };
                 prop_assert_eq!(&level.run(all), &expected, "{} paired: {}", level.name(), paired);
             }
         }

@@ -76,6 +76,9 @@ impl<'a> Block<'a> {
 
 /// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
 pub(crate) trait LaneWorld: Sync + Sized {
+    /// Whether four vectors side by side are faster than two.
+    const FOUR: bool;
+
     /// Room for the state of as many episodes as there are lanes.
     type Room<L: Lanes>;
 
@@ -96,7 +99,7 @@ pub(crate) trait LaneWorld: Sync + Sized {
 }
 
 /// Most lanes of any instruction set, in pairs.
-pub(crate) const MOST_LANES: usize = 32;
+pub(crate) const MOST_LANES: usize = 64;
 
 struct Part<'a, W> {
     world: &'a W,
@@ -110,12 +113,17 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        // Pairs of vectors while there are episodes for more than one.
-        let rest = self.fitness.len() % Pair::<L>::WIDTH;
-        let single = if rest > L::WIDTH { 0 } else { rest };
-        let (paired, single) = self.fitness.split_at_mut(self.fitness.len() - single);
-        let behind = self.first + paired.len();
-        groups::<Pair<L>, W>(self.world, self.block, self.first, paired);
+        // Many vectors side by side while there are episodes for them.
+        let wide = if W::FOUR { 4 * L::WIDTH } else { 2 * L::WIDTH };
+        let rest = self.fitness.len() % wide;
+        let single = if rest > wide / 2 { 0 } else { rest };
+        let (many, single) = self.fitness.split_at_mut(self.fitness.len() - single);
+        let behind = self.first + many.len();
+        if W::FOUR {
+            groups::<Pair<Pair<L>>, W>(self.world, self.block, self.first, many);
+        } else {
+            groups::<Pair<L>, W>(self.world, self.block, self.first, many);
+        }
         groups::<L, W>(self.world, self.block, behind, single);
     }
 }
@@ -132,13 +140,19 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, fi
     let mut lanes = [0.0; MOST_LANES];
     for (group, fitness) in fitness.chunks_mut(L::WIDTH).enumerate() {
         let first = first + group * L::WIDTH;
-        // Lanes without an episode of their own repeat the last one.
-        let pair = |lane: usize| first + lane.min(fitness.len() - 1);
+        let (mut candidate, mut episode) = (first / episodes_each, first % episodes_each);
         let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
         let mut episodes = [0; MOST_LANES];
         for lane in 0..L::WIDTH {
-            genomes[lane] = block.genome(pair(lane) / episodes_each);
-            episodes[lane] = pair(lane) % episodes_each;
+            genomes[lane] = block.genome(candidate);
+            episodes[lane] = episode;
+            // Lanes without an episode of their own repeat the last one.
+            if lane + 1 < fitness.len() {
+                episode += 1;
+                if episode == episodes_each {
+                    (candidate, episode) = (candidate + 1, 0);
+                }
+            }
         }
         controllers.load(&genomes[..L::WIDTH]);
         world.rollout(

@@ -106,12 +106,12 @@ impl Lanes for F32s {
 impl Mask for Conditions {
     #[inline(always)]
     #[expect(clippy::cast_sign_loss, reason = "8 bits")]
-    fn bits(self) -> u32 {
-        simd!(_mm256_movemask_ps(self.0)) as u32
+    fn bits(self) -> u64 {
+        simd!(_mm256_movemask_ps(self.0)) as u64
     }
     #[inline(always)]
     #[expect(clippy::cast_possible_wrap, reason = "bits")]
-    fn from_bits(bits: u32) -> Self {
+    fn from_bits(bits: u64) -> Self {
         let bit = simd!(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
         let set = simd!(_mm256_and_si256(_mm256_set1_epi32(bits as i32), bit));
         Self(simd!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(set, bit))))

@@ -103,16 +103,65 @@ impl Lanes for F32s {
     fn from_int(int: I32s) -> Self {
         Self(simd!(_mm512_cvtepi32_ps(int.0)))
     }
+    #[inline(always)]
+    fn transpose(rows: &[&[f32]], from: usize, columns: &mut [Self]) {
+        for (tile, columns) in columns.chunks_mut(WIDTH).enumerate() {
+            let mask = u16::MAX >> (WIDTH - columns.len());
+            let mut square = [simd!(_mm512_setzero_ps()); WIDTH];
+            for lane in 0..WIDTH {
+                let row = &rows[lane][from + tile * WIDTH..][..columns.len()];
+                square[lane] = simd!(_mm512_maskz_loadu_ps(mask, row.as_ptr()));
+            }
+            let square = transposed(square);
+            for (index, column) in columns.iter_mut().enumerate() {
+                *column = Self(square[index]);
+            }
+        }
+    }
+}
+
+/// 16 x 16 numbers: neighbours within pairs of rows, pairs within fours of rows, then blocks of four numbers.
+#[inline(always)]
+fn transposed(rows: [__m512; WIDTH]) -> [__m512; WIDTH] {
+    let (mut pairs, mut fours, mut columns) = (rows, rows, rows);
+    for i in (0..WIDTH).step_by(2) {
+        pairs[i] = simd!(_mm512_unpacklo_ps(rows[i], rows[i + 1]));
+        pairs[i + 1] = simd!(_mm512_unpackhi_ps(rows[i], rows[i + 1]));
+    }
+    for i in (0..WIDTH).step_by(4) {
+        for half in 0..2 {
+            let (a, b) = (pairs[i + half], pairs[i + half + 2]);
+            let (a, b) = (simd!(_mm512_castps_pd(a)), simd!(_mm512_castps_pd(b)));
+            fours[i + 2 * half] = simd!(_mm512_castpd_ps(_mm512_unpacklo_pd(a, b)));
+            fours[i + 2 * half + 1] = simd!(_mm512_castpd_ps(_mm512_unpackhi_pd(a, b)));
+        }
+    }
+    for i in 0..4 {
+        let (a, b, c, d) = (fours[i], fours[i + 4], fours[i + 8], fours[i + 12]);
+        let even = [
+            simd!(_mm512_shuffle_f32x4::<0x88>(a, b)),
+            simd!(_mm512_shuffle_f32x4::<0x88>(c, d)),
+        ];
+        let odd = [
+            simd!(_mm512_shuffle_f32x4::<0xDD>(a, b)),
+            simd!(_mm512_shuffle_f32x4::<0xDD>(c, d)),
+        ];
+        columns[i] = simd!(_mm512_shuffle_f32x4::<0x88>(even[0], even[1]));
+        columns[i + 4] = simd!(_mm512_shuffle_f32x4::<0x88>(odd[0], odd[1]));
+        columns[i + 8] = simd!(_mm512_shuffle_f32x4::<0xDD>(even[0], even[1]));
+        columns[i + 12] = simd!(_mm512_shuffle_f32x4::<0xDD>(odd[0], odd[1]));
+    }
+    columns
 }
 
 impl Mask for Conditions {
     #[inline(always)]
-    fn bits(self) -> u32 {
-        u32::from(self.0)
+    fn bits(self) -> u64 {
+        u64::from(self.0)
     }
     #[inline(always)]
     #[expect(clippy::cast_possible_truncation, reason = "16 lanes")]
-    fn from_bits(bits: u32) -> Self {
+    fn from_bits(bits: u64) -> Self {
         Self(bits as u16)
     }
     #[inline(always)]

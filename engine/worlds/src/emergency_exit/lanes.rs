@@ -63,7 +63,7 @@ pub(crate) struct Room<L: Lanes> {
     /// By agent, for a simultaneous step: the cells before and those it wants to go to.
     moves: Vec<(PerLane, PerLane)>,
     /// By agent: the lanes in which it is inside.
-    inside: Vec<u32>,
+    inside: Vec<u64>,
     /// State of the agents' controllers, one after another.
     states: Vec<L>,
 }
@@ -102,6 +102,7 @@ impl Terrain {
 }
 
 impl LaneWorld for EmergencyExitLanes {
+    const FOUR: bool = false;
     type Room<L: Lanes> = Room<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
@@ -173,7 +174,7 @@ impl LaneWorld for EmergencyExitLanes {
         for (terrain, episode) in terrains.iter_mut().zip(episodes) {
             *terrain = &self.terrains[self.of_episode[*episode]];
         }
-        let all = u32::MAX >> (32 - L::WIDTH);
+        let all = u64::MAX >> (64 - L::WIDTH);
         room.start(self, &terrains, all);
         let mut finished = [self.settings.steps; MOST_LANES];
         let mut running = all;
@@ -272,7 +273,7 @@ fn put<T>(numbers: &mut [T], index: usize, value: T) {
 
 /// What to add to a cell's index to make the move of an agent; 0 where it is not inside.
 #[inline(always)]
-fn steps<L: Lanes>(actuators: [L; ACTUATORS], stride: i32, inside: u32) -> L::Int {
+fn steps<L: Lanes>(actuators: [L; ACTUATORS], stride: i32, inside: u64) -> L::Int {
     let step = velocity(actuators[0], 1).add(velocity(actuators[1], stride));
     step.select(L::Int::splat(0), L::Mask::from_bits(inside))
 }
@@ -286,7 +287,7 @@ fn velocity<L: Lanes>(actuator: L, unit: i32) -> L::Int {
 
 impl<L: Lanes> Room<L> {
     #[inline(always)]
-    fn start(&mut self, world: &EmergencyExitLanes, terrains: &[&Terrain; MOST_LANES], all: u32) {
+    fn start(&mut self, world: &EmergencyExitLanes, terrains: &[&Terrain; MOST_LANES], all: u64) {
         for (lane, free) in self.free.chunks_exact_mut(world.cells).enumerate() {
             free.copy_from_slice(&terrains[lane].free);
         }
@@ -353,7 +354,7 @@ impl<L: Lanes> Room<L> {
         world: &EmergencyExitLanes,
         terrains: &[&Terrain; MOST_LANES],
         controllers: &mut LaneController<'_, L>,
-    ) -> u32 {
+    ) -> u64 {
         let mut any = 0;
         for agent in 0..world.agents {
             if self.inside[agent] == 0 {
@@ -395,7 +396,7 @@ impl<L: Lanes> Room<L> {
         world: &EmergencyExitLanes,
         terrains: &[&Terrain; MOST_LANES],
         controllers: &mut LaneController<'_, L>,
-    ) -> u32 {
+    ) -> u64 {
         for agent in 0..world.agents {
             if self.inside[agent] != 0 {
                 self.moves[agent] = (self.places[agent], self.decide(agent, world, controllers));

@@ -9,7 +9,7 @@ use crate::ParameterError;
 use crate::block::{Block, LaneWorld, MOST_LANES};
 
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
-const MOST_DEFENDERS: usize = 32;
+const MOST_DEFENDERS: usize = 256;
 
 /// The episodes of a block. They differ in the positions at the start alone.
 pub(crate) struct MinisimLanes(Vec<Settings>);
@@ -25,8 +25,8 @@ struct Agent<L> {
     at: Points<L>,
     /// From the agent to the closest defender.
     to_defender: Points<L>,
-    free: u32,
-    arrived: u32,
+    free: u64,
+    arrived: u64,
 }
 
 pub(crate) struct Room<L> {
@@ -99,6 +99,7 @@ fn to_closest<L: Lanes>(agent: Points<L>, defenders: &[Points<L>]) -> (Points<L>
 }
 
 impl LaneWorld for MinisimLanes {
+    const FOUR: bool = true;
     type Room<L: Lanes> = Room<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
@@ -130,7 +131,7 @@ impl LaneWorld for MinisimLanes {
         fitness: &mut [f64],
     ) {
         let settings = &self.0[0];
-        let all = u32::MAX >> (32 - L::WIDTH);
+        let all = u64::MAX >> (64 - L::WIDTH);
         let zero = L::splat(0.0);
         let (width, height) = (L::splat(settings.map[0]), L::splat(settings.map[1]));
         let goal = Points::<L>::splat(settings.goal);
@@ -178,7 +179,7 @@ impl LaneWorld for MinisimLanes {
 
 impl<L: Lanes> Room<L> {
     #[inline(always)]
-    fn start(&mut self, world: &MinisimLanes, episodes: &[usize], all: u32) {
+    fn start(&mut self, world: &MinisimLanes, episodes: &[usize], all: u64) {
         let first = &world.0[0];
         self.states.fill(L::splat(0.0));
         self.defenders.clear();
