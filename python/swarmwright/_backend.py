@@ -5,6 +5,7 @@ Simulation servers on a broker, or this process. Started, used and closed in one
 
 import json
 import secrets
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -67,7 +68,7 @@ def open_backend(
         experiment: names simulation, parameters, broker, servers.
         broker: use the servers on this broker, whatever the experiment says.
         servers: as the experiment's key. A number given here together with a broker is started on that
-            broker.
+            broker. "auto" in a notebook means "local" for a built-in simulation.
         visual: ask the server to draw.
 
     Raises:
@@ -83,6 +84,8 @@ def open_backend(
     wanted: Servers = experiment.servers if servers is None else servers
     if broker is None and servers != "local" and wanted != "local":
         broker = experiment.broker
+    if broker is None and wanted == "auto" and not visual and _in_process_is_better(experiment):
+        wanted = "local"
     if broker is None and wanted == "local" and not visual:
         _require_built_in(experiment.simulation)
         yield LocalBackend(experiment)
@@ -93,6 +96,15 @@ def open_backend(
             pool = _pool(experiment, address, visual=visual)
         stack.callback(pool.close)
         yield BrokerBackend(experiment, pool, local, address)
+
+
+def _in_process_is_better(experiment: Experiment) -> bool:
+    """Whether `servers: auto` means this process: in a notebook, unless the experiment asks for servers.
+
+    A notebook has no terminal for servers' last words, and people run its cells again and again.
+    """
+    asked = experiment.mode != "auto" or experiment.simulation not in _simulations.titles()
+    return "ipykernel" in sys.modules and not asked
 
 
 def _open_broker(

@@ -78,8 +78,8 @@ class Document(Options):
     it. A run that is shown is stepwise."""
     servers: Servers = "auto"
     """Who evaluates when no broker is given: a number of servers started on the embedded broker; auto: as
-    many as there are processors, 2 to 8; local: nobody, simulations run in this process. With a broker,
-    the servers found there."""
+    many as there are processors, 2 to 8, or in a notebook local; local: nobody, simulations run in this
+    process. With a broker, the servers found there."""
     broker: str | None = None
     """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
     no part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or

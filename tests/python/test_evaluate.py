@@ -1,11 +1,14 @@
 """Evaluating genomes and single controllers."""
 
+import sys
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, evaluate, simulate
+from swarmwright._backend import open_backend
 from swarmwright._random import Stream
 
 MINISIM = Experiment.from_mapping(
@@ -90,3 +93,18 @@ def test_a_controller_of_another_size() -> None:
     controller = Controller(other.specification(other.initial(Stream(1, "x"))))
     with pytest.raises(InputError, match="has 3 sensors and 2 actuators; minisim has 4 and 1"):
         simulate(MINISIM, controller)
+
+
+@pytest.mark.parametrize(
+    ("notebook", "mode", "here"), [(True, "auto", True), (True, "stepwise", False), (False, "auto", False)]
+)
+def test_automatic_servers_in_a_notebook_are_none(
+    monkeypatch: pytest.MonkeyPatch, notebook: bool, mode: str, here: bool
+) -> None:
+    if notebook:
+        monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
+    else:
+        monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    experiment = MINISIM.replace(servers="auto", mode=mode)
+    with open_backend(experiment) as backend:
+        assert (backend.description == "in this process") is here
