@@ -13,6 +13,11 @@ from pathlib import Path
 
 import pytest
 
+# A shell lets what it starts in the background ignore these, and children would inherit that: the tests that send
+# them need them as on a terminal.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 ROOT = Path(__file__).parents[1]
 PROGRAM = (sys.executable, "-P", "-m", "swarmwright")
 

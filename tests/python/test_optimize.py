@@ -191,7 +191,13 @@ def test_a_server_that_dies_is_replaced_by_the_others(
         if generation.generation == 0:
             os.kill(children(os.getpid())[0], signal.SIGKILL)
 
-    experiment = small(method={"population": 12, "generations": 5}, timeouts={"step": 1, "discovery": 5})
+    # Step by step and long enough that the death is noticed before the run is over.
+    experiment = small(
+        mode="stepwise",
+        parameters={"maxSteps": 200, "numDefenders": 0, "speedAgents": 0.01},
+        method={"population": 12, "generations": 8},
+        timeouts={"step": 1, "discovery": 5},
+    )
     local = optimize(experiment, servers="local", out=tmp_path / "local")
     run = optimize(experiment, kill_one, servers=2, out=tmp_path / "run")
     assert (run.path / "record.csv").read_bytes() == (local.path / "record.csv").read_bytes()

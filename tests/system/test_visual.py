@@ -11,6 +11,7 @@ STEPS, PACE = 5, 0.2
 SHOWN = f"""\
 simulation: minisim
 parameters: {{maxSteps: {STEPS}, stepSize: {PACE * 1000:.0f}, numDefenders: 0, helloMessage: Hello there}}
+mode: stepwise
 """
 
 
