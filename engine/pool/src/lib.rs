@@ -21,4 +21,4 @@ pub use machine::{Action, Config, Machine};
 pub use mode::Mode;
 pub use offers::{Demand, Offers};
 pub use pool::{Options, Pool, PoolError, list_servers};
-pub use work::{Attempt, Work, WorkError};
+pub use work::{Attempt, Work, WorkError, check_work};

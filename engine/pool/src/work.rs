@@ -42,6 +42,44 @@ pub enum WorkError {
     NoEpisode,
 }
 
+/// Numbers that are looked at together: a loop without a way out is one that the compiler can do in vectors.
+const TOGETHER: usize = 1024;
+
+/// What all controllers of some work have in common; arguments and errors as for [`Work::new`].
+///
+/// # Errors
+/// As for [`Work::new`].
+pub fn check_work(
+    architecture: &str,
+    genomes: &[f32],
+    seeds: &[u64],
+) -> Result<Architecture, WorkError> {
+    let checked = Architecture::from_json(architecture)?;
+    let weights = checked.weight_count();
+    if !genomes.len().is_multiple_of(weights) {
+        return Err(WorkError::Shape {
+            numbers: genomes.len(),
+            weights,
+        });
+    }
+    let finite = |part: &[f32]| {
+        part.iter()
+            .fold(true, |all, weight| all & weight.is_finite())
+    };
+    if !genomes.chunks(TOGETHER).all(finite)
+        && let Some(index) = genomes.iter().position(|weight| !weight.is_finite())
+    {
+        return Err(WorkError::NotFinite {
+            candidate: index / weights,
+            weight: index % weights,
+        });
+    }
+    if seeds.is_empty() {
+        return Err(WorkError::NoEpisode);
+    }
+    Ok(checked)
+}
+
 impl Work {
     /// `architecture`: a controller specification as JSON, its weights ignored. `genomes`: (candidates, weights),
     /// row-major. `seeds`: one per episode.
@@ -49,26 +87,10 @@ impl Work {
     /// # Errors
     /// A specification that is none; numbers that are not finite or no whole number of genomes; no seed.
     pub fn new(architecture: &str, genomes: Vec<f32>, seeds: Vec<u64>) -> Result<Self, WorkError> {
-        let checked = Architecture::from_json(architecture)?;
+        let checked = check_work(architecture, &genomes, &seeds)?;
         let mut specification: Map<String, Value> =
             serde_json::from_str(architecture).unwrap_or_default();
         specification.remove("weights");
-        let weights = checked.weight_count();
-        if !genomes.len().is_multiple_of(weights) {
-            return Err(WorkError::Shape {
-                numbers: genomes.len(),
-                weights,
-            });
-        }
-        if let Some(index) = genomes.iter().position(|weight| !weight.is_finite()) {
-            return Err(WorkError::NotFinite {
-                candidate: index / weights,
-                weight: index % weights,
-            });
-        }
-        if seeds.is_empty() {
-            return Err(WorkError::NoEpisode);
-        }
         Ok(Self {
             architecture: Arc::new(checked),
             specification,

@@ -1,5 +1,7 @@
 //! Work from Python: a controller specification and an array of genomes.
 
+use std::borrow::Cow;
+
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use swarmwright_controllers::Architecture;
@@ -7,12 +9,11 @@ use swarmwright_pool::Work;
 
 use crate::errors::input;
 
-/// Checked work of an architecture (specification as JSON), genomes (candidates, weights) and the episodes' seeds.
-pub fn work(
+/// The numbers of an array (candidates, weights), row-major, copied only where they do not lie like that in memory.
+pub fn rows<'a>(
     architecture: &str,
-    genomes: &PyReadonlyArray2<'_, f32>,
-    seeds: Vec<u64>,
-) -> PyResult<Work> {
+    genomes: &'a PyReadonlyArray2<'_, f32>,
+) -> PyResult<Cow<'a, [f32]>> {
     let weights = Architecture::from_json(architecture)
         .map_err(input)?
         .weight_count();
@@ -22,11 +23,20 @@ pub fn work(
             "genomes: have {columns} weights each, but these controllers have {weights}"
         )));
     }
-    let flat = match genomes.as_slice() {
-        Ok(rows) => rows.to_vec(),
+    Ok(match genomes.as_slice() {
+        Ok(rows) => rows.into(),
         Err(_) => genomes.as_array().iter().copied().collect(),
-    };
-    Work::new(architecture, flat, seeds).map_err(input)
+    })
+}
+
+/// Checked work of an architecture (specification as JSON), genomes (candidates, weights) and the episodes' seeds.
+pub fn work(
+    architecture: &str,
+    genomes: &PyReadonlyArray2<'_, f32>,
+    seeds: Vec<u64>,
+) -> PyResult<Work> {
+    let rows = rows(architecture, genomes)?.into_owned();
+    Work::new(architecture, rows, seeds).map_err(input)
 }
 
 /// Each row as text: the shortest decimals that read back as the same binary32, with commas between.

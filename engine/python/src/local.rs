@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use swarmwright_lanes::Level;
-use swarmwright_pool::{Work, rectangle};
-use swarmwright_worlds::{self as worlds, Block, Means, Parameters, RolloutError};
+use swarmwright_pool::{check_work, rectangle};
+use swarmwright_worlds::{self as worlds, Block, Means, RolloutError};
 
 use crate::errors::{input, object};
-use crate::genomes::work;
+use crate::genomes::rows;
 use crate::worlds::create;
 
 /// Work between two looks at Ctrl-C.
@@ -70,12 +70,19 @@ pub fn evaluate<'py>(
     create(title)?;
     let means = means(level, threads)?;
     let parameters = object("parameters", parameters)?;
-    let work = work(architecture, &genomes, seeds)?;
-    let total = work.len();
+    let rows = rows(architecture, &genomes)?;
+    let architecture = check_work(architecture, &rows, &seeds).map_err(input)?;
+    let block = Block {
+        architecture: &architecture,
+        genomes: &rows,
+        parameters: &parameters,
+        seeds: &seeds,
+    };
+    let total = block.len();
     let mut raised: Option<PyErr> = None;
     let fitness = py
         .detach(|| {
-            in_parts(title, &work, &parameters, means, |done, report| {
+            in_parts(title, &block, means, |done, report| {
                 let called = Python::attach(|py| {
                     py.check_signals()?;
                     match on_progress.as_ref().filter(|_| report) {
@@ -88,18 +95,18 @@ pub fn evaluate<'py>(
         })
         .map_err(input)?;
     raised.map_or(Ok(()), Err)?;
-    PyArray1::from_vec(py, fitness).reshape([work.candidates(), work.episodes()])
+    PyArray1::from_vec(py, fitness).reshape([block.candidates(), seeds.len()])
 }
 
 /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each.
 fn in_parts(
     title: &str,
-    work: &Work,
-    parameters: &Parameters,
+    whole: &Block<'_>,
     means: Means,
     mut go_on: impl FnMut(usize, bool) -> bool,
 ) -> Result<Vec<f64>, RolloutError> {
-    let (total, episodes) = (work.len(), work.episodes());
+    let (total, episodes) = (whole.len(), whole.seeds.len());
+    let weights = whole.architecture.weight_count();
     let mut fitness = Vec::with_capacity(total);
     let mut most = FIRST;
     let mut reported = Instant::now();
@@ -107,11 +114,11 @@ fn in_parts(
         let first = fitness.len();
         let count = rectangle(&(first..total), episodes, most);
         let (candidate, episode) = (first / episodes, first % episodes);
+        let candidates = candidate..candidate + count.div_ceil(episodes);
         let block = Block {
-            architecture: work.architecture(),
-            genomes: work.genomes_of(candidate..candidate + count.div_ceil(episodes)),
-            parameters,
-            seeds: &work.seeds()[episode..episode + count.min(episodes)],
+            genomes: &whole.genomes[candidates.start * weights..candidates.end * weights],
+            seeds: &whole.seeds[episode..episode + count.min(episodes)],
+            ..*whole
         };
         let began = Instant::now();
         let Some(part) = worlds::evaluate(title, &block, means) else {
@@ -138,5 +145,5 @@ fn in_parts(
     reason = "limited to what an index can be"
 )]
 fn scaled(count: usize, factor: f64) -> usize {
-    (count as f64 * factor.clamp(0.1, 32.0)).clamp(1.0, 1e9) as usize
+    (count as f64 * factor.clamp(0.1, 1000.0)).clamp(1.0, 1e9) as usize
 }
