@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-# A shell lets what it starts in the background ignore these, and children would inherit that: the tests that send
-# them need them as on a terminal.
+# A shell lets what it starts in the background ignore these, and children would inherit that: the tests that
+# send them need them as on a terminal.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 

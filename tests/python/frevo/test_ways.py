@@ -1,4 +1,4 @@
-"""FREVO's networks evaluated in every way: step by step through the broker, batched, offloaded, in process."""
+"""FREVO's networks evaluated in every way: stepwise, batched and offloaded by servers, and in process."""
 
 import json
 from pathlib import Path
