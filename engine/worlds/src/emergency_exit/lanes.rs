@@ -12,8 +12,10 @@ use super::grid::Grid;
 use super::settings::{self, Settings, Update};
 use super::{ACTUATORS, SENSORS};
 use crate::ParameterError;
-use crate::block::{Block, LaneWorld, MOST_LANES};
+use crate::block::{Block, LaneWorld};
 
+/// Two vectors: four would not leave enough of the nearest cache.
+const MOST_LANES: usize = 32;
 /// Added to dx and dy in `Terrain::to_exit`, so that both are positive: sides are far below 2^14.
 const BIAS: i32 = 1 << 14;
 /// dx = dy = 0: an exit, the only one below 0.
@@ -371,7 +373,8 @@ impl<L: Lanes> Room<L> {
                 let base = lane * world.cells;
                 let (place, target) = (places.0[lane], targets.0[lane]);
                 let moved = get(free, base + target as usize);
-                let there = if moved == 1 { target } else { place };
+                // Without a branch: nobody foresees who is in whose way.
+                let there = place ^ (place ^ target) & -i32::from(moved);
                 // The cell that was left is free, the one entered is not. Who stays stays on a cell that is not.
                 put(free, base + place as usize, moved);
                 put(free, base + there as usize, 0);
