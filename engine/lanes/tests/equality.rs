@@ -59,7 +59,10 @@ impl All<'_> {
                 a.select(b, a.lt(b).and(i.lt(j))),
                 a.select(b, a.lt(b).or(i.lt(j))),
                 a.select(b, a.lt(b).and_not(i.lt(j))),
-                a.select(b, <L::Mask as Mask>::from_bits(u64::from(CONDITIONS >> start))),
+                a.select(
+                    b,
+                    <L::Mask as Mask>::from_bits(u64::from(CONDITIONS >> start)),
+                ),
             ];
             let ints = [
                 i.add(j),
@@ -108,7 +111,11 @@ impl All<'_> {
                 column.push(lanes.iter().map(|lane| lane.to_bits()).collect());
             }
             let bits = a.lt(b).bits();
-            column.push((0..L::WIDTH).map(|lane| (bits >> lane & 1) as u32).collect());
+            column.push(
+                (0..L::WIDTH)
+                    .map(|lane| (bits >> lane & 1) as u32)
+                    .collect(),
+            );
             for (index, part) in column.into_iter().enumerate() {
                 if columns.len() <= index {
                     columns.push(Vec::new());

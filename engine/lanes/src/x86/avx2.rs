@@ -110,7 +110,6 @@ impl Mask for Conditions {
         simd!(_mm256_movemask_ps(self.0)) as u64
     }
     #[inline(always)]
-    #[expect(clippy::cast_possible_wrap, reason = "bits")]
     fn from_bits(bits: u64) -> Self {
         let bit = simd!(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
         let set = simd!(_mm256_and_si256(_mm256_set1_epi32(bits as i32), bit));
