@@ -71,7 +71,7 @@ protocol/node_modules/.package-lock.json: protocol/package.json protocol/package
 	npm ci --prefix protocol --no-audit --no-fund --loglevel=error
 	touch $@
 
-bench: $(VENV)/.engine $(VENV)/.dev
+bench: $(VENV)/.engine $(VENV)/.dev $(VENV)/.bench
 	@mkdir -p build
 	$(BIN)/python -m benchmarks build/bench.json
 
@@ -109,6 +109,12 @@ $(VENV)/.tools: $(VENV)/.created pyproject.toml
 # What tests and checks need.
 $(VENV)/.dev: $(VENV)/.engine pyproject.toml
 	$(BIN)/python -m pip install --quiet --group checks
+	touch $@
+
+# What only benchmarks need: those that Swarmwright is compared with.
+$(VENV)/.bench: $(VENV)/.dev pyproject.toml
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	$(BIN)/python -m pip install --quiet --group bench
 	touch $@
 
 # The engine, compiled into the package, and the package's dependencies.

@@ -1,8 +1,9 @@
 """How near a rollout comes to what the processor could do at most with the operations that it needs.
 
-The counts below are those of the algorithm for one agent-step of one vector of lanes, read off the sources named, each
-arithmetic operation of a vector once; moving data between registers and memory is not counted, except for what lanes
-must read and write one by one. `benchmarks/peak` measures how many of each kind the processor does in a nanosecond.
+The counts below are those of the algorithm for one agent-step of one vector of lanes, read off the sources
+named, each arithmetic operation of a vector once; moving data between registers and memory is not counted,
+except for what lanes must read and write one by one. `benchmarks/peak` measures how many of each kind the
+processor does in a nanosecond.
 """
 
 import json
@@ -32,7 +33,7 @@ class Count:
 
 
 TANH = Count(vector=21, divide=2)
-"""engine/controllers/src/functions/lanes.rs: 2 limits, z, two cubics of 6, y*P, t+t, t*t, 1+, 2 limits; 2 quotients."""
+"""engine/controllers/src/functions/lanes.rs: 2 limits, z, two cubics of 6, y*P, t+t, t*t, 1+, 2 limits."""
 
 MINISIM = {
     # Differences to the goal, four quotients; the way to the defender is known from the step before.
@@ -51,9 +52,10 @@ MINISIM = {
 EMERGENCY_EXIT = {
     # Three indices, two halves of the way (7), eight neighbours (21); each lane reads its three rows.
     "sensors": Count(vector=31, scalar_load=48),
-    # 4 nodes of 10 products and sums; twice 4 nodes of 4 products and sums, a bias and 2 limits; the range of 2 outputs.
+    # 4 nodes of 10 products and sums; twice 4 nodes of 4 products and sums, a bias and 2 limits; the range of
+    # 2 outputs.
     "network": Count(vector=80 + 88 + 10),
-    # Each lane reads place, target, whether it is free, the way from there, and writes two cells, place and way.
+    # Each lane reads place, target, whether it is free, the way from there; writes two cells, place and way.
     "move": Count(vector=11, scalar_load=64, scalar_store=64),
 }
 """engine/worlds/src/emergency_exit/lanes.rs with 2 hidden nodes, 2 iterations, clamped, in 16 lanes."""
@@ -66,7 +68,7 @@ def build() -> None:
 
 
 def peak() -> dict[str, float]:
-    """Operations per nanosecond of one core, by kind, with the best instruction set; and `lanes` of a vector."""
+    """Operations per nanosecond of one core by kind, best instruction set; and `lanes` of a vector."""
     result = subprocess.run([str(BINARY)], check=True, capture_output=True, text=True, timeout=60)
     rates: dict[str, float] = json.loads(result.stdout)
     return rates
@@ -75,8 +77,8 @@ def peak() -> dict[str, float]:
 def bounds(count: Count, rates: dict[str, float], lanes: int) -> tuple[float, float]:
     """Nanoseconds that `count` takes at least: all units busy at once, and one kind after the other.
 
-    Quotients and roots share a unit, and take a vector instruction each as well. Counts of scalar operations are for
-    16 lanes.
+    Quotients and roots share a unit, and take a vector instruction each as well. Counts of scalar operations
+    are for 16 lanes.
     """
     divider = count.divide / rates["divide"] + count.square_root / rates["square_root"]
     vector = (count.vector + count.divide + count.square_root) / rates["multiply_add"]

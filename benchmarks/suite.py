@@ -1,4 +1,4 @@
-"""What is measured: suites, each of which takes one sample of everything in a repetition, ours right after its floor."""
+"""What is measured: suites, each of which takes a sample of everything in a repetition, ours beside its floor."""
 
 import contextlib
 import re
@@ -13,8 +13,8 @@ from benchmarks.measurement import Samples
 class Scale:
     """How much is done for one sample. seconds: what a saturated sample of the floor is to take.
 
-    round_trips: of a ping-pong and of an episode. smaller: blocks of rollouts are divided by this. extras: whether
-    libraries that only benchmarks need (JAX, Ray, Dask) are there.
+    round_trips: of a ping-pong and of an episode. smaller: blocks of rollouts are divided by this. extras:
+    whether libraries that only benchmarks need (JAX, Ray, Dask) are there.
     """
 
     repetitions: int = 5

@@ -1,4 +1,4 @@
-"""Evaluations as tasks: offloaded single candidates against empty tasks of Ray and Dask, bare MQTT and this process."""
+"""Offloaded evaluation against empty tasks of Ray and Dask, bare MQTT, and the same work in this process."""
 
 import contextlib
 import json

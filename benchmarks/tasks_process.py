@@ -1,7 +1,7 @@
 """A process that runs empty tasks in Ray or Dask: `python -m benchmarks.tasks_process ray|dask CORES`.
 
-Each line on standard input is `pipelined N` (all submitted, then all awaited; tasks/s) or `single N` (one after
-another; us there and back); the answer is a line with the figure.
+Each line on standard input is `pipelined N` (all submitted, then all awaited; tasks/s) or `single N` (one
+after another; us there and back); the answer is a line with the figure.
 """
 
 import sys

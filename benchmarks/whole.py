@@ -22,7 +22,7 @@ SEEDS = range(12345, 12355)
 
 
 class WholeSuite:
-    """All ten seeds, each once: import and optimize, by the clock and in processor time; how good they get."""
+    """All ten seeds, each once: import and optimize, by clock and in processor time; how good they get."""
 
     def __init__(self, seeds: range = SEEDS) -> None:
         self._seeds = iter(seeds)
