@@ -1,10 +1,12 @@
 """A process that runs Minisim in JAX and here, one after the other: `python -m benchmarks.jax_process CORES`.
 
 It is limited to as many cores before JAX starts its threads. Each line on standard input is a number of
-candidates; the answer is a line of JSON: seconds by the clock and by processor time, and for which share of the
-candidates the fitness differs.
+candidates; the answer is a line of JSON: seconds by the clock and by processor time, and for which share of
+the candidates the fitness differs.
 """
 
+import functools
+import importlib
 import json
 import os
 import sys
@@ -81,6 +83,11 @@ def simulation(jax: Any, network: Callable[..., Any]) -> Callable[[Any], Any]:
     return fitness
 
 
+def complete(function: Callable[[Any], Any], genomes: Any) -> Any:
+    """What JAX computes, once it is there."""
+    return function(genomes).block_until_ready()
+
+
 def timed(work: Callable[[], Any], at_least: float) -> tuple[Any, float, float]:
     """What `work` gives; seconds of a call by clock and processors, over calls of `at_least` in all."""
     result, calls = work(), 0
@@ -96,11 +103,11 @@ def main() -> None:
     cores = int(sys.argv[1])
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     os.environ["JAX_PLATFORMS"] = "cpu"
-    import jax
     import numpy as np
 
     from benchmarks.rollout import minisim
 
+    jax: Any = importlib.import_module("jax")
     jnp = jax.numpy
     # First as one writes it; then scalars instead of matrices, and weights side by side as vectors like them.
     variants = []
@@ -113,7 +120,7 @@ def main() -> None:
         answer: dict[str, float] = {"best": np.inf, "apart": 0.0}
         for function, by_weight in variants:
             genomes = jnp.asarray(block.genomes.T.copy() if by_weight else block.genomes)
-            found, clock, processor = timed(lambda f=function, g=genomes: f(g).block_until_ready(), 0.1)
+            found, clock, processor = timed(functools.partial(complete, function, genomes), 0.1)
             # A distance that is a rounding away from a radius ends an episode a step later or earlier.
             agree = np.abs(np.asarray(found) - expected) <= 1e-3
             answer["apart"] = max(answer["apart"], 1 - float(agree.mean()))
@@ -121,7 +128,7 @@ def main() -> None:
                 answer |= {"plain": clock, "plain_processor": processor}
             if clock < answer["best"]:
                 answer |= {"best": clock, "best_processor": processor}
-        _, clock, processor = timed(lambda b=block: b.run(threads=cores), 0.1)
+        _, clock, processor = timed(functools.partial(block.run, threads=cores), 0.1)
         print(json.dumps({**answer, "ours": clock, "ours_processor": processor}), flush=True)
 
 

@@ -1,4 +1,4 @@
-"""What is measured: suites, each of which takes a sample of everything in a repetition, ours beside its floor."""
+"""What is measured: suites that take a sample of everything in a repetition, ours beside its floor."""
 
 import contextlib
 import re

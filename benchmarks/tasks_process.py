@@ -4,6 +4,7 @@ Each line on standard input is `pipelined N` (all submitted, then all awaited; t
 after another; us there and back); the answer is a line with the figure.
 """
 
+import importlib
 import sys
 import time
 from collections.abc import Callable
@@ -16,16 +17,15 @@ def nothing() -> None:
 
 def ray_ways(cores: int) -> tuple[Callable[[int], Any], Callable[[], Any], Callable[[], Any]]:
     """One actor per core, which is Ray's fastest way."""
-    import ray
-
+    ray: Any = importlib.import_module("ray")
     ray.init(num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
 
-    @ray.remote
     class Worker:
         def nothing(self) -> None:
             return None
 
-    workers = [Worker.remote() for _ in range(cores)]
+    actor = ray.remote(Worker)
+    workers = [actor.remote() for _ in range(cores)]
 
     def pipelined(count: int) -> None:
         ray.get([workers[index % cores].nothing.remote() for index in range(count)])
@@ -35,10 +35,9 @@ def ray_ways(cores: int) -> tuple[Callable[[int], Any], Callable[[], Any], Calla
 
 def dask_ways(cores: int) -> tuple[Callable[[int], Any], Callable[[], Any], Callable[[], Any]]:
     """One worker process per core."""
-    from distributed import Client, LocalCluster
-
-    cluster = LocalCluster(n_workers=cores, threads_per_worker=1, dashboard_address=None)
-    client = Client(cluster)
+    distributed: Any = importlib.import_module("distributed")
+    cluster = distributed.LocalCluster(n_workers=cores, threads_per_worker=1, dashboard_address=None)
+    client = distributed.Client(cluster)
 
     def empty(_index: int) -> None:
         return None

@@ -14,7 +14,7 @@ KEYS = {"name", "value", "unit", "against", "ratio"}
 
 @pytest.mark.timeout(180)
 @pytest.mark.skipif(shutil.which("cargo") is None, reason="the bare client is compiled by cargo")
-def test_a_quick_run_compares_every_stepwise_figure_with_its_floor(root: Path, tmp_path: Path) -> None:
+def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: Path) -> None:
     file = tmp_path / "build" / "bench.json"
     result = subprocess.run(
         [sys.executable, "-m", "benchmarks", str(file), "--quick"],
@@ -44,6 +44,11 @@ def test_a_quick_run_compares_every_stepwise_figure_with_its_floor(root: Path, t
             ours = by_name[f"stepwise, 8 servers, {agents} each ({broker})"]
             assert ours["against"] == f"bare messages, 8 servers, {agents} each ({broker})"
             assert ours["value"] > 0
+    for name in ("Minisim", "Emergency Exit"):
+        bound = by_name[f"{name}, counted bound, all units at once"]
+        # Nothing is faster than what the processor can do, and nothing here is a thousand times slower.
+        assert 0.001 < bound["ratio"] < 1
+    assert by_name["offloaded, one evaluation there and back"]["value"] > 0
     for word in ("ratio", "aim", "<= 1.5", ">= 0.8", str(file)):
         assert word in result.stdout, result.stdout
 
@@ -56,3 +61,23 @@ def test_a_repetition_is_compared_with_its_own_floor() -> None:
     measurement = ours.measurement()
     assert measurement.value == 20.0
     assert measurement.ratio == 2.0  # the median of 2, 1 and 3, not 20 / 20
+
+
+def test_the_bound_is_that_of_the_busiest_unit() -> None:
+    from benchmarks.bound import Count, bounds
+
+    rates = {"multiply_add": 10.0, "divide": 1.0, "square_root": 0.5, "scalar_load": 8.0, "scalar_store": 4.0}
+    # The divider is busy for 2 + 2 / 0.5 ns; half the lanes load half as often.
+    count = Count(vector=6, divide=2, square_root=2, scalar_load=51)
+    at_once, in_turn = bounds(count, rates, 8)
+    assert at_once == pytest.approx(6.0)
+    assert in_turn == pytest.approx(0.6 + 6.0 + 51 / 2 / 8)
+
+
+def test_an_unknown_suite_is_refused_with_those_that_there_are() -> None:
+    from benchmarks.suite import QUICK, SUITES, run
+
+    with pytest.raises(SystemExit) as refused:
+        next(run(QUICK, "rolouts"))
+    for name in SUITES:
+        assert name in str(refused.value)
