@@ -107,6 +107,8 @@ class Reader:
 
 def _conclude(output: Output, run: "Run") -> None:
     """Say what came out, where everything is, and what to do next."""
+    from swarmwright import _engine
+
     if not run.generations:
         output.text(
             f"Interrupted before the first generation was evaluated; {run.path} holds the experiment."
@@ -136,8 +138,12 @@ def _conclude(output: Output, run: "Run") -> None:
     output.text()
     output.text("See the best controller at work:")
     program, folder = _program(), shlex.quote(str(run.path))
-    output.text(f"  {program} replay {folder}")
-    output.text(f"  {program} replay {folder} --save best.gif")
+    if run.experiment.simulation in _engine.simulations():
+        output.text(f"  {program} replay {folder}")
+        output.text(f"  {program} replay {folder} --save best.gif")
+    else:
+        file = shlex.quote(str(run.path / "experiment.yaml"))
+        output.text(f"  {program} simulate {file} --controller {folder} --visual")
 
 
 def _program() -> str:
