@@ -86,7 +86,9 @@ def parse(text: str, name: str) -> Source:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
-        raise InputError(f"{place}is no YAML: {error.problem or error.context}") from error
+        problem = str(error.problem or error.context)
+        hint = "; YAML is indented with spaces, not with tabs" if "'\\t'" in problem else ""
+        raise InputError(f"{place}is no YAML: {problem}{hint}") from error
     except (YAMLError, ValueError) as error:
         raise InputError(f"{name}: is no YAML: {error}") from error
     except RecursionError:

@@ -93,6 +93,11 @@ def test_what_is_no_yaml_is_said_with_its_line(text: str, line: int) -> None:
         parse(text, "x.yaml")
 
 
+def test_a_tab_is_answered_with_how_to_indent() -> None:
+    with pytest.raises(InputError, match="indented with spaces, not with tabs"):
+        parse("method:\n\tkind: nnga\n", "x.yaml")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
