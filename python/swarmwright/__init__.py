@@ -53,8 +53,8 @@ _LAZY = {
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
     if name == "__version__":
         value: Any = import_module("swarmwright._engine").__version__
-    elif name == "templates":
-        value = import_module("swarmwright.templates")
+    elif name in {"frevo", "templates", "testing"}:
+        value = import_module(f"swarmwright.{name}")
     elif name in _LAZY:
         value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)
     else:
