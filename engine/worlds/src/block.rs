@@ -76,8 +76,11 @@ impl<'a> Block<'a> {
 
 /// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
 pub(crate) trait LaneWorld: Sync + Sized {
-    /// Whether four vectors side by side are faster than two.
-    const FOUR: bool;
+    /// Most vectors of lanes side by side: 2 or 4.
+    const MOST_VECTORS: usize;
+
+    /// Vectors side by side for these episodes: `MOST_VECTORS`, or 1 where their memory would leave the caches.
+    fn vectors(&self) -> usize;
 
     /// Room for the state of as many episodes as there are lanes.
     type Room<L: Lanes>;
@@ -114,15 +117,16 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         // Many vectors side by side while there are episodes for them.
-        let wide = if W::FOUR { 4 * L::WIDTH } else { 2 * L::WIDTH };
+        let vectors = self.world.vectors();
+        let wide = vectors * L::WIDTH;
         let rest = self.fitness.len() % wide;
         let single = if rest > wide / 2 { 0 } else { rest };
         let (many, single) = self.fitness.split_at_mut(self.fitness.len() - single);
         let behind = self.first + many.len();
-        if W::FOUR {
-            groups::<Pair<Pair<L>>, W>(self.world, self.block, self.first, many);
-        } else {
-            groups::<Pair<L>, W>(self.world, self.block, self.first, many);
+        match (vectors, W::MOST_VECTORS) {
+            (4, 4) => groups::<Pair<Pair<L>>, W>(self.world, self.block, self.first, many),
+            (2, 2) => groups::<Pair<L>, W>(self.world, self.block, self.first, many),
+            _ => groups::<L, W>(self.world, self.block, self.first, many),
         }
         groups::<L, W>(self.world, self.block, behind, single);
     }

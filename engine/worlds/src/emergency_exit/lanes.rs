@@ -20,6 +20,8 @@ const MOST_LANES: usize = 32;
 const BIAS: i32 = 1 << 14;
 /// dx = dy = 0: an exit, the only one below 0.
 const EXIT: i32 = i32::MIN | BIAS << 16 | BIAS;
+/// Up to here the grids of two vectors stay near the processor.
+const FEW_CELLS: usize = 1 << 14;
 /// More cells than this in all grids of a group of lanes, and memory rather than arithmetic sets the pace.
 const MOST_CELLS: usize = 1 << 27;
 
@@ -104,7 +106,7 @@ impl Terrain {
 }
 
 impl LaneWorld for EmergencyExitLanes {
-    const FOUR: bool = false;
+    const MOST_VECTORS: usize = 2;
     type Room<L: Lanes> = Room<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
@@ -141,6 +143,10 @@ impl LaneWorld for EmergencyExitLanes {
                 .collect(),
             terrains: fields.iter().map(Terrain::new).collect(),
         }))
+    }
+
+    fn vectors(&self) -> usize {
+        if self.cells <= FEW_CELLS { 2 } else { 1 }
     }
 
     #[inline(always)]

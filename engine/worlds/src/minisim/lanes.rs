@@ -11,6 +11,11 @@ use crate::block::{Block, LaneWorld, MOST_LANES};
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 256;
 
+/// Up to here four vectors of agents stay near the processor. More agents wait for each other less than few.
+const FEW_AGENTS: usize = 128;
+/// Agents that move, and are looked at by all defenders, while they are in the nearest cache.
+const TOGETHER: usize = 32;
+
 /// The episodes of a block. They differ in the positions at the start alone.
 pub(crate) struct MinisimLanes(Vec<Settings>);
 
@@ -25,13 +30,29 @@ struct Agent<L> {
     at: Points<L>,
     /// From the agent to the closest defender.
     to_defender: Points<L>,
+}
+
+/// The lanes in which an agent is free or has arrived; apart from the above, whose alignment it would fill up.
+#[derive(Clone, Copy)]
+struct Status {
     free: u64,
     arrived: u64,
 }
 
+/// From a defender to the closest free agent.
+#[derive(Clone, Copy)]
+struct Pursuit<L> {
+    way: Points<L>,
+    target: Points<L>,
+    least: L,
+}
+
 pub(crate) struct Room<L> {
     agents: Vec<Agent<L>>,
+    statuses: Vec<Status>,
     defenders: Vec<Points<L>>,
+    /// By defender: the closest free agent of those looked at.
+    pursuits: Vec<Pursuit<L>>,
     /// State of the agents' controllers, one after another.
     states: Vec<L>,
 }
@@ -99,7 +120,7 @@ fn to_closest<L: Lanes>(agent: Points<L>, defenders: &[Points<L>]) -> (Points<L>
 }
 
 impl LaneWorld for MinisimLanes {
-    const FOUR: bool = true;
+    const MOST_VECTORS: usize = 4;
     type Room<L: Lanes> = Room<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
@@ -112,12 +133,22 @@ impl LaneWorld for MinisimLanes {
         Ok(few.then_some(Self(settings)))
     }
 
+    fn vectors(&self) -> usize {
+        if self.0[0].agents.len() <= FEW_AGENTS {
+            4
+        } else {
+            1
+        }
+    }
+
     #[inline(always)]
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
         let agents = self.0[0].agents.len();
         Room {
             agents: Vec::with_capacity(agents),
+            statuses: Vec::with_capacity(agents),
             defenders: Vec::with_capacity(self.0[0].defenders.len()),
+            pursuits: Vec::with_capacity(self.0[0].defenders.len()),
             states: vec![L::splat(0.0); agents * controllers.state_length()],
         }
     }
@@ -139,34 +170,46 @@ impl LaneWorld for MinisimLanes {
         let state_length = controllers.state_length();
         room.start(self, episodes, all);
         for _ in 0..settings.max_steps {
-            let mut free_before = 0;
-            for (index, agent) in room.agents.iter_mut().enumerate() {
-                if agent.free == 0 {
-                    continue;
-                }
-                free_before |= agent.free;
-                let to_goal = goal.minus(agent.at);
-                let sensors = [
-                    to_goal.x.div(width),
-                    to_goal.y.div(height),
-                    agent.to_defender.x.div(width),
-                    agent.to_defender.y.div(height),
-                ];
-                let mut heading = [zero];
-                let state = &mut room.states[index * state_length..][..state_length];
-                controllers.step(state, &sensors, &mut heading);
-                let x = agent.at.x.add(speed.mul(cos_pi(heading[0])));
-                let y = agent.at.y.add(speed.mul(sin_pi(heading[0])));
-                let moved = Points {
-                    x: x.at_least(zero).at_most(width),
-                    y: y.at_least(zero).at_most(height),
-                };
-                agent.at = moved.select(agent.at, L::Mask::from_bits(agent.free));
+            let mut free = 0;
+            let many = room.agents.len() > TOGETHER;
+            if many {
+                room.start_pursuits();
             }
-            if free_before == 0 {
+            for first in (0..room.agents.len()).step_by(TOGETHER) {
+                let last = (first + TOGETHER).min(room.agents.len());
+                for index in first..last {
+                    let agent = &mut room.agents[index];
+                    let free_here = room.statuses[index].free;
+                    if free_here == 0 {
+                        continue;
+                    }
+                    free |= free_here;
+                    let to_goal = goal.minus(agent.at);
+                    let sensors = [
+                        to_goal.x.div(width),
+                        to_goal.y.div(height),
+                        agent.to_defender.x.div(width),
+                        agent.to_defender.y.div(height),
+                    ];
+                    let mut heading = [zero];
+                    let state = &mut room.states[index * state_length..][..state_length];
+                    controllers.step(state, &sensors, &mut heading);
+                    let x = agent.at.x.add(speed.mul(cos_pi(heading[0])));
+                    let y = agent.at.y.add(speed.mul(sin_pi(heading[0])));
+                    let moved = Points {
+                        x: x.at_least(zero).at_most(width),
+                        y: y.at_least(zero).at_most(height),
+                    };
+                    agent.at = moved.select(agent.at, L::Mask::from_bits(free_here));
+                }
+                if many {
+                    room.pursue(first, last);
+                }
+            }
+            if free == 0 {
                 break;
             }
-            room.move_defenders(L::splat(settings.speed_defenders));
+            room.move_defenders(L::splat(settings.speed_defenders), free);
             room.judge(
                 goal,
                 L::splat(settings.goal_radius),
@@ -188,60 +231,106 @@ impl<L: Lanes> Room<L> {
             self.defenders.push(at);
         }
         self.agents.clear();
+        self.statuses.clear();
         for index in 0..first.agents.len() {
             let at = Points::gather(|lane| world.0[episodes[lane]].agents[index]);
             let (to_defender, _) = to_closest(at, &self.defenders);
-            self.agents.push(Agent {
-                at,
-                to_defender,
+            self.agents.push(Agent { at, to_defender });
+            self.statuses.push(Status {
                 free: all,
                 arrived: 0,
             });
         }
     }
 
-    /// Every defender goes towards the closest free agent.
+    /// What a defender knows before it has looked at any agent.
     #[inline(always)]
-    fn move_defenders(&mut self, speed: L) {
-        for defender in &mut self.defenders {
-            let (mut way, mut target, mut least) = (*defender, *defender, L::splat(f32::INFINITY));
-            let mut any = 0;
-            for agent in &self.agents {
-                if agent.free == 0 {
-                    continue;
-                }
-                any |= agent.free;
-                let there = agent.at.minus(*defender);
-                let q = there.square();
-                let closer = q.lt(least).and(L::Mask::from_bits(agent.free));
-                way = there.select(way, closer);
-                target = agent.at.select(target, closer);
-                least = q.select(least, closer);
+    fn unaware(defender: Points<L>) -> Pursuit<L> {
+        Pursuit {
+            way: defender,
+            target: defender,
+            least: L::splat(f32::INFINITY),
+        }
+    }
+
+    #[inline(always)]
+    fn start_pursuits(&mut self) {
+        self.pursuits.clear();
+        for defender in &self.defenders {
+            self.pursuits.push(Self::unaware(*defender));
+        }
+    }
+
+    /// A defender looks at some of the agents.
+    #[inline(always)]
+    fn look(
+        &self,
+        defender: Points<L>,
+        mut best: Pursuit<L>,
+        first: usize,
+        last: usize,
+    ) -> Pursuit<L> {
+        for (agent, status) in self.agents[first..last]
+            .iter()
+            .zip(&self.statuses[first..last])
+        {
+            if status.free == 0 {
+                continue;
             }
-            let d = least.sqrt();
+            let there = agent.at.minus(defender);
+            let q = there.square();
+            let closer = q.lt(best.least).and(L::Mask::from_bits(status.free));
+            best.way = there.select(best.way, closer);
+            best.target = agent.at.select(best.target, closer);
+            best.least = q.select(best.least, closer);
+        }
+        best
+    }
+
+    /// Every defender looks at some of the agents.
+    #[inline(always)]
+    fn pursue(&mut self, first: usize, last: usize) {
+        for index in 0..self.defenders.len() {
+            self.pursuits[index] =
+                self.look(self.defenders[index], self.pursuits[index], first, last);
+        }
+    }
+
+    /// Every defender goes towards the closest free agent; `free`: the lanes in which there is one.
+    #[inline(always)]
+    fn move_defenders(&mut self, speed: L, free: u64) {
+        let agents = self.agents.len();
+        for index in 0..self.defenders.len() {
+            let defender = self.defenders[index];
+            let pursuit = if agents <= TOGETHER {
+                self.look(defender, Self::unaware(defender), 0, agents)
+            } else {
+                self.pursuits[index]
+            };
+            let d = pursuit.least.sqrt();
             let f = speed.div(d);
             let step = Points {
-                x: defender.x.add(way.x.mul(f)),
-                y: defender.y.add(way.y.mul(f)),
+                x: defender.x.add(pursuit.way.x.mul(f)),
+                y: defender.y.add(pursuit.way.y.mul(f)),
             };
-            let moved = target.select(step, d.le(speed));
-            *defender = moved.select(*defender, L::Mask::from_bits(any));
+            let moved = pursuit.target.select(step, d.le(speed));
+            self.defenders[index] = moved.select(defender, L::Mask::from_bits(free));
         }
     }
 
     /// Who has arrived, who is caught.
     #[inline(always)]
     fn judge(&mut self, goal: Points<L>, goal_radius: L, capture_radius: L) {
-        for agent in &mut self.agents {
-            if agent.free == 0 {
+        for (agent, status) in self.agents.iter_mut().zip(&mut self.statuses) {
+            if status.free == 0 {
                 continue;
             }
-            let arrived = goal.minus(agent.at).square().sqrt().le(goal_radius).bits() & agent.free;
+            let arrived = goal.minus(agent.at).square().sqrt().le(goal_radius).bits() & status.free;
             let (to_defender, q) = to_closest(agent.at, &self.defenders);
             let caught = q.sqrt().le(capture_radius).bits();
             agent.to_defender = to_defender;
-            agent.arrived |= arrived;
-            agent.free &= !(arrived | caught);
+            status.arrived |= arrived;
+            status.free &= !(arrived | caught);
         }
     }
 
@@ -249,10 +338,10 @@ impl<L: Lanes> Room<L> {
     fn fitness(&self, goal: Points<L>, fitness: &mut [f64]) {
         fitness.fill(0.0);
         let mut distances = [0.0; MOST_LANES];
-        for agent in &self.agents {
+        for (agent, status) in self.agents.iter().zip(&self.statuses) {
             goal.minus(agent.at).square().sqrt().store(&mut distances);
             for (lane, (sum, distance)) in fitness.iter_mut().zip(distances).enumerate() {
-                if agent.arrived >> lane & 1 == 0 {
+                if status.arrived >> lane & 1 == 0 {
                     *sum += f64::from(distance);
                 }
             }
