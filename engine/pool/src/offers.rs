@@ -149,6 +149,8 @@ pub struct Offers {
     presences: BTreeMap<u64, Presence>,
     /// Servers that answered and do not fit, or cannot be told apart.
     unfit: BTreeMap<u64, String>,
+    /// By id: the instances that answered lately, each with its last round.
+    seen: BTreeMap<u64, Vec<(String, u64)>>,
     /// Ids to which two servers answered: the last round in which one did, and how often.
     twins: BTreeMap<u64, (u64, u32)>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
@@ -203,14 +205,15 @@ impl Offers {
         let Ok(way) = demand.way(&message.capabilities) else {
             return Answer::Unfit(None);
         };
-        if self.still_twins(id, round) {
-            return Answer::Twins(Vec::new(), false);
-        }
         let instance = message
             .capabilities
             .swarmwright
             .as_ref()
             .and_then(|announced| announced.instance.clone());
+        let rival = self.has_rival(id, instance.as_ref(), round);
+        if self.still_twins(id, round) || (rival && !self.slots.contains_key(&id)) {
+            return Answer::Twins(Vec::new(), false);
+        }
         if self
             .refusals
             .get(&id)
@@ -220,7 +223,7 @@ impl Offers {
         }
         if let Some(slot) = self.slots.get_mut(&id) {
             // A server answers a round once; a second answer comes from a second server.
-            if slot.round == round {
+            if slot.round == round || rival {
                 let news = self
                     .unfit
                     .insert(id, TWINS.to_owned())
@@ -263,13 +266,27 @@ impl Offers {
         Answer::Welcome
     }
 
+    /// Whether another instance answered under this id in this round or one of the two before, and did not leave since:
+    /// answers to several rounds may cross, so that the same round is not all that tells twins.
+    fn has_rival(&mut self, id: u64, instance: Option<&String>, round: u64) -> bool {
+        let Some(instance) = instance else {
+            return false;
+        };
+        let seen = self.seen.entry(id).or_default();
+        seen.retain(|(other, last)| other != instance && last + 2 >= round);
+        let rival = !seen.is_empty();
+        seen.push((instance.clone(), round));
+        rival
+    }
+
     /// Whether an id that two servers had is still in doubt: it is used again when only one answer came in a whole round.
     fn still_twins(&mut self, id: u64, round: u64) -> bool {
         let Some((last, count)) = self.twins.get_mut(&id) else {
             return false;
         };
-        if *last == round {
-            *count += 1;
+        if round <= *last {
+            // Answers to an older round may come late and tell nothing.
+            *count += u32::from(round == *last);
             return true;
         }
         let alone = *count == 1;
@@ -337,6 +354,11 @@ impl Offers {
             .tool
             .clone()
             .unwrap_or_else(|| "another optimization tool".to_owned());
+        if state == State::Lost
+            && let (Some(seen), Some(announced)) = (self.seen.get_mut(&id), &announced)
+        {
+            seen.retain(|(instance, _)| instance != announced);
+        }
         self.presences.insert(id, presence);
         let Some(slot) = self
             .slots
@@ -376,6 +398,7 @@ impl Offers {
     pub(crate) fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.unfit.remove(&id);
+        self.seen.remove(&id);
         self.remove(id)
     }
 
@@ -399,6 +422,13 @@ impl Offers {
             reason.clone_into(&mut slot.failure);
             let pause = FIRST_BENCH * 2u32.saturating_pow((slot.failures - 1).min(6));
             slot.benched = Some(now + pause.min(LONGEST_BENCH));
+        }
+    }
+
+    /// A server is new; its first work waits until then.
+    pub(crate) fn introduce(&mut self, id: u64, until: Instant) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.benched = Some(until);
         }
     }
 

@@ -9,6 +9,7 @@ use swarmwright_mqtt::{
 };
 use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
 
+use crate::discovery::PROBATION;
 use crate::machine::{Action, Config, Machine};
 use crate::mode::Mode;
 use crate::offers::Demand;
@@ -174,6 +175,13 @@ impl Pool {
         let mut free_since = start;
         loop {
             self.poll(Instant::now() + ASK);
+            if self.machine.has_server() {
+                // Another server with the same id would answer now, and then neither is used.
+                let settled = Instant::now() + PROBATION;
+                while Instant::now() < settled {
+                    self.poll(settled);
+                }
+            }
             if self.machine.has_server() {
                 return self.machine.sizes().ok_or(PoolError::NoSizes);
             }

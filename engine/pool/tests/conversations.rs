@@ -184,23 +184,36 @@ fn a_server_that_sends_the_wrong_number_of_sensors_is_left_for_another() {
     assert!(told >= 1, "{:?}", net.warnings);
 }
 
-#[test]
-fn two_servers_with_one_id_are_both_left_out_and_named() {
-    let mut net = Net::new(3);
-    let now = net.now;
-    net.add(Party::Server(Box::new(server(1, Line::new()))));
-    net.add(Party::Server(Box::new(server(1, Line::new()))));
-    net.add(Party::Server(Box::new(server(2, Line::new()))));
-    let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
-    net.submit(index, work(7, &SEEDS));
-    assert_eq!(net.finish(index), undisturbed());
-    assert!(
-        net.warnings
-            .iter()
-            .any(|warning| warning.contains("two servers answer to the id 1")),
-        "{:?}",
-        net.warnings
-    );
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn two_servers_with_one_id_are_both_left_out_and_named(random in any::<u64>()) {
+        let mut net = Net::new(random);
+        let now = net.now;
+        net.add(Party::Server(Box::new(server(1, Line::new()))));
+        net.add(Party::Server(Box::new(server(1, Line::new()))));
+        net.add(Party::Server(Box::new(server(2, Line::new()))));
+        let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
+        net.submit(index, work(7, &SEEDS));
+        prop_assert_eq!(net.finish(index), undisturbed());
+        let named = net.warnings.iter().any(|warning| warning.contains("two servers answer to the id 1"));
+        prop_assert!(named, "{:?}", net.warnings);
+    }
+
+    #[test]
+    fn two_servers_with_one_id_alone_are_never_used(random in any::<u64>()) {
+        let mut net = Net::new(random);
+        let now = net.now;
+        net.add(Party::Server(Box::new(server(1, Line::new()))));
+        net.add(Party::Server(Box::new(server(1, Line::new()))));
+        let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
+        net.submit(index, work(7, &SEEDS));
+        for _ in 0..3000 {
+            net.turn();
+        }
+        prop_assert_eq!(net.tool(index).done(), 0, "{:?}", net.warnings);
+    }
 }
 
 #[test]

@@ -143,7 +143,14 @@ impl SimulationServer {
             },
         ];
         let mut connection = Connection::open(settings, subscriptions)?;
-        let early = find_rival(&mut connection, &topics, &identity)?;
+        let early = match find_rival(&mut connection, &topics, &identity) {
+            Ok(early) => early,
+            Err(error) => {
+                // A good-bye, or the last will would declare the rightful owner of the id lost.
+                connection.close(Duration::from_secs(1));
+                return Err(error);
+            }
+        };
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,

@@ -45,10 +45,14 @@ impl Machine {
     pub(super) fn other_presence(&mut self, presence: &Presence) {
         let other = presence.capabilities.swarmwright.as_ref();
         let instance = other.and_then(|other| other.instance.as_ref());
-        if presence.server == self.identity.id
-            && presence.state != PresenceState::Lost
-            && instance != Some(&self.identity.instance)
-        {
+        if presence.server != self.identity.id || instance == Some(&self.identity.instance) {
+            return;
+        }
+        if presence.state == PresenceState::Lost {
+            // Another server with this id is gone, and with its last will stands in the place of what is true.
+            self.published = None;
+            self.publish_presence(presence.since.clone());
+        } else {
             let host = other
                 .and_then(|other| other.host.clone())
                 .unwrap_or_else(|| "an unknown host".to_owned());
