@@ -84,8 +84,12 @@ class TaskSuite:
         self._offloaded: dict[str, Samples] = {}
         for name in self._work:
             self._local[name] = Samples(f"{name}, in this process, 2 threads", "evaluations/s")
+            # A request holds 20 ms of Stadium, but 0.2 ms of Minisim: short episodes, large genomes.
             self._offloaded[name] = Samples(
-                f"{name}, offloaded, 2 servers", "evaluations/s", self._local[name], ">= 0.9"
+                f"{name}, offloaded, 2 servers",
+                "evaluations/s",
+                self._local[name],
+                ">= 0.9" if name == "Stadium" else "",
             )
 
     def _pool(self, block: Block, *, largest: int | None = None) -> _engine.Pool:
