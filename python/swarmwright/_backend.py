@@ -79,6 +79,8 @@ def open_backend(
         problem = broker_problem(broker)
         if problem is not None:
             raise InputError(f"broker: {problem}")
+    if isinstance(servers, int) and servers < 1:
+        raise InputError(f"servers: must be auto, local or a number from 1 on, not {servers}")
     if servers == "local" and broker is not None:
         raise InputError("broker: servers are 'local', so no broker is used; leave one of the two out")
     wanted: Servers = experiment.servers if servers is None else servers

@@ -52,6 +52,9 @@ def command(broker: str, prefix: str, wait: float, as_json: bool) -> None:
     if not found:
         output.text(f"No simulation server on {broker}.")
         output.text(f"Start one with: swarmwright serve minisim --broker {broker}")
+        output.text(
+            "Servers that know D6.1 alone say nothing unasked: `optimize` finds them by their simulation."
+        )
         return
     rows = [row(server) for server in found]
     if output.terminal:
