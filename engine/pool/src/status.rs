@@ -85,11 +85,9 @@ impl Machine {
             (_, Some(request)) if is_silent(request.heard) => request.waiting_for(now),
             (None, None) => {
                 let seconds = self.lonely(now).as_secs_f64();
-                let busy = self
-                    .busy_elsewhere()
-                    .map_or_else(String::new, |busy| format!(" ({busy})"));
                 if seconds >= SILENCE.as_secs_f64() {
-                    format!("no server for {seconds:.1} s{busy}")
+                    let found = self.offers.describe(&self.config.demand);
+                    format!("no server for {seconds:.1} s ({found})")
                 } else {
                     String::new()
                 }

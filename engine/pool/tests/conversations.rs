@@ -213,6 +213,9 @@ proptest! {
             net.turn();
         }
         prop_assert_eq!(net.tool(index).done(), 0, "{:?}", net.warnings);
+        let now = net.now;
+        let words = net.tool(index).waiting_for(now);
+        prop_assert!(words.contains("two servers answer to this id"), "{words}");
     }
 }
 
