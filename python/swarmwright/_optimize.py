@@ -152,6 +152,14 @@ class _Loop:
             interrupted = True
             if not self._method.evaluations:
                 raise
+        except RunError as error:
+            done = self._method.generation
+            if done == 0:
+                raise
+            kept = (
+                f"the results of {done} generation{'s' if done > 1 else ''} are kept in {self._record.folder}"
+            )
+            raise RunError(f"{error}; {kept}") from error
         finally:
             ending = {
                 "seconds": self._seconds(),

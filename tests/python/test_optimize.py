@@ -211,8 +211,9 @@ def test_when_all_servers_die_the_run_says_so(tmp_path: Path) -> None:
 
     with pytest.raises(
         RunError, match="no simulation server is left:\nsimulation server 1 was killed by signal 9"
-    ):
+    ) as caught:
         optimize(small(), kill_all, servers=1, out=tmp_path / "run")
+    assert f"the results of 1 generation are kept in {tmp_path / 'run'}" in str(caught.value)
     run = Run.open(tmp_path / "run")
     assert run.generations == 1
     assert np.isfinite(run.best.fitness)
