@@ -15,6 +15,7 @@ __all__ = [
     "Pool",
     "__version__",
     "check_parameters",
+    "decimals",
     "describe",
     "evaluate",
     "genome_size",
