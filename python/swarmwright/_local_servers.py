@@ -82,8 +82,14 @@ class _Server:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        os.close(self.ready)
+        self.stop_listening()
         self._stderr.close()
+
+    def stop_listening(self) -> None:
+        """Close the pipe of events: one that nobody reads would fill up."""
+        if self.ready >= 0:
+            os.close(self.ready)
+            self.ready = -1
 
 
 class LocalServers:
@@ -152,6 +158,9 @@ class LocalServers:
                 for key, _ in ready:
                     selector.unregister(key.fd)
                     server = key.data
-                    if not os.read(key.fd, 16):
+                    # The first line says how it went; of what comes later nothing is wanted here.
+                    line = os.read(key.fd, 4096).partition(b"\n")[0]
+                    if not line or json.loads(line).get("event") != "ready":
                         server.process.wait()
                         raise RunError(server.obituary())
+                    server.stop_listening()

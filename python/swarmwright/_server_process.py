@@ -1,8 +1,9 @@
-"""One simulation server in a process of its own, started by `_local_servers`.
+"""One simulation server in a process of its own, for a run's own servers and for `swarmwright serve`.
 
-Arguments: a file descriptor, to which "ready" is written once, and the arguments of `_engine.serve` as JSON.
-Standard input is a pipe from the parent: when it closes the parent is done or gone, however it ended, and so
-is this process.
+Arguments: a file descriptor, to which events go as JSON lines (as `_engine.serve` reports them, and
+{"event": "error", "message"} when it fails), then the arguments of `_engine.serve` as a JSON object. Standard
+input is a pipe from the parent: when it closes the parent is done or gone, however it ended, and so is this
+process.
 """
 
 import json
@@ -10,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 
 from swarmwright import _engine
 
@@ -28,25 +30,25 @@ def _end_with_parent() -> None:
 
 
 def main() -> int:
-    """Serve until the parent ends. Return the exit status."""
-    ready = [int(sys.argv[1])]
+    """Serve until the parent ends; return 0, or the exit status of what went wrong."""
+    events = int(sys.argv[1])
 
-    def on_event(line: str) -> None:
-        # Only the first event is waited for; a pipe that nobody reads would fill up.
-        if ready and json.loads(line).get("event") == "ready":
-            descriptor = ready.pop()
-            os.write(descriptor, b"ready\n")
-            os.close(descriptor)
+    def report(line: str) -> None:
+        # Nobody reads: the parent wants no more, or it is gone, which `_end_with_parent` notices.
+        with suppress(OSError):
+            os.write(events, f"{line}\n".encode())
 
+    # The parent may have been started with SIGINT ignored, as shells do in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
-        _engine.serve(**json.loads(sys.argv[2]), on_event=on_event)
+        _engine.serve(**json.loads(sys.argv[2]), on_event=report)
     except KeyboardInterrupt:
         return 0
     except (_engine.InputError, _engine.EngineError) as error:
+        report(json.dumps({"event": "error", "message": str(error)}))
         sys.stderr.write(f"{error}\n")
-        return 1
+        return 2 if isinstance(error, _engine.InputError) else 1
     return 0
 
 

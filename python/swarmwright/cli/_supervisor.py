@@ -106,7 +106,14 @@ class Supervisor:
         reading, writing = os.pipe()
         try:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "swarmwright.cli._worker", str(writing), json.dumps(settings)],
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "swarmwright._server_process",
+                    str(writing),
+                    json.dumps(settings),
+                ],
                 stdin=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 pass_fds=[writing],
