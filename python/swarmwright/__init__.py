@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from swarmwright._controller import Controller
     from swarmwright._evaluate import evaluate, simulate
     from swarmwright._experiment import Experiment
-    from swarmwright._optimize import Generation, optimize
+    from swarmwright._optimize import Generation, optimize, resume
+    from swarmwright._repeat import Repeated, repeat
     from swarmwright._run import Run
 
     __version__: str
@@ -29,12 +30,15 @@ __all__ = [
     "Experiment",
     "Generation",
     "InputError",
+    "Repeated",
     "Run",
     "RunError",
     "SwarmwrightError",
     "__version__",
     "evaluate",
     "optimize",
+    "repeat",
+    "resume",
     "simulate",
     "templates",
 ]
@@ -43,9 +47,12 @@ _LAZY = {
     "Controller": "_controller",
     "Experiment": "_experiment",
     "Generation": "_optimize",
+    "Repeated": "_repeat",
     "Run": "_run",
     "evaluate": "_evaluate",
     "optimize": "_optimize",
+    "repeat": "_repeat",
+    "resume": "_optimize",
     "simulate": "_evaluate",
 }
 

@@ -44,6 +44,18 @@ class Crews:
         return cls(architecture, np.ascontiguousarray(representation.weights(genomes), dtype=np.float32))
 
 
+@dataclass(frozen=True)
+class Results:
+    """What came out of evaluating controllers."""
+
+    fitness: NDArray[np.float64]
+    """(candidates, episodes), NaN where an episode failed."""
+    metrics: NDArray[np.float64]
+    """(candidates, episodes, metrics) as the experiment names them; (.., 0) without."""
+    journal: list[dict[str, Any]]
+    """An entry per attempt and warning."""
+
+
 class Backend(Protocol):
     """Evaluates controllers."""
 
@@ -54,8 +66,8 @@ class Backend(Protocol):
 
     def evaluate(
         self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness, NaN where it failed, and a journal entry per attempt."""
+    ) -> Results:
+        """Evaluate each controller in an episode of each seed."""
 
 
 @contextmanager
@@ -185,8 +197,8 @@ class LocalBackend:
 
     def evaluate(
         self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness; the journal is empty, nothing can go wrong on the way."""
+    ) -> Results:
+        """Evaluate; the journal is empty, nothing can go wrong on the way."""
         with engine_errors():
             fitness = _engine.evaluate(
                 self._simulation,
@@ -196,7 +208,7 @@ class LocalBackend:
                 list(seeds),
                 on_progress,
             )
-        return fitness, []
+        return Results(fitness, _no_metrics(fitness), [])
 
 
 class BrokerBackend:
@@ -222,8 +234,8 @@ class BrokerBackend:
 
     def evaluate(
         self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness, NaN where it failed, and the journal."""
+    ) -> Results:
+        """Evaluate on the servers that there are."""
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()
@@ -232,8 +244,13 @@ class BrokerBackend:
         with engine_errors():
             fitness, journal = self._pool.evaluate(crews.architecture, crews.weights, list(seeds), progress)
         self._check_servers()
-        return fitness, [json.loads(line) for line in journal.splitlines() if line.strip()]
+        entries = [json.loads(line) for line in journal.splitlines() if line.strip()]
+        return Results(fitness, _no_metrics(fitness), entries)
 
     def _check_servers(self) -> None:
         if self._servers is not None:
             self._servers.check()
+
+
+def _no_metrics(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.empty((*fitness.shape, 0))

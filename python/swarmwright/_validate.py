@@ -16,8 +16,8 @@ from swarmwright._problems import problems_of, shown
 from swarmwright._registry import Registry
 from swarmwright._suggest import did_you_mean
 from swarmwright._yaml import Path_, Source
-from swarmwright.methods import METHODS
-from swarmwright.rankings import RANKINGS
+from swarmwright.methods import METHODS, MethodOptions
+from swarmwright.rankings import RANKINGS, RankingOptions
 from swarmwright.representations import REPRESENTATIONS
 
 REGISTRIES: Mapping[str, Registry[Any]] = {
@@ -102,6 +102,7 @@ def _check_values(values: dict[str, Any], report: Report) -> Checked:
         section = values.get(name, {})
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report)
+    _check_reevaluation(checked, report)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
         _check_parameters(values["simulation"], dict(parameters), report)
@@ -128,6 +129,18 @@ def _check_section(
         for path, message in problems_of(error, model, (name,)):
             report(path, message)
         return None
+
+
+def _check_reevaluation(checked: Checked, report: Report) -> None:
+    ranking, method = checked.get("ranking"), checked.get("method")
+    if isinstance(ranking, RankingOptions) and ranking.reevaluate and isinstance(method, MethodOptions):
+        kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+        if not METHODS.get(kind).keeps_members:
+            report(
+                ("ranking", "reevaluate"),
+                f"{kind} keeps no members from one generation to the next, so there are none to evaluate "
+                "again; leave the key out, or take a method that does, such as nnga",
+            )
 
 
 def _check_parameters(simulation: str, parameters: dict[str, Any], report: Report) -> None:

@@ -11,6 +11,8 @@ from swarmwright._suggest import unknown
 
 COMMANDS = (
     "optimize",
+    "resume",
+    "evaluate",
     "simulate",
     "replay",
     "new",

@@ -112,7 +112,39 @@ def broker_option(*, default: str | None, text: str) -> Decorator:
     )
 
 
+servers_option: Decorator = click.option(
+    "--servers",
+    type=ServerCount(),
+    metavar="K",
+    help="Servers to start; 'local' evaluates in this process, without broker.",
+)
+
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
+
+def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    """`--candidate N` and `--generation G`: one line of a run's record."""
+    generation = click.option(
+        "--generation",
+        type=click.IntRange(min=0),
+        metavar="G",
+        help="Generation of the candidate, from 0.",
+    )
+    candidate = click.option(
+        "--candidate",
+        type=click.IntRange(min=0),
+        metavar="N",
+        callback=_candidate,
+        help="Candidate of that generation, from 0; without --generation, the number of the evaluation in the "
+        "whole run. Default: the best candidate.",
+    )
+    return candidate(generation(command))
+
+
+def _candidate(context: click.Context, _: click.Parameter, value: int | None) -> int | None:
+    if value is None and context.params.get("generation") is not None:
+        raise click.UsageError("--generation names a generation; --candidate is missing.", context)
+    return value
+
 
 prefix_option: Decorator = click.option(
     "--prefix",

@@ -1,4 +1,4 @@
-"""`swarmwright runs`: what lies in a run folder, for other tools."""
+"""`swarmwright runs`: what lies in run folders."""
 
 from pathlib import Path
 
@@ -7,22 +7,95 @@ import click
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import ExistingPath, json_option
 from swarmwright.cli._output import Output
+from swarmwright.cli._runs import delete_run, describe, facts_of, list_table
 
 
-@click.group("runs", cls=Group, modules={}, example="swarmwright runs export runs/minisim-1 evaluations.csv")
+@click.group("runs", cls=Group, modules={}, example="swarmwright runs list\nswarmwright runs show runs/minisim-1")
 def command() -> None:
-    """Read run folders."""
+    """List, show, compare, export and delete runs."""
 
 
-@command.command("export", cls=Command, example="swarmwright runs export runs/minisim-1 evaluations.csv")
+@command.command("list", cls=Command, example="swarmwright runs list\nswarmwright runs list results --json")
+@click.argument("folder", type=ExistingPath(folder=True), default=None, required=False, metavar="[DIR]")
+@json_option
+def list_(folder: Path | None, as_json: bool) -> None:
+    """List the runs in DIR (default: runs), the newest last.
+
+    A folder that is no run, or one that is damaged, is named with the reason.
+    """
+    from swarmwright import InputError, Run
+    from swarmwright._folders import RUNS
+    from swarmwright._store import FILE
+
+    output = Output(as_json=as_json)
+    place = folder or RUNS
+    runs, broken = [], []
+    for store in sorted(place.glob(f"**/{FILE}")):
+        try:
+            runs.append(facts_of(Run.open(store.parent)))
+        except InputError as error:
+            broken.append(str(error))
+    runs.sort(key=lambda facts: facts["created"])
+    for facts in runs:
+        output.json(facts)
+    for reason in broken:
+        output.json({"error": reason})
+    if not runs and not broken:
+        output.text(f"No runs in {place}. `swarmwright optimize FILE` makes one.")
+    elif not as_json:
+        list_table(output, runs)
+        for reason in broken:
+            output.text(reason)
+
+
+@command.command("show", cls=Command, example="swarmwright runs show runs/minisim-1")
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.csv")
+@json_option
+def show(run: Path, as_json: bool) -> None:
+    """Show what RUN is, how it went, who evaluated, and what was worth a warning."""
+    from swarmwright import Run
+
+    describe(Output(as_json=as_json), Run.open(run))
+
+
+@command.command("diff", cls=Command, example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2")
+@click.argument("one", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("other", type=ExistingPath(folder=True), metavar="RUN")
+@json_option
+def diff(one: Path, other: Path, as_json: bool) -> int:
+    """Say whether two runs have the same record, byte for byte; else where they part.
+
+    The exit status is 0 when they have, else 1.
+    """
+    from swarmwright import Run
+    from swarmwright._differences import first_difference
+
+    output = Output(as_json=as_json)
+    first, second = Run.open(one), Run.open(other)
+    difference = first_difference(first, second)
+    output.json({"same": difference is None, "difference": difference})
+    if difference is None:
+        output.text(f"The records are the same, byte for byte: {first.evaluations} evaluations.")
+        output.text(f"SHA-256 {first.digest}")
+        return 0
+    output.text(f"The records differ: {difference}")
+    return 1
+
+
+@command.command(
+    "export",
+    cls=Command,
+    example="swarmwright runs export runs/minisim-1 evaluations.csv\n"
+    "swarmwright runs export runs/minisim-1 evaluations.parquet",
+)
+@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE")
 @json_option
 def export(run: Path, file: Path, as_json: bool) -> None:
-    """Write the record of RUN as a table, a line per evaluation.
+    """Write the record of RUN as a table, .csv or .parquet, a line per evaluation.
 
     Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each
-    episode, then the genome.
+    episode, then metrics if there are any, then the genome.
     """
     if not file.parent.is_dir():
         raise click.UsageError(f"'{file}': there is no folder '{file.parent}'; create it first.")
@@ -32,3 +105,31 @@ def export(run: Path, file: Path, as_json: bool) -> None:
     output = Output(as_json=as_json)
     output.text(f"The record is in {file}")
     output.json({"run": str(run), "file": str(file)})
+
+
+@command.command("delete", cls=Command, example="swarmwright runs delete runs/minisim-1 --yes")
+@click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> None:
+    """Delete runs: what Swarmwright wrote into their folders, and the folders unless something else is in them."""
+    from swarmwright import Run
+
+    output = Output(as_json=as_json)
+    opened = [Run.open(run) for run in runs]
+    busy = [run.path for run in opened if run.state == "running"]
+    if busy:
+        raise click.UsageError(f"{busy[0]}: a process works on this run; stop it first. Nothing was deleted.")
+    if not yes:
+        for run in opened:
+            click.echo(f"{run.path}: {run.evaluations} evaluations, {run.state}", err=True)
+        click.confirm(
+            f"Delete {'this run' if len(opened) == 1 else f'these {len(opened)} runs'} for ever?",
+            abort=True,
+            err=True,
+        )
+    for run in opened:
+        left = delete_run(run.path)
+        output.json({"deleted": str(run.path), "left": left})
+        kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
+        output.text(f"Deleted {run.path}{kept}")

@@ -42,6 +42,8 @@ class Method(ABC):
     """Name in experiment files."""
     options_model: ClassVar[type[MethodOptions]]
     """Typed options, with `kind` among them."""
+    keeps_members: ClassVar[bool] = False
+    """Whether members stay from one generation to the next with the fitness that they have: see `kept`."""
 
     def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:
         self.options = options
@@ -69,17 +71,25 @@ class Method(ABC):
         self._asked = self._ask()
         return self._asked.copy()
 
-    def tell(self, fitness: Fitness) -> None:
+    def kept(self) -> Genomes:
+        """Return the members that stay, (k, genome_size), after `ask`; none with most methods.
+
+        Where evaluations are noisy, a lucky one would stay for ever: these can be evaluated again along with
+        those asked for, and `tell` takes what came out.
+        """
+        return np.empty((0, self.representation.genome_size), dtype=np.float32)
+
+    def tell(self, fitness: Fitness, kept: Fitness | None = None) -> None:
         """Take the fitness of the genomes asked for last: float64, (n,), in their order; NaN = failed.
 
-        Raises InputError when nothing was asked for or the number of values is another.
+        kept: new fitness of the members that `kept` returned, (k,), if they were evaluated again. Raises
+        InputError when nothing was asked for or the number of values is another.
         """
         if self._asked is None:
             raise InputError("there is nothing to tell: ask for genomes first")
-        values = np.asarray(fitness, dtype=np.float64)
-        if values.shape != (len(self._asked),):
-            raise InputError(f"fitness has the shape {values.shape}; asked were {len(self._asked)} genomes")
-        values = np.where(np.isfinite(values), values, np.nan)
+        values = _checked(fitness, len(self._asked), "asked were")
+        if kept is not None:
+            self._rescore(_checked(kept, len(self.kept()), "kept are"))
         self._tell(self._asked, values)
         self._asked = None
         self.evaluations += len(values)
@@ -88,6 +98,9 @@ class Method(ABC):
         self.done = reached or self.generation + 1 >= self.options.generations
         if not self.done:
             self.generation += 1
+
+    def _rescore(self, fitness: Fitness) -> None:
+        """Take new fitness of the members that stay; finite or NaN. For methods that keep members."""
 
     def stream(self, purpose: str, candidate: int = 0) -> Stream:
         """Return the random numbers for a purpose and candidate of this generation."""
@@ -114,6 +127,13 @@ class Method(ABC):
     @abstractmethod
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         """Take their fitness; finite or NaN."""
+
+
+def _checked(fitness: Fitness, count: int, which: str) -> Fitness:
+    values = np.asarray(fitness, dtype=np.float64)
+    if values.shape != (count,):
+        raise InputError(f"fitness has the shape {values.shape}; {which} {count} genomes")
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def stacked(genomes: list[NDArray[np.float32]]) -> Genomes:

@@ -104,6 +104,7 @@ class Nnga(Method):
     kind: ClassVar[str] = "nnga"
     options_model = NngaOptions
     options: NngaOptions
+    keeps_members = True
 
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
@@ -120,6 +121,13 @@ class Nnga(Method):
     def population_fitness(self) -> Fitness:
         """Fitness of all members, survivors and new ones."""
         return self._fitness
+
+    def kept(self) -> Genomes:
+        """Return the survivors."""
+        return self._genomes.copy()
+
+    def _rescore(self, fitness: Fitness) -> None:
+        self._fitness = fitness
 
     def _ask(self) -> Genomes:
         if self.generation == 0:

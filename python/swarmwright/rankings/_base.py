@@ -1,7 +1,8 @@
 """What every ranking does."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,19 @@ class RankingOptions(Options):
 
     episodes: int = Field(default=1, ge=1, le=100_000)
     """Simulation runs per candidate; episode e runs with the simulation seed parameters.seed (default 0) +
-    e."""
+    e. All candidates of a generation run with the same seeds (common random numbers)."""
+    seeds: Literal["same", "new"] = "same"
+    """same: the episodes of every generation have the same seeds (FREVO's way). new: generation g begins with
+    the seed parameters.seed + g * episodes, so that evolution cannot fit itself to a few episodes."""
+    reevaluate: bool = False
+    """Whether members that stay are evaluated again in every generation. Their fitness is then made of all
+    their episodes since they came, so that a lucky evaluation does not rule for ever, and the best candidate
+    of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the evaluations
+    of the members that stay. Only for methods that keep members: nnga, cea2d, .."""
+    failed: Literal["last", "stop"] = "last"
+    """What a failed evaluation leads to. last: the candidate ranks below all others, and the run goes on;
+    a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and
+    `swarmwright resume` goes on when the reason is mended."""
 
 
 class Ranking(ABC):
@@ -35,28 +48,49 @@ class Ranking(ABC):
 
     def __init__(self, options: RankingOptions) -> None:
         self.options = options
+        self._past: dict[bytes, NDArray[np.float64]] = {}
 
-    def seeds(self, first: int) -> list[int]:
+    def seeds(self, first: int, generation: int = 0) -> list[int]:
         """Return the simulation seed of each episode; `first` is the experiment's parameters.seed."""
-        return [first + episode for episode in range(self.options.episodes)]
+        begin = first if self.options.seeds == "same" else first + generation * self.options.episodes
+        return [begin + episode for episode in range(self.options.episodes)]
 
-    def score(self, episodes: NDArray[np.float64]) -> Fitness:
+    def score(self, episodes: NDArray[np.float64], genomes: NDArray[np.float32] | None = None) -> Fitness:
         """Return (candidates,) fitness of (candidates, episodes) results.
 
         A candidate of which any episode failed (NaN or infinite), or whose aggregate overflows, has failed:
-        NaN.
+        NaN. With `reevaluate`, what is known of the genomes from the last call counts, too.
+
+        Args:
+            episodes: results, (candidates, episodes).
+            genomes: (candidates, genome_size); needed with `reevaluate` only.
         """
-        scores = np.full(len(episodes), np.nan)
-        worked = np.isfinite(episodes).all(axis=1)
-        if worked.any():
+        rows: list[NDArray[np.float64]] = list(episodes)
+        if self.options.reevaluate and genomes is not None:
+            rows = self._with_past(rows, genomes)
+        scores = np.full(len(rows), np.nan)
+        worked = [index for index, row in enumerate(rows) if np.isfinite(row).all()]
+        if worked:
             # Adding 0.0 turns -0.0 into 0.0: "the goal is reached" has one spelling.
-            scores[worked] = self._score(episodes[worked]) + 0.0
+            scores[worked] = self._score([rows[index].tolist() for index in worked]) + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores
 
+    def _with_past(
+        self, rows: list[NDArray[np.float64]], genomes: NDArray[np.float32]
+    ) -> list[NDArray[np.float64]]:
+        """Return all episodes of each genome: those of the last generation's that are here again, and now's."""
+        keys = [genome.tobytes() for genome in genomes]
+        whole = [
+            np.concatenate([self._past[key], row]) if key in self._past else row
+            for key, row in zip(keys, rows, strict=True)
+        ]
+        self._past = dict(zip(keys, whole, strict=True))
+        return whole
+
     @abstractmethod
-    def _score(self, episodes: NDArray[np.float64]) -> Fitness:
-        """Return (candidates,) fitness of (candidates, episodes) finite results."""
+    def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
+        """Return (candidates,) fitness of each candidate's results: finite, one at least, not all equally many."""
 
 
 def best_first(fitness: Fitness) -> NDArray[np.intp]:

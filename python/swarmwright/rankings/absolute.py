@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
 from swarmwright.rankings._base import Fitness, Ranking, RankingOptions
 
@@ -27,29 +27,49 @@ def _median(values: Sequence[float]) -> float:
     return ordered[middle] if len(ordered) % 2 else ordered[middle - 1] / 2 + ordered[middle] / 2
 
 
-_AGGREGATES: Mapping[str, Callable[[Sequence[float]], float]] = {
-    "mean": _mean,
-    "sum": _sum,
-    "median": _median,
-    "worst": min,
-}
+def _worst_share(values: Sequence[float], share: float) -> float:
+    """Return the mean of the worst share of values; the last one counts in part."""
+    ordered = sorted(values)
+    mass = share * len(ordered)
+    whole = math.floor(mass)
+    part = mass - whole
+    parts = ordered[:whole] + ([ordered[whole] * part] if whole < len(ordered) else [])
+    return _sum(parts) / mass
 
 
 class AbsoluteOptions(RankingOptions):
     """A candidate's fitness is an aggregate of its own episodes."""
 
     kind: Literal["absolute"] = "absolute"
-    aggregate: Literal["mean", "sum", "median", "worst"] = "mean"
-    """How the episodes' fitness becomes the candidate's (FREVO's problems use the sum)."""
+    aggregate: Literal["mean", "sum", "median", "worst", "quantile", "cvar"] = "mean"
+    """How the episodes' fitness becomes the candidate's. FREVO's problems use the sum. quantile: what the
+    worst `level` of the episodes does not exceed. cvar (conditional value at risk, expected shortfall): the
+    mean of the worst `level` of the episodes."""
+    level: float = Field(default=0.25, gt=0, le=1)
+    """Share of episodes that quantile and cvar look at."""
 
 
 class Absolute(Ranking):
-    """The aggregate of a candidate's episodes."""
+    """The aggregate of a candidate's episodes.
+
+    Sources: the quantile interpolates between neighbours (Hyndman and Fan 1996, definition 7); cvar is that
+    of Rockafellar and Uryasev 2000, for a sample: of five episodes at level 0.3 the worst counts wholly and
+    the second worst half.
+    """
 
     kind: ClassVar[str] = "absolute"
     options_model = AbsoluteOptions
     options: AbsoluteOptions
 
-    def _score(self, episodes: NDArray[np.float64]) -> Fitness:
-        aggregate = _AGGREGATES[self.options.aggregate]
-        return np.array([aggregate(row) for row in episodes.tolist()], dtype=np.float64)
+    def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
+        level = self.options.level
+        aggregates: Mapping[str, Callable[[Sequence[float]], float]] = {
+            "mean": _mean,
+            "sum": _sum,
+            "median": _median,
+            "worst": min,
+            "quantile": lambda values: quantile(sorted(values), level),
+            "cvar": lambda values: _worst_share(values, level),
+        }
+        aggregate = aggregates[self.options.aggregate]
+        return np.array([aggregate(row) for row in episodes], dtype=np.float64)

@@ -1,0 +1,235 @@
+"""The optimization loop: ask, evaluate, rank, tell, store; the same for a new run and for one that goes on."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swarmwright._backend import Backend, Crews, Progress, Results
+from swarmwright._errors import InputError, RunError
+from swarmwright._experiment import Experiment
+from swarmwright._statistics import Summary, summarize
+from swarmwright._store import Evaluated, StoreReader, StoreWriter
+from swarmwright.methods import Method
+from swarmwright.rankings._base import Fitness, Ranking, best_first
+from swarmwright.representations import Representation
+from swarmwright.representations._base import Genomes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Generation:
+    """How far an optimization is, after a generation."""
+
+    generation: int
+    """Index of the generation, from 0."""
+    generations: int
+    """Generations of the whole run."""
+    best: float
+    """Best fitness in the population."""
+    mean: float
+    """Mean fitness of the population."""
+    best_so_far: float
+    """Best fitness since the start."""
+    failed: int
+    """Candidates of this generation whose evaluation failed."""
+    evaluations: int
+    """Candidates evaluated since the start."""
+    seconds: float
+    """Since the start, or since the run was resumed."""
+    evaluations_per_second: float
+    """In this generation."""
+    seconds_left: float
+    """Estimate for the rest of the budget."""
+    waiting_for: str
+    """What the evaluation waited for last; empty when it waited for nothing."""
+
+
+OnGeneration = Callable[[Generation], bool | None]
+"""Called after each generation; False ends the run."""
+
+
+class Loop:
+    """An optimization from its first generation to its last.
+
+    Args:
+        experiment: as it is run.
+        representation: for its sensors and actuators.
+        store: where every generation goes.
+    """
+
+    def __init__(self, experiment: Experiment, representation: Representation, store: StoreWriter) -> None:
+        self._method: Method = experiment.new_method(representation)
+        self._ranking: Ranking = experiment.new_ranking()
+        self._first_seed = experiment.first_seed
+        self._representation = representation
+        self._store = store
+        self._asked = 0
+        self._evaluations = 0
+        self._leader = -1
+        self._best_so_far = -np.inf
+        self._waiting_for = ""
+        self._started = time.monotonic()
+        self._resumed_at = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the budget is used or the target is reached."""
+        return self._method.done
+
+    def replay(self, reader: StoreReader) -> None:
+        """Go through the generations in a store, without evaluating anything, to where it ends.
+
+        The method is asked and told as it was then, so that it goes on as if nothing had happened. Raises
+        RunError when it asks for other genomes: another version of a library that the method is made of.
+        """
+        for evaluated in reader.generations():
+            if self._method.done:
+                raise InputError(
+                    f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
+                )
+            genomes, seeds = self._ask()
+            results = Results(evaluated.episodes, evaluated.metrics, [])
+            if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
+                raise RunError(_strayed(reader, evaluated.generation))
+            again = self._tell(genomes, seeds, results)
+            if again.fitness.tobytes() != evaluated.fitness.tobytes():
+                raise RunError(_strayed(reader, evaluated.generation))
+        self._resumed_at = self._evaluations
+
+    def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
+        """Go on until the budget is used, the target is reached, a callback says no, or Ctrl-C.
+
+        Return how it ended: done, stopped or interrupted. Raises KeyboardInterrupt when there is no
+        generation to keep, and RunError when evaluations are not possible.
+        """
+        self._started = time.monotonic()
+        try:
+            while not self._method.done:
+                generation = self._generation(backend, on_progress)
+                if on_generation is not None and on_generation(generation) is False:
+                    return "stopped"
+        except KeyboardInterrupt:
+            if not self._evaluations:
+                raise
+            return "interrupted"
+        except RunError as error:
+            done = self._method.generation
+            if done == 0:
+                raise
+            raise RunError(
+                f"{error}; the results of {done} generation{'s' if done > 1 else ''} are kept, and "
+                f"`swarmwright resume {self._store.folder}` goes on from there"
+            ) from error
+        return "done"
+
+    def _generation(self, backend: Backend, on_progress: Progress | None) -> Generation:
+        began = time.monotonic()
+        number = self._method.generation
+        genomes, seeds = self._ask()
+        results = self._evaluate(backend, genomes, seeds, on_progress)
+        with self._kept(number, results.journal):
+            evaluated = self._tell(genomes, seeds, results)
+        self._store.commit(evaluated, results.journal)
+        return self._report(evaluated.summary, time.monotonic() - began, len(genomes))
+
+    @contextmanager
+    def _kept(self, generation: int, journal: list[dict[str, Any]]) -> Iterator[None]:
+        """Keep how it went also when the generation comes to nothing; name the reason."""
+        try:
+            yield
+        except RunError as error:
+            self._store.note(generation, journal)
+            reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
+            raise RunError(f"{error}; the last reason: {reasons[-1]}" if reasons else str(error)) from error
+
+    def _ask(self) -> tuple[Genomes, list[int]]:
+        """Return the genomes to be evaluated in this generation, and on which seeds."""
+        number = self._method.generation
+        genomes = self._method.ask()
+        self._asked = len(genomes)
+        if self._ranking.options.reevaluate:
+            genomes = np.concatenate([genomes, self._method.kept()])
+        return genomes, self._ranking.seeds(self._first_seed, number)
+
+    def _evaluate(
+        self, backend: Backend, genomes: Genomes, seeds: list[int], on_progress: Progress | None
+    ) -> Results:
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self._waiting_for = waiting_for if done < total else ""
+            if on_progress is not None:
+                on_progress(done, total, waiting_for)
+
+        return backend.evaluate(Crews.of(self._representation, genomes), seeds, progress)
+
+    def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Evaluated:
+        """Rank what came out, tell the method, and return what is to be stored."""
+        number = self._method.generation
+        fitness = self._ranking.score(results.fitness, genomes)
+        self._check(fitness, number)
+        kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
+        self._method.tell(fitness[: self._asked], kept)
+        self._lead(fitness)
+        self._evaluations += len(fitness)
+        summary = summarize(
+            self._method.population_fitness,
+            generation=number,
+            evaluations=self._evaluations,
+            best_so_far=self._best_so_far,
+            failed=int(np.isnan(fitness).sum()),
+        )
+        return Evaluated(
+            generation=number,
+            seeds=seeds,
+            genomes=genomes,
+            episodes=results.fitness,
+            metrics=results.metrics,
+            fitness=fitness,
+            summary=summary,
+            leader=self._leader,
+        )
+
+    def _check(self, fitness: Fitness, generation: int) -> None:
+        failed = np.flatnonzero(np.isnan(fitness))
+        if len(failed) == len(fitness):
+            raise RunError(f"every candidate of generation {generation} failed")
+        if len(failed) and self._ranking.options.failed == "stop":
+            raise RunError(
+                f"candidate {failed[0]} of generation {generation} failed, and ranking.failed says stop"
+            )
+
+    def _lead(self, fitness: Fitness) -> None:
+        """Note the best evaluation so far; with re-evaluation, of this generation, which has all that stay."""
+        leader = int(best_first(fitness)[0])
+        value = float(fitness[leader])
+        if value > self._best_so_far or self._ranking.options.reevaluate:
+            self._best_so_far = value
+            self._leader = self._evaluations + leader
+
+    def _report(self, summary: Summary, seconds: float, evaluated: int) -> Generation:
+        elapsed = time.monotonic() - self._started
+        left = 0 if self._method.done else max(self._method.budget - self._method.evaluations, 0)
+        return Generation(
+            generation=summary.generation,
+            generations=self._method.options.generations,
+            best=summary.best,
+            mean=summary.mean,
+            best_so_far=summary.best_so_far,
+            failed=summary.failed,
+            evaluations=summary.evaluations,
+            seconds=elapsed,
+            evaluations_per_second=evaluated / max(seconds, 1e-9),
+            seconds_left=left * elapsed / max(summary.evaluations - self._resumed_at, 1),
+            waiting_for=self._waiting_for,
+        )
+
+
+def _strayed(reader: StoreReader, generation: int) -> str:
+    versions = reader.sessions()[0].versions
+    with_what = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return (
+        f"{reader.file}: the run cannot go on: generation {generation} comes out differently here. It was begun "
+        f"with {with_what}; use these versions, on a machine of the same kind"
+    )

@@ -1,0 +1,163 @@
+"""Opening the store, and what is said when it cannot be used."""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from swarmwright._errors import InputError, RunError
+
+FILE = "run.sqlite"
+"""Name of the store in a run folder."""
+FORMAT = 2
+"""Version of the run folder; 1 had text files only."""
+_APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
+
+_TABLES = """
+CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE generation (
+    generation INTEGER PRIMARY KEY, first INTEGER NOT NULL, seeds TEXT NOT NULL, evaluations INTEGER NOT NULL,
+    best REAL, mean REAL, best_so_far REAL, lower_quartile REAL, median REAL, upper_quartile REAL,
+    failed INTEGER NOT NULL, leader INTEGER NOT NULL, session INTEGER NOT NULL, seconds REAL NOT NULL);
+CREATE TABLE evaluation (
+    number INTEGER PRIMARY KEY, generation INTEGER NOT NULL, candidate INTEGER NOT NULL, fitness REAL,
+    episodes BLOB NOT NULL, metrics BLOB NOT NULL, genome BLOB NOT NULL);
+CREATE TABLE session (
+    session INTEGER PRIMARY KEY, started TEXT NOT NULL, place TEXT NOT NULL, host TEXT NOT NULL,
+    machine TEXT NOT NULL, versions TEXT NOT NULL, seconds REAL, outcome TEXT);
+CREATE TABLE attempt (
+    session INTEGER NOT NULL, generation INTEGER NOT NULL, mode TEXT NOT NULL, candidate INTEGER NOT NULL,
+    candidates INTEGER NOT NULL, episode INTEGER NOT NULL, episodes INTEGER NOT NULL, server INTEGER NOT NULL,
+    attempt INTEGER NOT NULL, steps INTEGER, started REAL NOT NULL, seconds REAL NOT NULL, error TEXT);
+CREATE TABLE event (
+    session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
+"""
+
+
+def create(file: Path) -> sqlite3.Connection:
+    """Return a connection to a new store. Raises InputError when it cannot be created."""
+    with errors(file, InputError):
+        connection = sqlite3.connect(file, isolation_level=None)
+        connection.execute("PRAGMA journal_mode = WAL")
+        _settle(connection)
+        connection.executescript(
+            f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT}; {_TABLES} COMMIT;"
+        )
+    return connection
+
+
+def reopen(file: Path) -> sqlite3.Connection:
+    """Return a connection to write on in a store. Raises InputError when it is none, damaged or read-only."""
+    with errors(file, InputError):
+        connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
+        try:
+            _check(connection, file)
+            connection.execute("PRAGMA journal_mode = WAL")
+            _settle(connection)
+            for (line,) in connection.execute("PRAGMA quick_check(1)"):
+                if line != "ok":
+                    raise InputError(f"{file}: is damaged: {line}")
+            connection.execute("BEGIN IMMEDIATE")
+            connection.execute("ROLLBACK")
+        except BaseException:
+            connection.close()
+            raise
+    return connection
+
+
+@contextmanager
+def reading(file: Path) -> Iterator[sqlite3.Connection]:
+    """Yield a connection that reads a store, also while a run writes it, also in a folder without write access.
+
+    Raises InputError when it is none, damaged, or of another version.
+    """
+    with errors(file, InputError):
+        connection = _connect_to_read(file)
+        try:
+            # One snapshot for all that is read here, whatever is committed meanwhile.
+            connection.execute("BEGIN")
+            yield connection
+        finally:
+            connection.close()
+
+
+def _connect_to_read(file: Path) -> sqlite3.Connection:
+    address = file.absolute().as_uri()
+    connection = sqlite3.connect(f"{address}?mode=ro", uri=True, isolation_level=None)
+    try:
+        _check(connection, file)
+    except sqlite3.OperationalError:
+        # A write-ahead log needs a file beside it. Where none can be made and no log is left, none is needed.
+        connection.close()
+        if file.with_name(f"{file.name}-wal").exists():
+            raise
+        connection = sqlite3.connect(f"{address}?mode=ro&immutable=1", uri=True, isolation_level=None)
+        _check(connection, file)
+    return connection
+
+
+def _check(connection: sqlite3.Connection, file: Path) -> None:
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != _APPLICATION:
+        raise InputError(f"{file}: is no store of a run of Swarmwright's")
+    if version > FORMAT:
+        raise InputError(
+            f"{file}: has format {version}; this version of Swarmwright knows formats up to {FORMAT}: update it"
+        )
+    if version < FORMAT:
+        raise InputError(f"{file}: has format {version}, which this version of Swarmwright no longer reads")
+
+
+def _settle(connection: sqlite3.Connection) -> None:
+    # Survives the end of the process at any moment; a power cut may take the last commits, never the rest.
+    connection.execute("PRAGMA synchronous = NORMAL")
+    connection.execute("PRAGMA busy_timeout = 10000")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection, file: Path) -> Iterator[None]:
+    """Commit all or nothing. Raises RunError when the disk does not take it."""
+    with errors(file, RunError):
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+
+
+@contextmanager
+def errors(file: Path, kind: type[InputError] | type[RunError]) -> Iterator[None]:
+    """Turn SQLite's errors into ours, which say what to do."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise kind(f"{file}: {_reason(error, file)}") from error
+
+
+def _reason(error: sqlite3.Error, file: Path) -> str:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the rest of the number tells details
+    if code in {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR} and _full(file):
+        return "the disk is full; what was written before is kept"
+    reasons = {
+        sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",
+        sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",
+        sqlite3.SQLITE_READONLY: "may not be written by this user",
+        sqlite3.SQLITE_CANTOPEN: "cannot be opened; is the folder there, and may this user write in it?",
+        sqlite3.SQLITE_BUSY: "is being used by another program",
+        sqlite3.SQLITE_CORRUPT: f"is damaged: {error}",
+        sqlite3.SQLITE_NOTADB: "is damaged, or no store of a run: it is no SQLite file",
+    }
+    return reasons.get(code, f"cannot be used: {error}")
+
+
+def _full(file: Path) -> bool:
+    import shutil
+
+    try:
+        return shutil.disk_usage(file.parent).free < 1 << 16
+    except OSError:
+        return False

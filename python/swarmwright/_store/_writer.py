@@ -1,0 +1,286 @@
+"""Writing the store: a generation is there wholly or not at all."""
+
+import fcntl
+import json
+import math
+import os
+import platform
+import socket
+import sqlite3
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright._errors import InputError, RunError
+from swarmwright._experiment import Experiment
+from swarmwright._store._database import FILE, create, errors, reopen, transaction
+from swarmwright._store._reader import best_of
+from swarmwright._store._rows import Evaluated, attempt_row
+from swarmwright.representations import Representation
+
+_LIBRARIES = ("cma", "pymoo", "scipy")  # named in a session when its method loaded them
+_EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
+_GENERATION = f"INSERT INTO generation VALUES ({', '.join('?' * 14)})"
+_ATTEMPT = f"INSERT INTO attempt VALUES ({', '.join('?' * 13)})"
+_EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
+
+
+class StoreWriter:
+    """Writes a run folder's store. A context manager around one session.
+
+    Made by `create` or `resume`. Only one writer is possible at a time.
+    """
+
+    def __init__(self, folder: Path, connection: sqlite3.Connection, lock: IO[bytes]) -> None:
+        self.folder = folder
+        self.file = folder / FILE
+        self._connection = connection
+        self._lock = lock
+        self._session = 0
+        self._started = time.monotonic()
+        self._outcome: str | None = None
+
+    @classmethod
+    def create(cls, folder: Path, experiment: Experiment, metrics: Sequence[str]) -> Self:
+        """Make a run folder with an empty store.
+
+        Args:
+            folder: new or empty.
+            experiment: as it is run, sensors and actuators known.
+            metrics: names, in the order in which they are stored.
+
+        Raises:
+            InputError: the folder cannot be written, or is not empty.
+        """
+        check_folder(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            experiment.save(folder / "experiment.yaml")
+            lock = _locked(folder)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        connection = create(folder / FILE)
+        facts = {
+            "experiment": json.dumps(experiment.to_mapping(), allow_nan=False),
+            "name": experiment.path.stem if experiment.path is not None else experiment.simulation,
+            "metrics": json.dumps(list(metrics)),
+            "created": _now(),
+        }
+        with transaction(connection, folder / FILE):
+            connection.executemany("INSERT INTO fact VALUES (?, ?)", facts.items())
+        return cls(folder, connection, lock)
+
+    @classmethod
+    def resume(cls, folder: Path) -> Self:
+        """Open a run folder to go on with it.
+
+        Raises:
+            InputError: it is no run folder, its store is damaged or may not be written, or another process
+                works on it.
+        """
+        file = folder / FILE
+        if not file.exists():
+            raise InputError(f"{folder}: is no run folder: {FILE} is missing")
+        try:
+            lock = _locked(folder)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be used: {error.strerror}") from error
+        return cls(folder, reopen(file), lock)
+
+    def replace_experiment(self, experiment: Experiment) -> None:
+        """Note a changed experiment: a larger budget."""
+        text = json.dumps(experiment.to_mapping(), allow_nan=False)
+        with transaction(self._connection, self.file):
+            self._connection.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (text,))
+        experiment.save(self.folder / "experiment.yaml")
+
+    def begin(self, place: str) -> None:
+        """Begin a session: note where, when and with what."""
+        self._started = time.monotonic()
+        with transaction(self._connection, self.file):
+            cursor = self._connection.execute(
+                "INSERT INTO session (started, place, host, machine, versions) VALUES (?, ?, ?, ?, ?)",
+                (_now(), place, socket.gethostname(), platform.platform(), json.dumps(_versions())),
+            )
+        self._session = int(cursor.lastrowid or 0)
+
+    def commit(self, evaluated: Evaluated, journal: Iterable[dict[str, Any]]) -> None:
+        """Write a generation and how it was evaluated, wholly or not at all.
+
+        Raises RunError when the disk does not take it; what was written before is kept.
+        """
+        summary, number = evaluated.summary, evaluated.generation
+        first = summary.evaluations - len(evaluated.genomes)
+        with transaction(self._connection, self.file):
+            self._note(number, journal)
+            self._connection.executemany(_EVALUATION, _evaluations(evaluated, first))
+            figures = (summary.best, summary.mean, summary.best_so_far)
+            quartiles = (summary.lower_quartile, summary.median, summary.upper_quartile)
+            self._connection.execute(
+                _GENERATION,
+                (number, first, json.dumps(evaluated.seeds), summary.evaluations, *figures, *quartiles)
+                + (summary.failed, evaluated.leader, self._session, time.monotonic() - self._started),
+            )
+
+    def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
+        """Write how evaluations went that do not count: those of a generation that was broken off."""
+        with transaction(self._connection, self.file):
+            self._note(generation, journal)
+
+    def _note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
+        attempts, events = [], []
+        for entry in journal:
+            if "warning" in entry:
+                events.append((self._session, generation, _now(), "warning", entry["warning"]))
+            else:
+                attempts.append(attempt_row(self._session, generation, entry))
+        self._connection.executemany(_ATTEMPT, attempts)
+        self._connection.executemany(_EVENT, events)
+
+    def conclude(self, outcome: str) -> None:
+        """Say how this session ended: done, interrupted, stopped, or why it failed."""
+        self._outcome = outcome
+
+    def save_best(self, representation: Representation) -> None:
+        """Write best.json, the best controller so far, for programs that want nothing else."""
+        best = best_of(self._connection)
+        if best is None:
+            return
+        values = {
+            "fitness": best.fitness,
+            "generation": best.generation,
+            "candidate": best.candidate,
+            "controller": representation.specification(best.genome),
+        }
+        target, temporary = self.folder / "best.json", self.folder / "best.json.new"
+        try:
+            temporary.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            temporary.replace(target)
+        except OSError as error:
+            raise RunError(
+                f"{target}: cannot be written: {error.strerror}; the evaluations are kept in {self.file}"
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        if self._outcome is None and kind is not None:
+            self._outcome = "interrupted" if kind is KeyboardInterrupt else str(error) or kind.__name__
+        try:
+            if self._session:
+                with transaction(self._connection, self.file):
+                    self._connection.execute(
+                        "UPDATE session SET seconds = ?, outcome = ? WHERE session = ?",
+                        (time.monotonic() - self._started, self._outcome, self._session),
+                    )
+            # The log becomes part of the file, so that the folder can be copied and read anywhere.
+            with errors(self.file, RunError):
+                self._connection.execute("PRAGMA busy_timeout = 100")
+                self._connection.execute("PRAGMA journal_mode = DELETE")
+        except RunError:
+            # A full disk has been told of already; a reader that is there keeps the log, which does no harm.
+            if kind is None and _disk_refuses(self._connection):
+                raise
+        finally:
+            self._connection.close()
+            self._lock.close()
+
+
+def check_folder(folder: Path) -> None:
+    """Raise InputError unless `folder` is new or empty: results are never written over."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder for the results")
+    try:
+        if (folder / FILE).exists():
+            raise InputError(
+                f"{folder}: holds a run already, and results are never written over; name another folder, "
+                f"or go on with that run: swarmwright resume {folder}"
+            )
+        if folder.is_dir() and any(folder.iterdir()):
+            raise InputError(
+                f"{folder}: is not empty, and results are never written over; name another folder"
+            )
+        parent = next(above for above in (folder, *folder.absolute().parents) if above.exists())
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be used for results: {error.strerror}") from error
+    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+        raise InputError(f"{folder}: cannot be created: no right to write in {parent}")
+
+
+def is_locked(folder: Path) -> bool:
+    """Whether a process works on the run now."""
+    try:
+        _locked(folder).close()
+    except InputError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _locked(folder: Path) -> IO[bytes]:
+    """Return the open file by which a run is reserved; the system frees it when the process ends in any way.
+
+    It is the experiment, not the store: closing a second handle on that would free SQLite's own locks.
+    """
+    file = (folder / "experiment.yaml").open("rb")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise InputError(f"{folder}: another process works on this run; wait for it, or stop it") from None
+    return file
+
+
+def _evaluations(evaluated: Evaluated, first: int) -> Iterable[tuple[Any, ...]]:
+    genomes = np.ascontiguousarray(evaluated.genomes, dtype="<f4")
+    episodes = np.ascontiguousarray(evaluated.episodes, dtype="<f8")
+    metrics = np.ascontiguousarray(evaluated.metrics, dtype="<f8")
+    for index, fitness in enumerate(evaluated.fitness.tolist()):
+        yield (
+            first + index,
+            evaluated.generation,
+            index,
+            None if math.isnan(fitness) else fitness,
+            episodes[index].tobytes(),
+            metrics[index].tobytes(),
+            genomes[index].tobytes(),
+        )
+
+
+def _disk_refuses(connection: sqlite3.Connection) -> bool:
+    try:
+        connection.execute("BEGIN IMMEDIATE")
+        connection.execute("ROLLBACK")
+    except sqlite3.Error:
+        return True
+    return False
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import version
+
+    versions = {
+        "swarmwright": _engine.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "sqlite": sqlite3.sqlite_version,
+    }
+    for library in _LIBRARIES:
+        if library in sys.modules:
+            versions[library] = version(library)
+    return versions

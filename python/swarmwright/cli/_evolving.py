@@ -1,0 +1,108 @@
+"""What `optimize` and `resume` have in common: showing how it goes, and what came out."""
+
+import shlex
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from swarmwright.cli._output import Output
+from swarmwright.cli._progress import Progress, duration, progress
+from swarmwright.cli._signals import INTERRUPTED, check
+
+if TYPE_CHECKING:
+    from swarmwright import Generation, Run
+    from swarmwright._backend import Progress as OnProgress
+    from swarmwright._loop import OnGeneration
+
+FILES = {
+    "best.json": "the best controller",
+    "fitness.png": "fitness over generations, a plot",
+    "run.sqlite": "every evaluation, and how it came about",
+    "experiment.yaml": "the experiment with every default written out",
+}
+
+
+def evolve(output: Output, generations: int, work: "Callable[[OnGeneration, OnProgress], Run]") -> int:
+    """Do the work, show how it goes and what came out; the exit status.
+
+    Args:
+        output: where it is shown.
+        generations: of the whole run.
+        work: gets what is called after each generation, and what is called within.
+    """
+    reader = Reader()
+    with progress(output, generations) as shown:
+        run = work(lambda generation: reader.show(shown, generation), shown.evaluating)
+    if not reader.gone:
+        _conclude(output, run)
+    return INTERRUPTED if run.interrupted or reader.gone else 0
+
+
+class Reader:
+    """Whoever reads the output; once gone (`| head`), the run ends with its results kept."""
+
+    def __init__(self) -> None:
+        self.gone = False
+
+    def show(self, progress: Progress, generation: "Generation") -> bool:
+        """Show a generation; whether to go on."""
+        check()
+        try:
+            progress.generation(generation)
+        except BrokenPipeError:
+            self.gone = True
+        return not self.gone
+
+
+def _conclude(output: Output, run: "Run") -> None:
+    """Say what came out, where everything is, and what to do next."""
+    from swarmwright import _engine
+
+    if not run.generations:
+        output.text(
+            f"Interrupted before the first generation was evaluated; {run.path} holds the experiment."
+        )
+        return
+    best = run.best
+    output.json(
+        {
+            "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
+            "evaluations": run.evaluations,
+            "generations": run.generations,
+            "seconds": run.seconds,
+            "run": str(run.path),
+        }
+    )
+    if run.interrupted:
+        output.text("Interrupted; the results so far are kept. Go on with:")
+        output.text(f"  {program()} resume {shlex.quote(str(run.path))}")
+    rate = run.evaluations / max(run.seconds, 1e-3)
+    whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
+    output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
+    output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
+    output.text()
+    output.text(f"Everything is in {run.path}:")
+    for name, meaning in FILES.items():
+        if (run.path / name).exists():
+            output.text(f"  {name:<16} {meaning}")
+    output.text()
+    output.text("See the best controller at work:")
+    folder = shlex.quote(str(run.path))
+    if run.experiment.simulation in _engine.simulations():
+        output.text(f"  {program()} replay {folder}")
+        output.text(f"  {program()} replay {folder} --save best.gif")
+    else:
+        file = shlex.quote(str(run.path / "experiment.yaml"))
+        output.text(f"  {program()} simulate {file} --controller {folder} --visual")
+
+
+def program() -> str:
+    """How this program is called from where the person is."""
+    if shutil.which("swarmwright"):
+        return "swarmwright"
+    own = Path(sys.argv[0])
+    if own.name != "swarmwright":
+        return f"{shlex.quote(sys.executable)} -m swarmwright"
+    return shlex.quote(str(own.relative_to(Path.cwd()) if own.is_relative_to(Path.cwd()) else own))

@@ -1,0 +1,155 @@
+"""What the commands of `swarmwright runs` show."""
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.cli._output import Output
+from swarmwright.cli._progress import duration
+
+if TYPE_CHECKING:
+    from swarmwright import Run
+
+OURS = (
+    "run.sqlite",
+    "run.sqlite-wal",
+    "run.sqlite-shm",
+    "run.sqlite-journal",
+    "experiment.yaml",
+    "best.json",
+    "best.json.new",
+    "fitness.png",
+)
+"""Files that a run writes into its folder."""
+_WARNINGS = 10  # shown at most
+
+
+def facts_of(run: "Run") -> dict[str, Any]:
+    """Return what a line of the list says."""
+    experiment = run.experiment
+    return {
+        "run": str(run.path),
+        "state": run.state,
+        "simulation": experiment.simulation,
+        "controller": experiment.controller.kind,
+        "method": experiment.method.kind,  # type: ignore[attr-defined] # every kind's options have it
+        "seed": experiment.seed,
+        "generations": run.generations,
+        "of": experiment.generations,
+        "evaluations": run.evaluations,
+        "best": run.history[-1].best_so_far if run.history else None,
+        "seconds": run.seconds,
+        "created": run.created,
+    }
+
+
+def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
+    """Print a line per run, aligned; columns as wide as they need to be."""
+    heading = ("run", "state", "simulation", "method", "seed", "generations", "best", "created")
+    rows = [
+        (
+            facts["run"],
+            facts["state"],
+            facts["simulation"],
+            facts["method"],
+            str(facts["seed"]),
+            f"{facts['generations']}/{facts['of']}",
+            "-" if facts["best"] is None else f"{facts['best']:.6g}",
+            facts["created"][:16].replace("T", " "),
+        )
+        for facts in runs
+    ]
+    widths = [max(len(row[column]) for row in (heading, *rows)) for column in range(len(heading))]
+    for row in (heading, *rows):
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        output.text("  ".join(cells).rstrip())
+
+
+def describe(output: Output, run: "Run") -> None:
+    """Print everything worth knowing of a run."""
+    facts = facts_of(run)
+    servers = _servers(run)
+    sessions = [vars(session) for session in run.sessions]
+    warnings = [vars(event) for event in run.events()]
+    best = None
+    if run.generations:
+        best = {
+            "fitness": run.best.fitness,
+            "generation": run.best.generation,
+            "candidate": run.best.candidate,
+        }
+    output.json(
+        facts
+        | {
+            "best": best,
+            "digest": run.digest,
+            "servers": servers,
+            "sessions": sessions,
+            "warnings": warnings,
+        }
+    )
+    if output.as_json:
+        return
+    output.text(f"{run.path}: {facts['state']}")
+    output.text(f"  {facts['simulation']}, {facts['controller']} by {facts['method']}, seed {facts['seed']}")
+    output.text(
+        f"  {run.generations} of {facts['of']} generations, {run.evaluations} evaluations, "
+        f"{duration(run.seconds)}"
+    )
+    if best is not None:
+        output.text(
+            f"  best {best['fitness']:.6g} (generation {best['generation']}, candidate {best['candidate']})"
+        )
+    output.text(f"  record SHA-256 {run.digest}")
+    for session in run.sessions:
+        took = "?" if session.seconds is None else duration(session.seconds)
+        output.text()
+        output.text(f"session {session.session}: {session.started}, {took}, {session.outcome or run.state}")
+        output.text(f"  {session.place}, on {session.host} ({session.machine})")
+        output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
+    if servers:
+        output.text()
+    for server in servers:
+        failed = f", {server['failed']} attempts failed" if server["failed"] else ""
+        output.text(
+            f"server {server['server']}: {server['evaluations']} episodes, "
+            f"busy for {duration(server['seconds'])}{failed}"
+        )
+    if warnings:
+        output.text()
+    for event in warnings[:_WARNINGS]:
+        output.text(f"{event['time']} generation {event['generation']}: {event['text']}")
+    if len(warnings) > _WARNINGS:
+        output.text(f".. and {len(warnings) - _WARNINGS} more: --json shows all")
+
+
+def _servers(run: "Run") -> list[dict[str, Any]]:
+    evaluations: Counter[int] = Counter()
+    failed: Counter[int] = Counter()
+    seconds: dict[int, list[float]] = {}
+    for attempt in run.attempts():
+        seconds.setdefault(attempt.server, []).append(attempt.seconds)
+        if attempt.error is None:
+            evaluations[attempt.server] += attempt.candidates * attempt.episodes
+        else:
+            failed[attempt.server] += 1
+    return [
+        {
+            "server": server,
+            "evaluations": evaluations[server],
+            "failed": failed[server],
+            "seconds": math.fsum(seconds[server]),
+        }
+        for server in sorted(seconds)
+    ]
+
+
+def delete_run(folder: Path) -> list[str]:
+    """Delete what a run wrote; return the names of what else is in the folder, which stays."""
+    for name in OURS:
+        (folder / name).unlink(missing_ok=True)
+    left = sorted(entry.name for entry in folder.iterdir())
+    if not left:
+        folder.rmdir()
+    return left

@@ -1,0 +1,63 @@
+"""`swarmwright resume`: go on with a run."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._evolving import evolve
+from swarmwright.cli._options import (
+    ExistingPath,
+    Servers,
+    broker_option,
+    experiment_broker,
+    json_option,
+    servers_option,
+)
+from swarmwright.cli._output import Output, show_warnings
+
+
+@click.command(
+    "resume",
+    cls=Command,
+    example="swarmwright resume runs/minisim-1\nswarmwright resume runs/minisim-1 --generations 500",
+)
+@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@broker_option(default=None, text="Use the servers on this broker. Default: as the run was started.")
+@servers_option
+@click.option(
+    "--generations",
+    type=click.IntRange(min=1),
+    metavar="G",
+    help="A larger budget than the experiment's; prolongs finished runs, too.",
+)
+@json_option
+def command(
+    run: Path, broker: str | None, servers: Servers | None, generations: int | None, as_json: bool
+) -> int:
+    """Go on with RUN where it was interrupted, killed, or failed.
+
+    What comes out is what an undisturbed run gives, to the bit. A finished RUN is left as it is.
+    """
+    from swarmwright import Run, resume
+
+    output = Output(as_json=as_json)
+    show_warnings()
+    opened = Run.open(run)
+    experiment = opened.experiment
+    wanted = servers if servers is not None else experiment.servers
+    broker = experiment_broker(broker, experiment.broker, wanted)
+    if opened.state == "done" and not generations:
+        output.text(f"{run} is finished: there is nothing left to do.")
+    return evolve(
+        output,
+        generations or experiment.generations,
+        lambda on_generation, on_progress: resume(
+            opened,
+            on_generation,
+            generations=generations,
+            on_progress=on_progress,
+            broker=broker,
+            servers=servers,
+        ),
+    )
