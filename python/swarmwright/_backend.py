@@ -44,6 +44,18 @@ class Crews:
         return cls(architecture, np.ascontiguousarray(representation.weights(genomes), dtype=np.float32))
 
 
+@dataclass(frozen=True)
+class Results:
+    """What came out of evaluations, in the order of candidates and episodes."""
+
+    fitness: NDArray[np.float64]
+    """(candidates, episodes), NaN where the evaluation failed."""
+    metrics: NDArray[np.float64]
+    """(candidates, episodes, metrics that were asked for), NaN where the evaluation failed."""
+    journal: list[dict[str, Any]]
+    """An entry per attempt at one evaluation or at a block of them, and per warning."""
+
+
 class Backend(Protocol):
     """Evaluates controllers."""
 
@@ -52,10 +64,8 @@ class Backend(Protocol):
     description: str
     """Where the work is done, for people and the journal."""
 
-    def evaluate(
-        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness, NaN where it failed, and a journal entry per attempt."""
+    def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Run every controller in an episode of every seed."""
 
 
 @contextmanager
@@ -183,10 +193,8 @@ class LocalBackend:
         self._simulation = experiment.simulation
         self._parameters = json.dumps(experiment.parameters, allow_nan=False)
 
-    def evaluate(
-        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness; the journal is empty, nothing can go wrong on the way."""
+    def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results; the journal is empty, nothing can go wrong on the way."""
         with engine_errors():
             fitness = _engine.evaluate(
                 self._simulation,
@@ -196,7 +204,7 @@ class LocalBackend:
                 list(seeds),
                 on_progress,
             )
-        return fitness, []
+        return Results(fitness, np.empty((*fitness.shape, 0)), [])
 
 
 class BrokerBackend:
@@ -220,10 +228,8 @@ class BrokerBackend:
             hint = "" if title in known else did_you_mean(title, known)
             raise RunError(f"{error}{hint}") from error
 
-    def evaluate(
-        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
-        """Return (candidates, episodes) fitness, NaN where it failed, and the journal."""
+    def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results, NaN where it failed, and what the pool did for them."""
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()
@@ -232,7 +238,8 @@ class BrokerBackend:
         with engine_errors():
             fitness, journal = self._pool.evaluate(crews.architecture, crews.weights, list(seeds), progress)
         self._check_servers()
-        return fitness, [json.loads(line) for line in journal.splitlines() if line.strip()]
+        entries = [json.loads(line) for line in journal.splitlines() if line.strip()]
+        return Results(fitness, np.empty((*fitness.shape, 0)), entries)
 
     def _check_servers(self) -> None:
         if self._servers is not None:

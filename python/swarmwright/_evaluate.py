@@ -50,8 +50,8 @@ def evaluate(
             return np.empty(0)
         ranking = experiment.new_ranking()
         seeds = ranking.seeds(experiment.first_seed)
-        episodes, _ = backend.evaluate(Crews.of(representation, rows), seeds, on_progress or _silent)
-    return ranking.score(episodes)
+        results = backend.evaluate(Crews.of(representation, rows), seeds, on_progress or _silent)
+    return ranking.score(results.fitness)
 
 
 def simulate(
@@ -90,10 +90,11 @@ def simulate(
             _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
             crews = Crews(controller.json, weights)
-        episodes, journal = backend.evaluate(crews, [experiment.first_seed], on_progress or _silent)
-    if not np.isfinite(episodes[0, 0]):
-        raise RunError(_reason(journal))
-    return float(episodes[0, 0]) + 0.0
+        results = backend.evaluate(crews, [experiment.first_seed], on_progress or _silent)
+    fitness = float(results.fitness[0, 0])
+    if not np.isfinite(fitness):
+        raise RunError(_reason(results.journal))
+    return fitness + 0.0
 
 
 def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmwright._backend import Backend, Crews, Progress, Servers, open_backend
+from swarmwright._backend import Backend, Crews, Progress, Results, Servers, open_backend
 from swarmwright._errors import RunError
 from swarmwright._experiment import Experiment
 from swarmwright._plot import prepare
@@ -172,14 +171,14 @@ class _Loop:
         began = self._seconds()
         number = self._method.generation
         genomes = self._method.ask()
-        episodes, journal = self._evaluate(genomes, on_progress)
+        results = self._evaluate(genomes, on_progress)
         self._record.journal(
             {"event": "warning" if "warning" in entry else "episode", "generation": number, **entry}
-            for entry in journal
+            for entry in results.journal
         )
-        fitness = self._ranking.score(episodes)
+        fitness = self._ranking.score(results.fitness)
         if not np.isfinite(fitness).any():
-            raise RunError(_all_failed(number, journal))
+            raise RunError(_all_failed(number, results.journal))
         self._method.tell(fitness)
         leader = self._lead(genomes, fitness, number)
         summary = summarize(
@@ -189,12 +188,10 @@ class _Loop:
             best_so_far=self._best_so_far,
             failed=int(np.isnan(fitness).sum()),
         )
-        self._record.generation(summary, genomes, fitness, episodes, leader)
+        self._record.generation(summary, genomes, fitness, results.fitness, leader)
         return self._report(summary, self._seconds() - began, len(genomes))
 
-    def _evaluate(
-        self, genomes: Genomes, on_progress: Progress | None
-    ) -> tuple[NDArray[np.float64], list[dict[str, Any]]]:
+    def _evaluate(self, genomes: Genomes, on_progress: Progress | None) -> Results:
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._waiting_for = waiting_for if done < total else ""
             if on_progress is not None:
