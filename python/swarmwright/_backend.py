@@ -46,14 +46,14 @@ class Crews:
 
 @dataclass(frozen=True)
 class Results:
-    """What came out of evaluating controllers."""
+    """What came out of evaluations, in the order of candidates and episodes."""
 
     fitness: NDArray[np.float64]
-    """(candidates, episodes), NaN where an episode failed."""
+    """(candidates, episodes), NaN where the evaluation failed."""
     metrics: NDArray[np.float64]
-    """(candidates, episodes, metrics) as the experiment names them; (.., 0) without."""
+    """(candidates, episodes, metrics that were asked for), NaN where the evaluation failed."""
     journal: list[dict[str, Any]]
-    """An entry per attempt and warning."""
+    """An entry per attempt at one evaluation or at a block of them, and per warning."""
 
 
 class Backend(Protocol):
@@ -64,10 +64,8 @@ class Backend(Protocol):
     description: str
     """Where the work is done, for people and the journal."""
 
-    def evaluate(
-        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> Results:
-        """Evaluate each controller in an episode of each seed."""
+    def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Run every controller in an episode of every seed."""
 
 
 @contextmanager
@@ -195,10 +193,8 @@ class LocalBackend:
         self._simulation = experiment.simulation
         self._parameters = json.dumps(experiment.parameters, allow_nan=False)
 
-    def evaluate(
-        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> Results:
-        """Evaluate; the journal is empty, nothing can go wrong on the way."""
+    def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results; the journal is empty, nothing can go wrong on the way."""
         with engine_errors():
             fitness = _engine.evaluate(
                 self._simulation,
@@ -208,7 +204,7 @@ class LocalBackend:
                 list(seeds),
                 on_progress,
             )
-        return Results(fitness, _no_metrics(fitness), [])
+        return Results(fitness, np.empty((*fitness.shape, 0)), [])
 
 
 class BrokerBackend:
@@ -232,10 +228,8 @@ class BrokerBackend:
             hint = "" if title in known else did_you_mean(title, known)
             raise RunError(f"{error}{hint}") from error
 
-    def evaluate(
-        self, crews: Crews, seeds: Sequence[int], on_progress: Progress
-    ) -> Results:
-        """Evaluate on the servers that there are."""
+    def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results, NaN where it failed, and what the pool did for them."""
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()
@@ -245,12 +239,8 @@ class BrokerBackend:
             fitness, journal = self._pool.evaluate(crews.architecture, crews.weights, list(seeds), progress)
         self._check_servers()
         entries = [json.loads(line) for line in journal.splitlines() if line.strip()]
-        return Results(fitness, _no_metrics(fitness), entries)
+        return Results(fitness, np.empty((*fitness.shape, 0)), entries)
 
     def _check_servers(self) -> None:
         if self._servers is not None:
             self._servers.check()
-
-
-def _no_metrics(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.empty((*fitness.shape, 0))

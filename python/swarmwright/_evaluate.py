@@ -91,9 +91,10 @@ def simulate(
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
             crews = Crews(controller.json, weights)
         results = backend.evaluate(crews, [experiment.first_seed], on_progress or _silent)
-    if not np.isfinite(results.fitness[0, 0]):
+    fitness = float(results.fitness[0, 0])
+    if not np.isfinite(fitness):
         raise RunError(_reason(results.journal))
-    return float(results.fitness[0, 0]) + 0.0
+    return fitness + 0.0
 
 
 def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:

@@ -3,9 +3,9 @@
 from swarmwright._options import Options
 from swarmwright._random import Stream
 from swarmwright._registry import Registry
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.representations._base import Genome, Genomes, Limits, Representation
 
-__all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Options", "Representation", "Stream"]
+__all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Limits", "Options", "Representation", "Stream"]
 
 REPRESENTATIONS: Registry[Representation] = Registry(
     "controller",

@@ -13,6 +13,8 @@ Genome = NDArray[np.float32]
 """One genome: float32, shape (genome_size,)."""
 Genomes = NDArray[np.float32]
 """Several genomes: float32, shape (candidates, genome_size)."""
+Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""A lower and an upper limit for each gene: float64, shape (genome_size,) each."""
 
 
 class Representation(ABC):
@@ -34,6 +36,10 @@ class Representation(ABC):
     """Name in experiment files."""
     options_model: ClassVar[type[Options]]
     """Typed options, with `kind` among them."""
+    continuous: ClassVar[bool] = True
+    """Whether genes are numbers to compute with: any value within `bounds` is a gene, and a small step makes
+    a similar controller. False for genes that are choices, such as the entries of a table: methods that add
+    and scale genes refuse such a representation."""
 
     def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
         self.options = options
@@ -44,6 +50,25 @@ class Representation(ABC):
     @abstractmethod
     def genome_size(self) -> int:
         """Number of genes."""
+
+    @property
+    def bounds(self) -> Limits:
+        """Lowest and highest value of each gene, float32 numbers; -inf and inf where there is none.
+
+        Default: none. `initial`, `mutate` and `crossover` stay within, and so does every method.
+        """
+        return np.full(self.genome_size, -np.inf), np.full(self.genome_size, np.inf)
+
+    @property
+    def initial_range(self) -> Limits:
+        """Between which values each gene of `initial` lies: finite, within `bounds`, the lower one smaller.
+
+        Methods that need a center and a size of steps take them from here. Default: the bounds; -1 to 1 for a
+        gene that lacks one.
+        """
+        lower, upper = self.bounds
+        bounded = np.isfinite(lower) & np.isfinite(upper)
+        return np.where(bounded, lower, -1.0), np.where(bounded, upper, 1.0)
 
     @abstractmethod
     def architecture(self) -> dict[str, Any]:

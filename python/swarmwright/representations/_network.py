@@ -10,7 +10,7 @@ from pydantic import Field
 
 from swarmwright._options import Options
 from swarmwright._random import Stream
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.representations._base import Genome, Genomes, Limits, Representation
 
 _SHARE = 0.2
 _LEAST = 0.1
@@ -64,6 +64,11 @@ class NodeNetwork(Representation):
     def genome_size(self) -> int:
         """Number of genes: a bias for each node and its weights."""
         return int(self._starts[-1])
+
+    @property
+    def initial_range(self) -> Limits:
+        """The +-range of each gene."""
+        return -self._ranges, self._ranges.copy()
 
     def initial(self, stream: Stream) -> Genome:
         """Return a genome uniform in +-range."""

@@ -16,6 +16,7 @@ def check_representation(kind: str) -> None:
     check_options(REPRESENTATIONS, kind)
     for sensors, actuators in SHAPES:
         subject = representation(kind, sensors=sensors, actuators=actuators)
+        _check_limits(subject)
         _check_initial(subject)
         _check_specification(subject)
         _check_mutation(subject)
@@ -31,6 +32,28 @@ def _is_genome(subject: Representation, genome: Genome, what: str) -> None:
     assert genome.dtype == np.float32, f"{what} returns {genome.dtype}, not float32"
     assert genome.shape == (subject.genome_size,), f"{what} returns the shape {genome.shape}"
     assert np.isfinite(genome).all(), f"{what} returns numbers that are not finite"
+    lower, upper = subject.bounds
+    assert ((lower <= genome) & (genome <= upper)).all(), f"{what} returns genes outside of bounds"
+
+
+def _check_limits(subject: Representation) -> None:
+    assert isinstance(subject.continuous, bool)
+    for name in ("bounds", "initial_range"):
+        lower, upper = getattr(subject, name)
+        for limit in (lower, upper):
+            assert limit.dtype == np.float64, f"{name} holds {limit.dtype}, not float64"
+            assert limit.shape == (subject.genome_size,), f"{name} holds the shape {limit.shape}"
+        assert (lower < upper).all(), f"{name}: the lower limit must be smaller than the upper one"
+    first, last = subject.initial_range
+    lowest, highest = subject.bounds
+    for limit in (lowest, highest):
+        assert (limit.astype(np.float32) == limit).all(), "bounds must be float32 numbers"
+    assert (np.isfinite(first) & np.isfinite(last)).all(), "initial_range must be finite"
+    assert ((lowest <= first) & (last <= highest)).all(), "initial_range must be within bounds"
+    # Genes are rounded to float32, the range is not.
+    edge = 1e-6 * (last - first)
+    for genome in _genomes(subject, 20):
+        assert ((first - edge <= genome) & (genome <= last + edge)).all(), "initial leaves initial_range"
 
 
 def _check_initial(subject: Representation) -> None:
@@ -73,6 +96,7 @@ def _check_mutation(subject: Representation) -> None:
     assert genome.tobytes() == before, "mutate must not change its argument"
     assert changed.tobytes() == mutant(0.3, 1.0).tobytes(), "mutate must depend on the stream alone"
     assert changed.tobytes() != before, "mutate with probability 1 must change something"
+    _is_genome(subject, mutant(100.0, 1.0), "mutate")
     assert mutant(0.3, 0.0).tobytes() == before, "mutate with probability 0 must change nothing"
 
 
