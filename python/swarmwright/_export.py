@@ -31,7 +31,10 @@ def write_table(store: StoreReader, path: Path) -> None:
 
 
 def csv_lines(store: StoreReader) -> Iterator[str]:
-    """Yield the header and a line per evaluation; numbers as the shortest decimals that read back the same."""
+    """Yield the header and a line per evaluation.
+
+    Numbers are the shortest decimals that read back as the same.
+    """
     metrics = store.metrics
     empty = True
     for part in store.rows():

@@ -1,4 +1,7 @@
-"""The optimization loop: ask, evaluate, rank, tell, store; the same for a new run and for one that goes on."""
+"""The optimization loop: ask, evaluate, rank, tell, store.
+
+A run that goes on takes the same way through what is stored as a new one through evaluations.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -201,7 +204,7 @@ class Loop:
             )
 
     def _lead(self, fitness: Fitness) -> None:
-        """Note the best evaluation so far; with re-evaluation, of this generation, which has all that stay."""
+        """Note the best evaluation so far; with re-evaluation, of this generation."""
         leader = int(best_first(fitness)[0])
         value = float(fitness[leader])
         if value > self._best_so_far or self._ranking.options.reevaluate:
@@ -230,6 +233,6 @@ def _strayed(reader: StoreReader, generation: int) -> str:
     versions = reader.sessions()[0].versions
     with_what = ", ".join(f"{name} {version}" for name, version in versions.items())
     return (
-        f"{reader.file}: the run cannot go on: generation {generation} comes out differently here. It was begun "
-        f"with {with_what}; use these versions, on a machine of the same kind"
+        f"{reader.file}: the run cannot go on: generation {generation} comes out differently here. It was "
+        f"begun with {with_what}; use these versions, on a machine of the same kind"
     )

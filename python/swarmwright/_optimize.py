@@ -2,11 +2,11 @@
 
 import dataclasses
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from swarmwright._backend import Backend, Progress, Servers, open_backend
-from swarmwright._errors import InputError
+from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
 from swarmwright._folders import default_folder
 from swarmwright._loop import Generation, Loop, OnGeneration
@@ -128,15 +128,18 @@ def _run(
     threading.Thread(target=prepare, daemon=True).start()
     try:
         store.conclude(loop.run(backend, on_generation, on_progress))
-    finally:
-        store.save_best(representation)
+    except BaseException:
+        with suppress(RunError):  # what broke the run says more than what follows from it
+            store.save_best(representation)
+        raise
+    store.save_best(representation)
 
 
 def _with_budget(experiment: Experiment, generations: int) -> Experiment:
     if generations < experiment.generations:
         raise InputError(
-            f"generations: {generations} is less than the experiment's {experiment.generations}; a run can be "
-            "prolonged, not cut"
+            f"generations: {generations} is less than the experiment's {experiment.generations}; "
+            "a run can be prolonged, not cut"
         )
     return experiment.replace(method={"generations": generations})
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
@@ -119,12 +119,11 @@ class Run:
         """
         from swarmwright._store._writer import is_locked
 
-        outcome = self.sessions[-1].outcome if self.sessions else None
+        outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:
             return "running" if is_locked(self.path) else "killed"
-        if outcome == "done" or outcome == "stopped" or outcome == "interrupted":
-            return outcome
-        return "failed"
+        state: State = outcome if outcome in get_args(State) else "failed"
+        return state
 
     @property
     def interrupted(self) -> bool:
@@ -189,7 +188,7 @@ class Run:
         write_table(self.store, Path(path))
 
     def plot(self, path: str | Path | None = None) -> Path:
-        """Draw fitness over generations as a PNG (default: fitness.png in the run folder); return its path."""
+        """Draw fitness over generations as a PNG; return its path, by default fitness.png in the folder."""
         from swarmwright._plot import draw
 
         target = self.path / "fitness.png" if path is None else Path(path)

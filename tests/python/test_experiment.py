@@ -57,7 +57,7 @@ def test_only_the_simulation_is_required() -> None:
         ("controller: {kind: [1]}\n", "my.yaml:2: controller.kind: must be text, not [1]"),
         (
             "ranking: {aggregate: meen}\n",
-            "my.yaml:2: ranking.aggregate: must be one of mean, sum, median, worst, not 'meen'; did you mean 'mean'?",
+            "my.yaml:2: ranking.aggregate: must be one of mean, sum, median, worst, quantile, cvar, not 'meen'; did you mean 'mean'?",
         ),
         ("method: {population: '50'}\n", "my.yaml:2: method.population: must be an integer, not '50'"),
         ("method: {population: 50.5}\n", "my.yaml:2: method.population: must be an integer, not 50.5"),

@@ -11,9 +11,9 @@ import pytest
 from swarmwright import Experiment, Run, RunError, _engine, evaluate, optimize
 from swarmwright._engine import InputError
 from swarmwright._random import Stream
+from tests.python.records import same_record
 
 MODES = ("stepwise", "batched", "offloaded")
-RECORD = ("record.csv", "generations.csv", "best.json")
 EXPERIMENTS: dict[str, dict[str, Any]] = {
     "minisim": {
         "simulation": "minisim",
@@ -52,17 +52,16 @@ def test_the_record_is_the_same_bytes(mode: str, servers: int, expected: Run, tm
     run = optimize(
         experiment(expected.experiment.simulation, mode=mode), servers=servers, out=tmp_path / "run"
     )
-    for name in RECORD:
-        assert (run.path / name).read_bytes() == (expected.path / name).read_bytes(), name
-    entries = [entry for entry in run.journal() if entry["event"] == "episode"]
+    same_record(run, expected)
+    entries = [vars(attempt) for attempt in run.attempts()]
     assert {entry["mode"] for entry in entries} == {mode}
     assert sum(entry["candidates"] * entry["episodes"] for entry in entries) == run.evaluations * 3
-    assert all(("steps" in entry) == (mode != "offloaded") for entry in entries)
+    assert all((entry["steps"] is not None) == (mode != "offloaded") for entry in entries)
 
 
 def test_of_each_server_the_fastest_way_is_used(tmp_path: Path) -> None:
     run = optimize(experiment("minisim"), servers=2, out=tmp_path / "run")
-    assert {entry["mode"] for entry in run.journal() if entry["event"] == "episode"} == {"offloaded"}
+    assert {attempt.mode for attempt in run.attempts()} == {"offloaded"}
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -141,7 +140,7 @@ def test_a_seed_only_server_is_stepped_and_unfit_for_any_other_mode(
     with foreign(any_broker, "line") as plain:
         run = optimize(line, broker=any_broker, out=tmp_path / "run")
         assert plain.episodes == 6
-        assert {entry["mode"] for entry in run.journal() if entry["event"] == "episode"} == {"stepwise"}
+        assert {attempt.mode for attempt in run.attempts()} == {"stepwise"}
         for mode in ("batched", "offloaded"):
             named = line.replace(mode=mode, timeouts={"discovery": 0.5})
             with pytest.raises(RunError, match=f"server 77: does not offer mode {mode}"):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, evaluate, optimize, simulate
+from tests.python.records import same_record
 
 SMALL: dict[str, Any] = {
     "simulation": "minisim",
@@ -41,29 +42,25 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return optimize(small(), servers="local", out=tmp_path_factory.mktemp("local") / "run")
 
 
-RECORD = ("record.csv", "generations.csv", "best.json", "experiment.yaml")
-
-
 @pytest.mark.parametrize("servers", [1, 2, 8])
 def test_the_record_is_the_same_bytes_on_any_number_of_servers(
     servers: int, any_broker: str, expected: Run, tmp_path: Path
 ) -> None:
     run = optimize(small(), broker=any_broker, servers=servers, out=tmp_path / "run")
-    for name in RECORD:
-        assert (run.path / name).read_bytes() == (expected.path / name).read_bytes(), name
-    episodes = [entry for entry in run.journal() if entry["event"] == "episode"]
+    same_record(run, expected)
+    episodes = [vars(attempt) for attempt in run.attempts()]
     assert sum(entry["candidates"] * entry["episodes"] for entry in episodes) >= run.evaluations
     assert 1 <= len({entry["server"] for entry in episodes}) <= servers
 
 
 def test_without_a_broker_one_is_started(expected: Run, tmp_path: Path) -> None:
     run = optimize(small(), servers=2, out=tmp_path / "run")
-    assert (run.path / "record.csv").read_bytes() == (expected.path / "record.csv").read_bytes()
+    assert run.digest == expected.digest
 
 
 def test_another_seed_is_another_run(expected: Run, tmp_path: Path) -> None:
     run = optimize(small(), servers="local", seed=2, out=tmp_path / "run")
-    assert (run.path / "record.csv").read_bytes() != (expected.path / "record.csv").read_bytes()
+    assert run.digest != expected.digest
     assert run.experiment.seed == 2
 
 
@@ -200,7 +197,7 @@ def test_a_server_that_dies_is_replaced_by_the_others(
     )
     local = optimize(experiment, servers="local", out=tmp_path / "local")
     run = optimize(experiment, kill_one, servers=2, out=tmp_path / "run")
-    assert (run.path / "record.csv").read_bytes() == (local.path / "record.csv").read_bytes()
+    assert run.digest == local.digest
     assert "was killed by signal 9" in caplog.text
 
 
@@ -213,7 +210,7 @@ def test_when_all_servers_die_the_run_says_so(tmp_path: Path) -> None:
         RunError, match="no simulation server is left:\nsimulation server 1 was killed by signal 9"
     ) as caught:
         optimize(small(), kill_all, servers=1, out=tmp_path / "run")
-    assert f"the results of 1 generation are kept in {tmp_path / 'run'}" in str(caught.value)
+    assert "the results of 1 generation are kept" in str(caught.value)
     run = Run.open(tmp_path / "run")
     assert run.generations == 1
     assert np.isfinite(run.best.fitness)

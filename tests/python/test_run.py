@@ -1,16 +1,18 @@
-"""Run folders: written, read back, opened when broken off."""
+"""Run folders: written, read back, repeated."""
 
 import csv
-import json
+import hashlib
 import shutil
+import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 
-from swarmwright import Experiment, InputError, Run, RunError, optimize
-from swarmwright._record import RecordWriter, default_folder
-from swarmwright._statistics import quantile, summarize
+from swarmwright import Experiment, InputError, Run, optimize, repeat
+from swarmwright._folders import default_folder
+from swarmwright._statistics import quantile
 
 EXPERIMENT = Experiment.from_mapping(
     {
@@ -40,9 +42,7 @@ def test_all_files_are_there(finished: Run) -> None:
         "best.json",
         "experiment.yaml",
         "fitness.png",
-        "generations.csv",
-        "journal.jsonl",
-        "record.csv",
+        "run.sqlite",
     ]
 
 
@@ -55,8 +55,9 @@ def test_a_run_is_read_back_as_it_was(finished: Run) -> None:
     assert not opened.interrupted
 
 
-def test_the_record_is_a_table_for_other_tools(finished: Run) -> None:
-    with (finished.path / "record.csv").open(newline="") as file:
+def test_the_record_is_a_table_for_other_tools(finished: Run, tmp_path: Path) -> None:
+    finished.export(tmp_path / "record.csv")
+    with (tmp_path / "record.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0])[:6] == ["generation", "candidate", "fitness", "episode_0", "episode_1", "g0"]
     assert len(rows[0]) == 5 + 49
@@ -115,90 +116,69 @@ def test_the_plot_is_a_png_of_a_good_size(finished: Run, tmp_path: Path) -> None
 
 def test_exporting(finished: Run, tmp_path: Path) -> None:
     finished.export(tmp_path / "out.csv")
-    assert (tmp_path / "out.csv").read_bytes() == (finished.path / "record.csv").read_bytes()
-    with pytest.raises(InputError, match="cannot be written"):
-        finished.export(tmp_path / "none" / "out.csv")
+    text = (tmp_path / "out.csv").read_bytes()
+    assert hashlib.sha256(text).hexdigest() == finished.digest
+    for path, words in (
+        (tmp_path / "none" / "out.csv", "cannot be written"),
+        (tmp_path / "none" / "out.parquet", "cannot be written"),
+        (tmp_path / "out.xlsx", r"tables end with \.csv or \.parquet"),
+    ):
+        with pytest.raises(InputError, match=words):
+            finished.export(path)
 
 
-def test_the_journal_tells_how_it_went(finished: Run) -> None:
-    entries = list(finished.journal())
-    assert entries[0]["event"] == "start"
-    assert {"time", "swarmwright", "python", "host"} <= set(entries[0])
-    assert entries[-1]["event"] == "end"
-    assert entries[-1]["evaluations"] == finished.evaluations
+def test_exporting_to_parquet(finished: Run, tmp_path: Path) -> None:
+    finished.export(tmp_path / "out.parquet")
+    table = parquet.read_table(tmp_path / "out.parquet")
+    record = finished.record
+    assert table.column_names == ["generation", "candidate", "fitness", "episodes", "genome"]
+    assert table["fitness"].to_pylist() == record.fitness.tolist()
+    assert table["episodes"].to_pylist() == record.episodes.tolist()
+    assert np.array(table["genome"].to_pylist(), dtype=np.float32).tobytes() == record.genomes.tobytes()
 
 
-@pytest.mark.parametrize("cut", [1, 10, 200, 3000])
-def test_a_run_that_was_killed_keeps_its_finished_generations(cut: int, copy: Path, finished: Run) -> None:
-    # Killed while the fourth generation was written: its line in generations.csv is missing or cut off.
-    generations = (copy / "generations.csv").read_bytes().splitlines(keepends=True)
-    (copy / "generations.csv").write_bytes(b"".join(generations[:4]) + generations[4][: cut % 30])
-    record = (copy / "record.csv").read_bytes()
-    (copy / "record.csv").write_bytes(record[:-cut])
-    journal = (copy / "journal.jsonl").read_bytes()
-    (copy / "journal.jsonl").write_bytes(journal[:-60])
-    opened = Run.open(copy)
-    assert opened.generations == 3
-    assert opened.interrupted
-    expected = finished.record.generation < 3
-    assert opened.record.genomes.tobytes() == finished.record.genomes[expected].tobytes()
-    assert opened.best.fitness == finished.history[2].best_so_far
-    opened.export(copy / "export.csv")
-    assert len((copy / "export.csv").read_text().splitlines()) == 1 + opened.evaluations
+def test_it_is_told_how_it_went(finished: Run) -> None:
+    (session,) = finished.sessions
+    assert session.outcome == "done"
+    assert session.place == "in this process"
+    assert {"swarmwright", "python", "numpy"} <= session.versions.keys()
+    assert session.seconds == finished.seconds
+    assert finished.state == "done"
+    assert list(finished.events()) == []
 
 
-def test_a_best_file_that_is_behind_is_not_believed(copy: Path, finished: Run) -> None:
-    old = json.loads((copy / "best.json").read_text()) | {"fitness": -100.0, "generation": 0, "candidate": 0}
-    (copy / "best.json").write_text(json.dumps(old))
-    assert Run.open(copy).best == finished.best
+def test_the_seeds_are_recorded(finished: Run) -> None:
+    assert finished.seeds(3) == [0, 1]
+    with pytest.raises(InputError, match="holds the generations 0 to 3, not 4"):
+        finished.seeds(4)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("record.csv", "missing"), ("experiment.yaml", "missing"), ("generations.csv", "missing")],
-)
-def test_folders_that_are_no_runs(name: str, words: str, copy: Path) -> None:
-    (copy / name).unlink()
-    with pytest.raises(InputError, match=rf"is no run folder: {name} {words}"):
-        Run.open(copy)
-    with pytest.raises(InputError, match="there is no such folder"):
-        Run.open(copy / "none")
+def test_an_evaluation_is_found_by_both_its_numbers(finished: Run) -> None:
+    record = finished.record
+    for number in (0, 12, 20, finished.evaluations - 1):
+        one = finished.evaluation(number)
+        assert (one.generation, one.candidate) == (record.generation[number], record.candidate[number])
+        assert one.genome.tobytes() == record.genomes[number].tobytes()
+        assert one.episodes.tolist() == record.episodes[number].tolist()
+        assert one.fitness == record.fitness[number]
+        again = finished.evaluation(one.candidate, one.generation)
+        assert again.number == number
+    with pytest.raises(InputError, match=r"generation 1 has the candidates 0 to \d+, not 400"):
+        finished.evaluation(400, 1)
+    with pytest.raises(InputError, match=r"holds the evaluations 0 to \d+, not 4000"):
+        finished.evaluation(4000)
 
 
-def test_damaged_files_are_named(copy: Path) -> None:
-    (copy / "generations.csv").write_text("generation,best\n0,x\n")
-    with pytest.raises(InputError, match=r"generations\.csv: is damaged"):
-        Run.open(copy)
-
-
-def test_a_record_with_lines_missing_is_damaged(copy: Path) -> None:
-    record = (copy / "record.csv").read_bytes().splitlines(keepends=True)
-    (copy / "record.csv").write_bytes(b"".join(record[:-3]))
-    with pytest.raises(InputError, match=r"record\.csv: is damaged: 3 of 33 evaluations are missing"):
-        _ = Run.open(copy).record
-
-
-def test_a_run_without_a_generation_has_no_best(copy: Path) -> None:
-    header = (copy / "generations.csv").read_text().splitlines()[0]
-    (copy / "generations.csv").write_text(f"{header}\n")
-    opened = Run.open(copy)
-    assert (opened.generations, opened.evaluations, len(opened.record.fitness)) == (0, 0, 0)
-    with pytest.raises(RunError, match="no finished generation"):
-        _ = opened.best
-    with pytest.raises(InputError, match="no finished generation"):
-        opened.plot()
-
-
-def test_a_generation_under_way_is_taken_back(tmp_path: Path) -> None:
-    genomes, fitness = np.zeros((2, 3), dtype=np.float32), np.array([1.0, np.nan])
-    summary = summarize(fitness, generation=0, evaluations=2, best_so_far=1.0, failed=1)
-    best = {"fitness": 1.0, "generation": 0, "candidate": 0, "controller": {"kind": "x"}}
-    with RecordWriter(tmp_path / "run", EXPERIMENT, 3) as record:
-        record.generation(summary, genomes, fitness, fitness[:, None], best)
-        record._write("record.csv", ["1,0,half"])
-    lines = (tmp_path / "run" / "record.csv").read_text().splitlines()
-    assert lines[1:] == ["0,0,1.0,1.0,0.0,0.0,0.0", "0,1,nan,nan,0.0,0.0,0.0"]
-    assert json.loads((tmp_path / "run" / "best.json").read_text())["fitness"] == 1.0
+def test_any_evaluation_can_be_repeated(finished: Run, copy: Path) -> None:
+    assert repeat(finished).same
+    for number in (0, 17):
+        again = repeat(finished, number, servers=1)
+        assert again.same
+        assert again.recorded.tolist() == again.repeated.tolist() == finished.record.episodes[number].tolist()
+    with sqlite3.connect(copy / "run.sqlite") as store:
+        store.execute("UPDATE evaluation SET episodes = zeroblob(16) WHERE number = 17")
+    store.close()
+    assert not repeat(Run.open(copy), 17).same
 
 
 def test_results_are_never_written_over(tmp_path: Path) -> None:

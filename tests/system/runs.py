@@ -1,28 +1,28 @@
 """What a run left behind."""
 
-import csv
-import json
 from pathlib import Path
 from typing import Any
 
-RECORD = ("record.csv", "generations.csv", "best.json")
+from swarmwright import Run
 
 
-def record(folder: Path) -> dict[str, bytes]:
+def record(folder: Path) -> dict[str, Any]:
     """The run record, which depends on the experiment and its seed alone."""
-    return {name: (folder / name).read_bytes() for name in RECORD}
+    run = Run.open(folder)
+    return {"record": run.digest, "history": run.history, "best.json": (folder / "best.json").read_bytes()}
 
 
 def evaluations(folder: Path) -> list[tuple[float, list[float]]]:
     """Fitness and genome of every evaluation."""
-    with (folder / "record.csv").open(newline="") as file:
-        return [
-            (float(row["fitness"]), [float(row[key]) for key in row if key[0] == "g" and key[1:].isdigit()])
-            for row in csv.DictReader(file)
-        ]
+    found = Run.open(folder).record
+    return list(zip(found.fitness.tolist(), found.genomes.tolist(), strict=True))
 
 
-def journal(folder: Path, event: str | None = None) -> list[dict[str, Any]]:
-    """The journal's entries, of one kind if that is named."""
-    entries = [json.loads(line) for line in (folder / "journal.jsonl").read_text().splitlines()]
-    return [entry for entry in entries if event in {None, entry["event"]}]
+def attempts(folder: Path) -> list[dict[str, Any]]:
+    """Who evaluated what, when, how long it took, what went wrong."""
+    return [vars(attempt) for attempt in Run.open(folder).attempts()]
+
+
+def warnings(folder: Path) -> list[str]:
+    """What was worth a warning."""
+    return [event.text for event in Run.open(folder).events()]

@@ -11,7 +11,7 @@ from tests.system.brokers import BrokerProcess, Kind
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.plain_server import PlainServer
 from tests.system.processes import Program
-from tests.system.runs import journal, record
+from tests.system.runs import attempts, record, warnings
 
 QUICK = "simulation: minisim\nmethod: {population: 6, generations: 2}\ntimeouts: {discovery: 1, step: 5}\n"
 TOY = """\
@@ -169,9 +169,9 @@ def test_two_scripts_with_one_id(
     connect(PlainServer, broker.url, 7)
     run = launch("optimize", path, "--broker", broker.url, "--out", "one")
     says(run, 0)
-    episodes = journal(path.parent / "one", "episode")
+    episodes = attempts(path.parent / "one")
     assert {entry["server"] for entry in episodes if entry["error"] is None} == {7}
-    assert "id 6" in run.stderr + json.dumps(journal(path.parent / "one", "warning"))
+    assert "id 6" in run.stderr + json.dumps(warnings(path.parent / "one"))
     assert all(twin.episodes == 0 for twin in twins)
 
 
@@ -232,7 +232,7 @@ def test_a_server_that_sends_nonsense_beside_one_that_works(
     bad.close()
     says(launch("optimize", path, "--broker", embedded.url, "--out", "good"), 0)
     assert record(path.parent / "both") == record(path.parent / "good")
-    failures = [entry["error"] for entry in journal(path.parent / "both", "episode") if entry["server"] == 3]
+    failures = [entry["error"] for entry in attempts(path.parent / "both") if entry["server"] == 3]
     assert failures
     for word in MISBEHAVIOUR[wrong]:
         assert all(word in failure for failure in failures)

@@ -11,7 +11,7 @@ from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.plain_tool import PlainTool
 from tests.system.processes import Program, Servers
 from tests.system.recorder import Recorder
-from tests.system.runs import journal, record
+from tests.system.runs import attempts, record, warnings
 
 LONG = """\
 simulation: minisim
@@ -62,7 +62,7 @@ def test_one_of_two_servers_is_killed(
     servers.signal_server(2, signal.SIGKILL)
     assert run.wait() == 0, run.stderr
     assert record(path.parent / "result") == expected
-    episodes = journal(path.parent / "result", "episode")
+    episodes = attempts(path.parent / "result")
     (failure,) = [entry for entry in episodes if entry["error"]]
     assert failure["server"] == 2
     assert "server 2 was lost" in failure["error"]
@@ -124,7 +124,7 @@ def test_a_server_that_stops_for_a_while(
     servers.signal_server(2, signal.SIGCONT)
     assert run.wait(40) == 0, run.stderr
     assert record(path.parent / "result") == expected
-    episodes = journal(path.parent / "result", "episode")
+    episodes = attempts(path.parent / "result")
     failures = [entry for entry in episodes if entry["error"]]
     assert [entry["server"] for entry in failures] == [2] * len(failures)
     assert "has not answered the actuators of agent 0 in step" in failures[0]["error"]
@@ -198,11 +198,11 @@ def test_the_broker_is_killed_and_comes_back(
     broker.start()
     assert run.wait() == 0, run.stderr
     assert record(path.parent / "result") == expected
-    broken = [entry for entry in journal(path.parent / "result", "episode") if entry["error"]]
+    broken = [entry for entry in attempts(path.parent / "result") if entry["error"]]
     assert broken
     assert all("the connection to the broker broke" in entry["error"] for entry in broken)
-    warnings = [entry["warning"] for entry in journal(path.parent / "result", "warning")]
-    assert any("lost the broker" in warning for warning in warnings)
-    assert any("the broker is back" in warning for warning in warnings)
+    told = warnings(path.parent / "result")
+    assert any("lost the broker" in warning for warning in told)
+    assert any("the broker is back" in warning for warning in told)
     for server in (1, 2):
         assert len(servers.events("ready", server)) >= 2

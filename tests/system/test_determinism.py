@@ -4,7 +4,7 @@ import itertools
 
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch
-from tests.system.runs import journal, record
+from tests.system.runs import attempts, record
 
 RANDOM = """\
 simulation: minisim
@@ -31,7 +31,7 @@ def test_any_number_of_servers_on_any_broker(
         run = launch("optimize", path, "--seed", 4, "--servers", count, "--out", name, *where)
         assert run.wait() == 0, run.stderr
         assert record(path.parent / name) == expected, f"{count} servers"
-        used = {entry["server"] for entry in journal(path.parent / name, "episode")}
+        used = {entry["server"] for entry in attempts(path.parent / name)}
         assert len(used) == count
     different = record(path.parent / "other")
     assert all(different[name] != expected[name] for name in expected)
@@ -46,4 +46,4 @@ def test_an_experiment_s_own_seed_counts(launch: Launch, experiment: Experiment)
     records = [record(path.parent / name) for name in names]
     assert records[0] == records[1]
     for one, other in itertools.pairwise(records[1:]):
-        assert one["record.csv"] != other["record.csv"]
+        assert one["record"] != other["record"]

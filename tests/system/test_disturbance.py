@@ -7,7 +7,7 @@ from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.noise import Noise, leave_retained
 from tests.system.peer import Peer
 from tests.system.plain_tool import PlainTool
-from tests.system.runs import journal, record
+from tests.system.runs import attempts, record, warnings
 
 LONG = """\
 simulation: minisim
@@ -41,22 +41,22 @@ def test_two_runs_amid_foreign_traffic(
     used = set()
     for seed in seeds:
         assert record(path.parent / f"noisy-{seed}") == record(path.parent / f"quiet-{seed}")
-        entries = journal(path.parent / f"noisy-{seed}", "episode")
+        entries = attempts(path.parent / f"noisy-{seed}")
         used |= {entry["server"] for entry in entries}
-        warnings = [entry["warning"] for entry in journal(path.parent / f"noisy-{seed}", "warning")]
-        assert len(warnings) == len(set(warnings))
+        told = warnings(path.parent / f"noisy-{seed}")
+        assert len(told) == len(set(told))
         for topic in ("server", "sensor", "fitness"):
-            assert any("retained" in warning and topic in warning for warning in warnings)
-            assert any("refusing" in warning and topic in warning for warning in warnings)
-        assert all(len(warning) < 600 for warning in warnings)
+            assert any("retained" in warning and topic in warning for warning in told)
+            assert any("refusing" in warning and topic in warning for warning in told)
+        assert all(len(warning) < 600 for warning in told)
     assert used == {1, 2}
     for server in (1, 2):
-        warnings = servers.warnings(server)
-        assert len(warnings) == len(set(warnings)), "each complaint is made once"
+        complaints = servers.warnings(server)
+        assert len(complaints) == len(set(complaints)), "each complaint is made once"
         for topic in ("discovery", "parameters", "control", "actuator"):
-            assert any("retained" in warning and topic in warning for warning in warnings), warnings
-            assert any("refusing" in warning and topic in warning for warning in warnings), warnings
-        assert all(len(warning) < 600 for warning in warnings)
+            assert any("retained" in warning and topic in warning for warning in complaints), complaints
+            assert any("refusing" in warning and topic in warning for warning in complaints), complaints
+        assert all(len(warning) < 600 for warning in complaints)
     assert not servers.events("ended")
 
 

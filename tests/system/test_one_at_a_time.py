@@ -10,7 +10,7 @@ from typing import Any
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.plain_tool import PlainTool
-from tests.system.runs import journal, record
+from tests.system.runs import attempts, record
 
 ENDLESS = "simulation: minisim\nmode: stepwise\nmethod: {population: 10, generations: 1000000}\n"
 WAITING = ENDLESS.replace("1000000", "2") + "timeouts: {discovery: 2}\n"
@@ -44,7 +44,7 @@ def test_a_plain_tool_holds_its_server(
         tool.send("actuator", simulation_hash="a" * 64, agent=sensor["agent"], actuator=[0])
     assert [tool.hear()[0], tool.hear()[0]] == ["sensor", "fitness"]
     assert run.wait() == 0, run.stderr
-    assert all(entry["attempt"] == 1 for entry in journal(path.parent / "result", "episode"))
+    assert all(entry["attempt"] == 1 for entry in attempts(path.parent / "result"))
     assert listed(launch, broker.url)[1]["state"] == "ready"
 
 

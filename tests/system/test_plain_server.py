@@ -11,7 +11,7 @@ from swarmwright import Controller
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch
 from tests.system.plain_server import PlainServer, Toy
-from tests.system.runs import evaluations, journal, record
+from tests.system.runs import attempts, evaluations, record
 
 STARTS, STEPS = [4.0, -2.5, 6.25], 8
 TOY = f"""\
@@ -85,7 +85,7 @@ def test_a_slow_and_a_quick_server_give_the_same_record(
         program = launch("optimize", path, "--broker", embedded.url, "--out", name)
         assert program.wait() == 0, program.stderr
         records.append(record(path.parent / name))
-        first = [entry for entry in journal(path.parent / name, "episode") if entry["generation"] == 0]
+        first = [entry for entry in attempts(path.parent / name) if entry["generation"] == 0]
         order = [entry["candidate"] for entry in first]
         assert (order == sorted(order)) == (len(kinds) == 1), order
         for server in servers:

@@ -8,7 +8,7 @@ from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.peer import PRESENCE
 from tests.system.recorder import Recorder, Referee, check_shapes
-from tests.system.runs import journal
+from tests.system.runs import attempts
 
 RUNS = {
     "one agent": "simulation: minisim\nmode: stepwise\nmethod: {population: 10, generations: 2}\n",
@@ -35,7 +35,7 @@ def test_a_run_speaks_the_protocol_and_nothing_else(
     check_shapes(recorder.messages)
     referee = Referee()
     referee.follow(recorder.messages)
-    episodes = journal(path.parent / "result", "episode")
+    episodes = attempts(path.parent / "result")
     assert len(referee.finished) == len(set(referee.finished)) == len(episodes) >= 16
     assert all(entry["error"] is None for entry in episodes)
     assert referee.most_at_once == 2, "both servers worked at the same time"

@@ -7,7 +7,7 @@ experiment and seed; sessions, attempts and events tell apart from it how it wen
 
 from swarmwright._store._database import FILE, FORMAT
 from swarmwright._store._reader import Best, Evaluation, Record, StoreReader
-from swarmwright._store._rows import Attempt, Event, Evaluated, Session
+from swarmwright._store._rows import Attempt, Evaluated, Event, Session
 from swarmwright._store._writer import StoreWriter
 
 __all__ = [

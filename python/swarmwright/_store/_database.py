@@ -41,7 +41,7 @@ def create(file: Path) -> sqlite3.Connection:
         connection.execute("PRAGMA journal_mode = WAL")
         _settle(connection)
         connection.executescript(
-            f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT}; {_TABLES} COMMIT;"
+            f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT};{_TABLES}COMMIT;"
         )
     return connection
 
@@ -67,7 +67,7 @@ def reopen(file: Path) -> sqlite3.Connection:
 
 @contextmanager
 def reading(file: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection that reads a store, also while a run writes it, also in a folder without write access.
+    """Yield a connection that reads a store, also while a run writes it or in a folder that is read-only.
 
     Raises InputError when it is none, damaged, or of another version.
     """
@@ -103,7 +103,7 @@ def _check(connection: sqlite3.Connection, file: Path) -> None:
         raise InputError(f"{file}: is no store of a run of Swarmwright's")
     if version > FORMAT:
         raise InputError(
-            f"{file}: has format {version}; this version of Swarmwright knows formats up to {FORMAT}: update it"
+            f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
         )
     if version < FORMAT:
         raise InputError(f"{file}: has format {version}, which this version of Swarmwright no longer reads")

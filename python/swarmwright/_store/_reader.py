@@ -20,7 +20,13 @@ from swarmwright._store._rows import Attempt, Evaluated, Event, Session
 from swarmwright.representations._base import Genome
 
 _CHUNK = 256  # generations' rows are fetched so many evaluations at a time
-_FIGURES = "evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, failed"
+_HISTORY = (
+    "SELECT generation, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, failed "
+    "FROM generation ORDER BY generation"
+)
+_EVALUATIONS = (
+    "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation ORDER BY number"
+)
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ class StoreReader:
             facts = dict(connection.execute("SELECT name, value FROM fact"))
         missing = {"experiment", "metrics", "name", "created"} - facts.keys()
         if missing:
-            raise InputError(f"{self.file}: is damaged: {sorted(missing)[0]} is missing")
+            raise InputError(f"{self.file}: is damaged: {min(missing)} is missing")
         return facts
 
     @property
@@ -120,8 +126,7 @@ class StoreReader:
     def history(self) -> list[Summary]:
         """Return the figures of each finished generation."""
         with self._reading() as connection:
-            rows = connection.execute(f"SELECT generation, {_FIGURES} FROM generation ORDER BY generation")
-            return [_summary(row) for row in rows]
+            return [_summary(row) for row in connection.execute(_HISTORY)]
 
     def generations(self) -> Iterator[Evaluated]:
         """Yield the generations in order, one in memory at a time."""
@@ -143,7 +148,8 @@ class StoreReader:
         if len(rows) != summary.evaluations - first:
             missing = summary.evaluations - first - len(rows)
             raise InputError(
-                f"{self.file}: is damaged: {missing} evaluations of generation {summary.generation} are missing"
+                f"{self.file}: is damaged: {missing} evaluations of generation {summary.generation} "
+                "are missing"
             )
         record = self._record(rows)
         return Evaluated(
@@ -160,17 +166,13 @@ class StoreReader:
     def record(self) -> Record:
         """Return every evaluation of the finished generations."""
         with self._reading() as connection:
-            rows = connection.execute(
-                "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation ORDER BY number"
-            ).fetchall()
+            rows = connection.execute(_EVALUATIONS).fetchall()
         return self._record(rows)
 
     def rows(self) -> Iterator[Record]:
         """Yield every evaluation, some hundred at a time, so that memory stays flat."""
         with self._reading() as connection:
-            cursor = connection.execute(
-                "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation ORDER BY number"
-            )
+            cursor = connection.execute(_EVALUATIONS)
             while rows := cursor.fetchmany(_CHUNK):
                 yield self._record(rows)
 
@@ -234,7 +236,9 @@ class StoreReader:
     def sessions(self) -> list[Session]:
         """Return who worked on the run, in order."""
         with self._reading() as connection:
-            reached = dict(connection.execute("SELECT session, max(seconds) FROM generation GROUP BY session"))
+            reached = dict(
+                connection.execute("SELECT session, max(seconds) FROM generation GROUP BY session")
+            )
             rows = connection.execute(
                 "SELECT session, started, place, host, machine, versions, seconds, outcome FROM session "
                 "ORDER BY session"
@@ -289,7 +293,8 @@ def best_of(connection: sqlite3.Connection) -> Best | None:
     ).fetchone()
     if row is None:
         return None
-    return Best(*row[:3], genome=np.frombuffer(row[3], dtype="<f4").astype(np.float32))
+    fitness, generation, candidate, genome = row
+    return Best(fitness, generation, candidate, np.frombuffer(genome, dtype="<f4").astype(np.float32))
 
 
 def _numbers(blobs: tuple[bytes, ...], kind: str, count: int) -> NDArray[Any]:

@@ -50,7 +50,7 @@ class Session:
     seconds: float | None
     """Duration; up to the last generation when it was killed; None when it is not known."""
     outcome: str | None
-    """done, interrupted, stopped (by a callback), or why it failed; None when it was killed or still works."""
+    """done, interrupted, stopped (by a callback), or why it failed; None when it was killed or goes on."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,8 +27,8 @@ from swarmwright.representations import Representation
 
 _LIBRARIES = ("cma", "pymoo", "scipy")  # named in a session when its method loaded them
 _EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
-_GENERATION = f"INSERT INTO generation VALUES ({', '.join('?' * 14)})"
-_ATTEMPT = f"INSERT INTO attempt VALUES ({', '.join('?' * 13)})"
+_GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 
 
@@ -66,7 +66,11 @@ class StoreWriter:
             lock = _locked(folder)
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
-        connection = create(folder / FILE)
+        try:
+            connection = create(folder / FILE)
+        except BaseException:
+            lock.close()
+            raise
         facts = {
             "experiment": json.dumps(experiment.to_mapping(), allow_nan=False),
             "name": experiment.path.stem if experiment.path is not None else experiment.simulation,
@@ -92,7 +96,11 @@ class StoreWriter:
             lock = _locked(folder)
         except OSError as error:
             raise InputError(f"{folder}: cannot be used: {error.strerror}") from error
-        return cls(folder, reopen(file), lock)
+        try:
+            return cls(folder, reopen(file), lock)
+        except BaseException:
+            lock.close()
+            raise
 
     def replace_experiment(self, experiment: Experiment) -> None:
         """Note a changed experiment: a larger budget."""
@@ -121,12 +129,20 @@ class StoreWriter:
         with transaction(self._connection, self.file):
             self._note(number, journal)
             self._connection.executemany(_EVALUATION, _evaluations(evaluated, first))
-            figures = (summary.best, summary.mean, summary.best_so_far)
-            quartiles = (summary.lower_quartile, summary.median, summary.upper_quartile)
             self._connection.execute(
                 _GENERATION,
-                (number, first, json.dumps(evaluated.seeds), summary.evaluations, *figures, *quartiles)
-                + (summary.failed, evaluated.leader, self._session, time.monotonic() - self._started),
+                (
+                    number,
+                    first,
+                    json.dumps(evaluated.seeds),
+                    summary.evaluations,
+                    *(summary.best, summary.mean, summary.best_so_far),
+                    *(summary.lower_quartile, summary.median, summary.upper_quartile),
+                    summary.failed,
+                    evaluated.leader,
+                    self._session,
+                    time.monotonic() - self._started,
+                ),
             )
 
     def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:

@@ -121,6 +121,7 @@ servers_option: Decorator = click.option(
 
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 
+
 def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     """`--candidate N` and `--generation G`: one line of a run's record."""
     generation = click.option(
@@ -134,8 +135,8 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         type=click.IntRange(min=0),
         metavar="N",
         callback=_candidate,
-        help="Candidate of that generation, from 0; without --generation, the number of the evaluation in the "
-        "whole run. Default: the best candidate.",
+        help="Candidate of that generation, from 0; without --generation, the number of the evaluation in "
+        "the whole run. Default: the best candidate.",
     )
     return candidate(generation(command))
 

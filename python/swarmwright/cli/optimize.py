@@ -16,6 +16,7 @@ from swarmwright.cli._options import (
 )
 from swarmwright.cli._output import Output, show_warnings
 
+
 @click.command(
     "optimize", cls=Command, example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2"
 )

@@ -10,7 +10,9 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._runs import delete_run, describe, facts_of, list_table
 
 
-@click.group("runs", cls=Group, modules={}, example="swarmwright runs list\nswarmwright runs show runs/minisim-1")
+@click.group(
+    "runs", cls=Group, modules={}, example="swarmwright runs list\nswarmwright runs show runs/minisim-1"
+)
 def command() -> None:
     """List, show, compare, export and delete runs."""
 
@@ -112,7 +114,10 @@ def export(run: Path, file: Path, as_json: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> None:
-    """Delete runs: what Swarmwright wrote into their folders, and the folders unless something else is in them."""
+    """Delete runs.
+
+    What Swarmwright wrote goes; a folder in which there is something else stays, with that.
+    """
     from swarmwright import Run
 
     output = Output(as_json=as_json)

@@ -100,7 +100,8 @@ class Method(ABC):
             self.generation += 1
 
     def _rescore(self, fitness: Fitness) -> None:
-        """Take new fitness of the members that stay; finite or NaN. For methods that keep members."""
+        """Take new fitness of the members that stay; finite or NaN. Methods that keep members have it."""
+        raise NotImplementedError(f"{self.kind} keeps no members")
 
     def stream(self, purpose: str, candidate: int = 0) -> Stream:
         """Return the random numbers for a purpose and candidate of this generation."""

@@ -79,7 +79,7 @@ class Ranking(ABC):
     def _with_past(
         self, rows: list[NDArray[np.float64]], genomes: NDArray[np.float32]
     ) -> list[NDArray[np.float64]]:
-        """Return all episodes of each genome: those of the last generation's that are here again, and now's."""
+        """Return all episodes of each genome: of one that was there before, the past, too."""
         keys = [genome.tobytes() for genome in genomes]
         whole = [
             np.concatenate([self._past[key], row]) if key in self._past else row
@@ -90,7 +90,7 @@ class Ranking(ABC):
 
     @abstractmethod
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
-        """Return (candidates,) fitness of each candidate's results: finite, one at least, not all equally many."""
+        """Return (candidates,) fitness of each one's results: finite, at least one, not all equally many."""
 
 
 def best_first(fitness: Fitness) -> NDArray[np.intp]:

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from swarmwright._statistics import quantile
 from swarmwright.rankings._base import Fitness, Ranking, RankingOptions
 
 

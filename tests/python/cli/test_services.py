@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from swarmwright import Run
 from tests.python.cli.processes import alive, gone
 
 
@@ -89,8 +90,7 @@ def test_optimize_uses_the_servers_of_a_broker(
     events(serving, "ready", 2)
     result = program("optimize", "x.yaml", "--out", "result", env={"SWARMWRIGHT_BROKER": any_broker})
     assert result.returncode == 0, result.stderr
-    journal = [json.loads(line) for line in (tmp_path / "result" / "journal.jsonl").read_text().splitlines()]
-    used = {entry["server"] for entry in journal if entry["event"] == "episode"}
+    used = {attempt.server for attempt in Run.open(tmp_path / "result").attempts()}
     assert len(used) == 2
     busy = events(serving, "busy")
     assert busy[0]["server"] in used

@@ -1,0 +1,167 @@
+"""The store of a run: what goes wrong with files, and what is said then."""
+
+import os
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, InputError, Run, RunError, optimize, resume
+from swarmwright._store import FILE, StoreWriter
+
+EXPERIMENT = Experiment.from_mapping(
+    {
+        "simulation": "minisim",
+        "parameters": {"placement": "random", "maxSteps": 5},
+        "method": {"population": 12, "generations": 4},
+        "ranking": {"episodes": 2},
+        "servers": "local",
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return optimize(EXPERIMENT, out=tmp_path_factory.mktemp("runs") / "run")
+
+
+@pytest.fixture
+def copy(finished: Run, tmp_path: Path) -> Path:
+    """A run folder to break."""
+    shutil.copytree(finished.path, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def test_it_is_a_plain_sqlite_file_for_any_program(finished: Run) -> None:
+    store = sqlite3.connect(finished.path / FILE)
+    rows = store.execute("SELECT generation, candidate, fitness, genome FROM evaluation").fetchall()
+    store.close()
+    assert [row[2] for row in rows] == finished.record.fitness.tolist()
+    assert np.frombuffer(rows[3][3], dtype="<f4").tolist() == finished.record.genomes[3].tolist()
+
+
+def test_a_finished_run_is_one_file_that_can_be_copied(finished: Run) -> None:
+    assert sorted(entry.name for entry in finished.path.glob("run.sqlite*")) == [FILE]
+
+
+def test_a_run_can_be_read_while_it_goes_on(tmp_path: Path) -> None:
+    seen: list[tuple[str, int, int]] = []
+
+    def look(_: object) -> None:
+        run = Run.open(tmp_path / "run")
+        seen.append((run.state, run.generations, len(run.record.fitness)))
+
+    run = optimize(EXPERIMENT, look, out=tmp_path / "run")
+    assert [state for state, _, _ in seen] == ["running"] * 4
+    assert [generations for _, generations, _ in seen] == [1, 2, 3, 4]
+    assert [evaluations for _, _, evaluations in seen] == [one.evaluations for one in run.history]
+    assert Run.open(tmp_path / "run").state == "done"
+
+
+def test_two_processes_never_write_one_run(copy: Path) -> None:
+    with StoreWriter.resume(copy):
+        with pytest.raises(InputError, match="another process works on this run"):
+            resume(copy, generations=9)
+        assert Run.open(copy).evaluations == 33
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [(FILE, "is no run folder: run.sqlite is missing"), ("experiment.yaml", "cannot be used")],
+)
+def test_missing_files_are_named(name: str, words: str, copy: Path) -> None:
+    (copy / name).unlink()
+    with pytest.raises(InputError, match=words):
+        resume(copy, generations=5)
+    with pytest.raises(InputError, match="there is no such folder"):
+        Run.open(copy / "none")
+
+
+def test_a_damaged_store_is_not_touched(copy: Path) -> None:
+    store = copy / FILE
+    for damage in (
+        b"",
+        b"generation,candidate,fitness\n0,0,1.5\n" * 100,
+        store.read_bytes()[:5000],
+        store.read_bytes()[:4096] + os.urandom(store.stat().st_size - 4096),
+    ):
+        store.write_bytes(damage)
+        for attempt in (Run.open, lambda path: resume(path, generations=9)):
+            with pytest.raises(InputError, match=r"run\.sqlite: (is damaged|is no store)"):
+                attempt(copy)
+        assert store.read_bytes() == damage
+
+
+def test_missing_rows_are_noticed(copy: Path) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("DELETE FROM evaluation WHERE number = 13")
+    store.close()
+    with pytest.raises(InputError, match="is damaged: 1 evaluations of generation 1 are missing"):
+        resume(copy, generations=9)
+
+
+def test_a_store_of_a_newer_version_is_left_alone(copy: Path) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("PRAGMA user_version = 99")
+    store.close()
+    before = (copy / FILE).read_bytes()
+    for attempt in (Run.open, resume):
+        with pytest.raises(InputError, match=r"has format 99; .* update it"):
+            attempt(copy)
+    assert (copy / FILE).read_bytes() == before
+
+
+def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("UPDATE evaluation SET fitness = fitness + 1 WHERE number = 13")
+    store.close()
+    with pytest.raises(RunError, match="generation 1 comes out differently here"):
+        resume(copy, generations=9)
+
+
+@contextmanager
+def disk(place: Path, size: str = "8m") -> Iterator[Path]:
+    """A small disk of its own."""
+    place.mkdir()
+    options = ["-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)]
+    if subprocess.run(["mount", *options], capture_output=True, check=False).returncode:
+        pytest.skip("mounting a disk is not allowed here")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
+    with disk(tmp_path / "disk") as place:
+        shutil.copytree(copy, place / "run")
+        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+        run = Run.open(place / "run")
+        assert run.record.fitness.max() == run.best.fitness
+        assert run.state == "done"
+        with pytest.raises(InputError, match="may not be written by this user"):
+            resume(run, generations=9)
+        with pytest.raises(InputError, match="no right to write"):
+            optimize(EXPERIMENT, out=place / "another")
+
+
+def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
+    experiment = EXPERIMENT.replace(
+        controller={"kind": "layered", "hidden": [64]}, method={"generations": 1000}
+    )
+    with disk(tmp_path / "disk", "600k") as place:
+        with pytest.raises(RunError, match=r"the disk is full; what was written before is kept"):
+            optimize(experiment, out=place / "run")
+        shutil.copytree(place / "run", tmp_path / "copy")
+    run = Run.open(tmp_path / "copy")
+    assert run.generations > 3
+    assert run.state in {"failed", "killed"}
+    longer = resume(run.path, lambda generation: generation.generation < run.generations)
+    assert longer.generations == run.generations + 1
+    undisturbed = optimize(experiment, lambda now: now.generation < run.generations, out=tmp_path / "whole")
+    assert longer.digest == undisturbed.digest

@@ -1,0 +1,119 @@
+"""Going on with a run gives what an undisturbed one gives."""
+
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, Generation, InputError, Run, optimize, resume
+from tests.python.records import same_record
+
+VALUES: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"placement": "random", "numAgents": 3, "numDefenders": 2},
+    "method": {"population": 20, "generations": 12},
+    "ranking": {"episodes": 2},
+    "servers": "local",
+    "seed": 5,
+}
+EXPERIMENT = Experiment.from_mapping(VALUES)
+NOISY = EXPERIMENT.replace(ranking={"seeds": "new", "reevaluate": True, "aggregate": "cvar", "level": 0.5})
+
+
+def until(generation: int) -> Any:
+    def go_on(now: Generation) -> bool:
+        return now.generation + 1 < generation
+
+    return go_on
+
+
+@pytest.fixture(scope="module", params=["plain", "noisy"])
+def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """An undisturbed run."""
+    experiment = EXPERIMENT if request.param == "plain" else NOISY
+    return optimize(experiment, out=tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.mark.parametrize("at", [1, 6, 11])
+def test_it_goes_on_as_if_nothing_had_happened(at: int, whole: Run, tmp_path: Path) -> None:
+    part = optimize(whole.experiment, until(at), out=tmp_path / "run")
+    assert (part.generations, part.state) == (at, "stopped")
+    told: list[int] = []
+    run = resume(part, lambda now: told.append(now.generation), servers=2)
+    assert told == list(range(at, 12))
+    same_record(run, whole)
+    assert run.state == "done"
+    assert [session.outcome for session in run.sessions] == ["stopped", "done"]
+    assert run.best == whole.best
+
+
+def test_a_finished_run_is_left_as_it_is(whole: Run) -> None:
+    again = resume(whole)
+    same_record(again, whole)
+    assert again.sessions == whole.sessions
+    assert list(again.attempts()) == list(whole.attempts())
+
+
+def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
+    short = optimize(whole.experiment.replace(method={"generations": 7}), out=tmp_path / "run")
+    assert short.state == "done"
+    with pytest.raises(InputError, match="6 is less than the experiment's 7"):
+        resume(short, generations=6)
+    longer = resume(short, generations=12)
+    same_record(longer, whole)
+    assert longer.experiment == whole.experiment
+    assert Experiment.load(longer.path / "experiment.yaml") == whole.experiment
+
+
+@pytest.mark.timeout(180)
+def test_killed_fifty_times(tmp_path: Path) -> None:
+    """kill -9 at random moments, of whatever it is doing: starting, evaluating, committing, replaying."""
+    experiment = EXPERIMENT.replace(method={"population": 20, "generations": 600}, ranking={"episodes": 10})
+    whole = optimize(experiment, out=tmp_path / "whole")
+    experiment.save(tmp_path / "x.yaml")
+    folder = tmp_path / "run"
+    moments = random.Random(1)
+    reached = [0]
+    for number in range(50):
+        started = (folder / "run.sqlite").exists()
+        command = ["resume", "run"] if started else ["optimize", "x.yaml", "--out", "run"]
+        with subprocess.Popen(
+            [sys.executable, "-m", "swarmwright", *command, "--json"],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            assert process.stdout is not None
+            if number % 3 == 0:  # while it starts
+                time.sleep(moments.uniform(0.05, 0.5))
+            else:  # after one generation at least
+                process.stdout.readline()
+                time.sleep(moments.uniform(0, 0.02))
+            process.kill()
+            _, errors = process.communicate(timeout=30)
+        assert process.returncode == -signal.SIGKILL, errors
+        if folder.exists() and not (folder / "run.sqlite").exists():
+            shutil.rmtree(folder)  # killed between making the folder and the store: nothing was computed
+        if number % 10 == 9:
+            run = Run.open(folder)
+            assert run.state == "killed"
+            assert run.record.genomes.tobytes() == whole.record.genomes[: run.evaluations].tobytes()
+            reached.append(run.generations)
+    assert reached == sorted(set(reached)), "it must get on, whatever happens to it"
+    same_record(resume(folder), whole)
+
+
+def test_a_run_goes_on_elsewhere(whole: Run, tmp_path: Path) -> None:
+    """The folder can be moved, and other servers can finish the work."""
+    part = optimize(whole.experiment, until(4), servers=2, out=tmp_path / "run")
+    part.path.rename(tmp_path / "moved")
+    run = resume(tmp_path / "moved", servers="local")
+    same_record(run, whole)
+    assert {attempt.session for attempt in run.attempts()} == {1}
