@@ -83,6 +83,12 @@ def _tasks(scale: Scale) -> Suite:
     return TaskSuite(libraries=scale.extras, scale=scale.smaller)
 
 
+def _methods(scale: Scale) -> Suite:
+    from benchmarks.methods import MethodSuite
+
+    return MethodSuite(scale.smaller)
+
+
 def _frevo(_scale: Scale) -> Suite:
     from benchmarks.whole import WholeSuite
 
@@ -96,11 +102,12 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "bound": _bound,
     "growth": _growth,
     "tasks": _tasks,
+    "methods": _methods,
     "frevo": _frevo,
     "program": _program,
 }
 """By name, which `--only` searches."""
-QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks")
+QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods")
 """Those that take seconds and need no library of their own."""
 
 

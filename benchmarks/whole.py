@@ -1,6 +1,5 @@
 """FREVO's Stadium experiment from its session file to the result, from the command line."""
 
-import csv
 import json
 import os
 import resource
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.measurement import Samples
 from benchmarks.processes import PROGRAM, ROOT
+from swarmwright import Run
 
 SESSION = ROOT / "tests" / "data" / "frevo" / "emergency_exit_stadium.zse"
 FREVO_SECONDS = 15.2
@@ -57,11 +57,9 @@ class WholeSuite:
             self._processor.add(_children() - before)
             self._import.add(imported)
             assert json.loads(lines.splitlines()[-1])["generations"] == 300
-            with (folder / "run" / "generations.csv").open(encoding="utf-8", newline="") as file:
-                rows = {int(row["generation"]): float(row["best"]) for row in csv.DictReader(file)}
+            history = Run.open(folder / "run").history
             for generation, samples in self._best.items():
-                # Best so far; the elite keeps it in the population.
-                samples.add(max(value for index, value in rows.items() if index <= generation))
+                samples.add(history[generation].best_so_far)
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""

@@ -1,7 +1,7 @@
 """The compiled engine. Everything here is built from `engine/python`; `mypy.stubtest` checks the two against each other."""
 
-from collections.abc import Callable, Sequence
-from typing import final
+from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,15 @@ __all__ = [
     "EngineError",
     "Episode",
     "InputError",
+    "NodeNetwork",
     "Pool",
+    "Stream",
+    "Streams",
     "__version__",
     "check_parameters",
     "decimals",
     "describe",
+    "distances",
     "evaluate",
     "genome_size",
     "levels",
@@ -88,6 +92,85 @@ def decimals(genomes: NDArray[np.float32]) -> list[str]:
     Commas stand between them.
 
     Raises InputError for a gene that is not finite.
+    """
+
+@final
+class Stream:
+    """An endless sequence of random numbers with an address of its own, see `swarmwright._random`.
+
+    seed: of the experiment. purpose: what the numbers are for, like "nnga.mutate"; another purpose is another sequence.
+    candidate: index within the generation. All numbers from 0 to 2**64 - 1, else OverflowError.
+    """
+
+    def __new__(cls, seed: int, purpose: str, generation: int = 0, candidate: int = 0) -> Stream: ...
+    def raw(self, count: int) -> NDArray[np.uint64]:
+        """`count` words of 64 random bits."""
+    def unit(self, count: int) -> NDArray[np.float64]:
+        """`count` multiples of 2**-53, uniform in [0, 1)."""
+    def uniform(self, border: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A number for each border b >= 0, uniform in [-b, b)."""
+    def integer(self, below: int) -> int:
+        """An integer, uniform in 0 .. below - 1, without bias. Raises InputError unless 1 <= below <= 2**64."""
+    def integers(self, below: int, count: int) -> list[int]:
+        """`count` integers, the same as so many calls of `integer` would give."""
+
+@final
+class Streams:
+    """Streams that differ in the candidate alone: one for each of `candidates`, in that order.
+
+    `streams[i]` is a copy that goes on where the i-th is; drawing from it does not move that one.
+    """
+
+    def __new__(cls, seed: int, purpose: str, generation: int, candidates: Sequence[int]) -> Streams: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> Stream: ...
+    def __iter__(self) -> Iterator[Stream]: ...
+    def units(self, count: int) -> NDArray[np.float64]:
+        """(streams, count): `count` multiples of 2**-53 of each stream, uniform in [0, 1)."""
+    def integers(self, below: int | Sequence[int] | NDArray[np.int64], count: int) -> NDArray[np.int64]:
+        """(streams, count): `count` integers of each stream, uniform in 0 .. below - 1, without bias.
+
+        below: one for all streams, or one for each. Raises InputError unless 1 <= below < 2**63.
+        """
+
+@final
+class NodeNetwork:
+    """Genetic operators of genomes that are rows of nodes, each with its bias first and then its weights.
+
+    sizes: weights of each node. What the operators do: `swarmwright.representations._network.NodeNetwork`. Those of
+    many genomes take a stream for each and give the same bits as those of one. Raises InputError for shapes that do not fit.
+    """
+
+    def __new__(
+        cls,
+        sizes: Sequence[int],
+        *,
+        weight_range: float,
+        bias_range: float,
+        mutation: Literal["uniform", "proportional"],
+    ) -> NodeNetwork: ...
+    def initial(self, stream: Stream) -> NDArray[np.float32]: ...
+    def initials(self, streams: Streams) -> NDArray[np.float32]: ...
+    def mutate(
+        self, parent: NDArray[np.float32], stream: Stream, *, severity: float, probability: float
+    ) -> NDArray[np.float32]: ...
+    def mutations(
+        self, parents: NDArray[np.float32], streams: Streams, *, severity: float, probability: float
+    ) -> NDArray[np.float32]: ...
+    def crossover(
+        self, mother: NDArray[np.float32], father: NDArray[np.float32], stream: Stream
+    ) -> NDArray[np.float32]: ...
+    def crossovers(
+        self, mothers: NDArray[np.float32], fathers: NDArray[np.float32], streams: Streams
+    ) -> NDArray[np.float32]: ...
+
+def distances(
+    genomes: NDArray[np.float32], ones: NDArray[np.int64], others: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Sums of absolute differences, added in the genome's order in binary64.
+
+    genomes: (m, genes). ones: (n,), others: (n, k), indices of genomes. Returns (n, k). Raises InputError for an index out
+    of range.
     """
 
 def levels() -> list[str]:

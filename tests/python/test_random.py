@@ -1,14 +1,21 @@
 """The random numbers are Philox 4x64-10, addressed by seed, purpose, generation and candidate."""
 
+from hashlib import sha256
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright._random import Stream, purpose_key
+from swarmwright import _engine
+from swarmwright._random import Stream, Streams
 
 MASK = (1 << 64) - 1
 WORDS = st.integers(0, MASK)
+
+
+def purpose_key(purpose: str) -> int:
+    return int.from_bytes(sha256(purpose.encode()).digest()[:8], "little")
 
 
 def philox(counter: list[int], key: list[int]) -> list[int]:
@@ -43,10 +50,46 @@ def test_the_reference_gives_the_published_answers() -> None:
 
 @given(seed=WORDS, generation=WORDS, candidate=WORDS, purpose=st.text(max_size=20))
 def test_words_are_those_of_the_reference(seed: int, generation: int, candidate: int, purpose: str) -> None:
-    # The first block has the number 1: NumPy counts before it draws.
+    # The first block has the number 1.
     key = [seed, purpose_key(purpose)]
     expected = [word for block in (1, 2, 3) for word in philox([block, candidate, generation, 0], key)]
     assert Stream(seed, purpose, generation, candidate).raw(12).tolist() == expected
+
+
+@given(seed=WORDS, candidate=WORDS, start=st.integers(0, 9))
+def test_words_are_those_of_numpy(seed: int, candidate: int, start: int) -> None:
+    key = np.array([seed, purpose_key("test")], dtype=np.uint64)
+    numpy = np.random.Philox(key=key, counter=np.array([0, candidate, 3, 0], dtype=np.uint64))
+    stream = Stream(seed, "test", 3, candidate)
+    for count in (start, 1, 6):
+        assert stream.raw(count).tolist() == numpy.random_raw(count).tolist()
+
+
+def test_many_streams_are_the_streams() -> None:
+    candidates = [0, 7, 2**64 - 1, 7]
+
+    def streams() -> list[Stream]:
+        return [Stream(5, "test", 2, candidate) for candidate in candidates]
+
+    many = Streams(5, "test", 2, candidates)
+    assert len(many) == 4
+    assert many.integers(10, 3).tolist() == [one.integers(10, 3) for one in streams()]
+    drawn = [[*one.raw(3)] and one.unit(2).tolist() for one in streams()]
+    assert many.units(2).tolist() == drawn
+    rest = [one.raw(8).tolist()[5:] for one in streams()]
+    assert [one.raw(3).tolist() for one in many] == rest
+    assert many[1].raw(3).tolist() == rest[1], "a copy does not move the stream"
+    limits = np.array([1, 2, 3, 1000])
+    each = [one.integer(below) for one, below in zip(streams(), limits.tolist(), strict=True)]
+    assert Streams(5, "test", 2, candidates).integers(limits, 1)[:, 0].tolist() == each
+    with pytest.raises(IndexError):
+        many[4]
+
+
+@pytest.mark.parametrize("below", [0, 2**64 + 1])
+def test_there_must_be_something_to_draw(below: int) -> None:
+    with pytest.raises(_engine.InputError, match="below"):
+        Stream(1, "test").integer(below)
 
 
 def test_drawing_in_parts_is_drawing_at_once() -> None:

@@ -3,10 +3,12 @@
 mod broker;
 mod controller;
 mod errors;
+mod evolution;
 mod genomes;
 mod local;
 mod pool;
 mod server;
+mod streams;
 mod worlds;
 
 use pyo3::prelude::*;
@@ -20,6 +22,10 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<worlds::PyEpisode>()?;
     module.add_class::<broker::PyBroker>()?;
     module.add_class::<pool::PyPool>()?;
+    module.add_class::<streams::PyStream>()?;
+    module.add_class::<streams::PyStreams>()?;
+    module.add_class::<evolution::PyNodeNetwork>()?;
+    module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
     module.add_function(wrap_pyfunction!(controller::genome_size, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::simulations, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::describe, module)?)?;

@@ -186,13 +186,10 @@ def _map_method(method: Section, mapped: Mapped) -> None:
     if crossover != 1:
         raise method.error("xoverMethod", f"{crossover} found; FREVO's FullyMeshedNet knows 1 only")
     mapped.not_method.append("xoverMethod = 1: the only one, runs of nodes")
-    populations = method.take_integer("populationnumber", 1, 1)
+    add(Line("populations", method.take_integer("populationnumber", 1, 1), "populationnumber"))
     every = method.take_integer("interXover_frequency", 10)
-    reason = f"populationnumber = {populations}: there is one population"
-    mapped.not_method.append(reason)
-    if populations > 1:
-        mapped.notes.append(f"method.{reason}; nothing is exchanged between several")
-    mapped.not_method.append(f"interXover_frequency = {every}: with several populations only")
+    # Java's remainder, which FREVO asks, is 0 for the same generations whatever the sign.
+    add(Line("exchange_interval", abs(every), "interXover_frequency"))
     interval = method.take_integer("saveinterval", 0)
     improvements = method.take_flag("saveImprovements", True)
     mapped.not_method.append(

@@ -1,17 +1,17 @@
 """What every method does."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright._errors import InputError
 from swarmwright._options import Options
-from swarmwright._random import Stream
+from swarmwright._random import Stream, Streams
 from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.representations._base import Genomes, Representation
 
 
 class MethodOptions(Options):
@@ -107,9 +107,13 @@ class Method(ABC):
         """Return the random numbers for a purpose and candidate of this generation."""
         return Stream(self.seed, purpose, self.generation, candidate)
 
-    def initial(self, candidate: int) -> Genome:
-        """Return a random genome to start from; the same for every method, by generation and candidate."""
-        return self.representation.initial(self.stream("initial", candidate))
+    def streams(self, purpose: str, candidates: Sequence[int]) -> Streams:
+        """Return the random numbers for a purpose and several candidates of this generation."""
+        return Streams(self.seed, purpose, self.generation, candidates)
+
+    def initials(self, candidates: Sequence[int]) -> Genomes:
+        """Return random genomes to start from; the same for every method, by generation and candidate."""
+        return self.representation.initials(self.streams("initial", candidates))
 
     @property
     @abstractmethod
@@ -135,8 +139,3 @@ def _checked(fitness: Fitness, count: int, which: str) -> Fitness:
     if values.shape != (count,):
         raise InputError(f"fitness has the shape {values.shape}; {which} {count} genomes")
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def stacked(genomes: list[NDArray[np.float32]]) -> Genomes:
-    """Return genomes as the rows of one array."""
-    return np.stack(genomes).astype(np.float32, copy=False)

@@ -1,17 +1,21 @@
 """NNGA: FREVO's genetic algorithm for neural networks."""
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from swarmwright.methods._base import Method, MethodOptions, stacked
+from swarmwright._random import Stream
+from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.rankings._base import Fitness, best_first
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.representations._base import Genomes, Representation
 
 _TRIALS = 100  # crossovers a generation may repeat because the child exists already
+_MOST_MEMBERS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,16 @@ class NngaOptions(MethodOptions):
     """FREVO's NNGA with its defaults. The five shares of the population add up to 1."""
 
     kind: Literal["nnga"] = "nnga"
-    population: int = Field(default=50, ge=2, le=10_000_000)
-    """Members of the population."""
+    population: int = Field(default=50, ge=2, le=_MOST_MEMBERS)
+    """Members of a population."""
+    populations: int = Field(default=1, ge=1, le=10_000)
+    """Populations, each with as many members, that evolve side by side."""
+    exchange_interval: int = Field(default=10, ge=0, le=1_000_000_000)
+    """How often populations exchange genes: in the generations 1, 1 + exchange_interval, 1 + 2 *
+    exchange_interval, ..; 0: never."""
+    exchange: float = Field(default=1.0, ge=0, le=1)
+    """How much they exchange then: the share of crossovers whose father comes from any of the populations,
+    drawn at random, the mother's own among them."""
     elite: float = Field(default=0.15, ge=0, le=1)
     """Share of best members that stay as they are. What rounding leaves over is elite, too."""
     random: float = Field(default=0.10, ge=0, le=1)
@@ -71,6 +83,10 @@ class NngaOptions(MethodOptions):
                 "nobody new comes: mutate, crossover or renew must be a larger share, "
                 f"or the population larger than {self.population}"
             )
+        if self.populations * self.population > _MOST_MEMBERS:
+            raise ValueError(
+                f"{self.populations} populations of {self.population} have more than {_MOST_MEMBERS} members"
+            )
         return self
 
     def shares(self) -> Shares:
@@ -83,6 +99,24 @@ class NngaOptions(MethodOptions):
         return Shares(self.population - random - mutate - crossover - renew, random, mutate, crossover, renew)
 
 
+@dataclass
+class _Population:
+    """Members and their fitness; children are new ones whose fitness is not known yet."""
+
+    genomes: Genomes
+    fitness: Fitness = field(default_factory=lambda: np.empty(0))
+    children: int = 0
+
+    def keep(self, members: list[int]) -> None:
+        """Drop all other members."""
+        self.genomes, self.fitness = self.genomes[members], self.fitness[members]
+
+    def join(self, genomes: Genomes, fitness: Fitness) -> None:
+        """Let the children be members."""
+        self.genomes = np.concatenate([self.genomes, genomes])
+        self.fitness = np.concatenate([self.fitness, fitness])
+
+
 class Nnga(Method):
     """Survival, mutation, crossover and renewal, in shares of the population.
 
@@ -93,12 +127,17 @@ class Nnga(Method):
     generation after the first. A child that is the same as a member is crossed anew, at most 100 times a
     generation; then random members take the places left.
 
-    Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51). It differs in two points. FREVO
-    draws the random survivors by a folded triangle distribution that it notes itself to be wrong: the worst
-    member can never be drawn, the best remaining one only half as often as meant, and each draw moves another
-    one far down the ranks. Here the intended distribution is used: of m remaining members in ranked order,
-    the k-th from the top (k = 0, 1, ..) is drawn with probability proportional to m - k. And members whose
-    evaluation failed never stay; random members take their places.
+    Several populations evolve side by side, each ranked by itself; every now and then a crossover may take
+    its father from another one.
+
+    Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51). It differs in three points.
+    FREVO draws the random survivors by a folded triangle distribution that it notes itself to be wrong: the
+    worst member can never be drawn, the best remaining one only half as often as meant, and each draw moves
+    another one far down the ranks. Here the intended distribution is used: of m remaining members in ranked
+    order, the k-th from the top (k = 0, 1, ..) is drawn with probability proportional to m - k. Members whose
+    evaluation failed never stay; random members take their places. And FREVO makes one population's children
+    after the other's, so that those made first take fathers from the best of populations that have not chosen
+    yet who stays; here all populations choose first, and fathers are always members that stay.
     """
 
     kind: ClassVar[str] = "nnga"
@@ -109,83 +148,154 @@ class Nnga(Method):
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._shares = options.shares()
-        self._genomes: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
-        self._fitness: Fitness = np.empty(0)
+        nobody: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
+        self._populations = [
+            _Population(nobody, children=options.population) for _ in range(options.populations)
+        ]
 
     @property
     def budget(self) -> int:
         """Number of evaluations of the whole run, when nothing fails."""
-        return self.options.population + (self.options.generations - 1) * self._shares.new
+        new = self.options.population + (self.options.generations - 1) * self._shares.new
+        return self.options.populations * new
 
     @property
     def population_fitness(self) -> Fitness:
-        """Fitness of all members, survivors and new ones."""
-        return self._fitness
+        """Fitness of all members of all populations, survivors and new ones."""
+        return np.concatenate([population.fitness for population in self._populations])
 
     def kept(self) -> Genomes:
-        """Return the survivors."""
-        return self._genomes.copy()
+        """Return the survivors of all populations."""
+        return np.concatenate([population.genomes for population in self._populations])
 
     def _rescore(self, fitness: Fitness) -> None:
-        self._fitness = fitness
+        first = 0
+        for population in self._populations:
+            end = first + len(population.genomes)
+            population.fitness = fitness[first:end]
+            first = end
 
     def _ask(self) -> Genomes:
         if self.generation == 0:
-            return stacked([self.initial(candidate) for candidate in range(self.options.population)])
-        self._keep(self._survivors())
-        return stacked(self._children(list(self._genomes)))
+            return self.initials(range(self.options.populations * self.options.population))
+        for number, population in enumerate(self._populations):
+            population.keep(self._survivors(population.fitness, self.stream("nnga.survive", number)))
+        parents = _Parents.of(self._populations)
+        children: list[Genomes] = []
+        first = 0
+        for number, population in enumerate(self._populations):
+            children.append(self._children(parents, number, first))
+            population.children = len(children[-1])
+            first += population.children
+        return np.concatenate(children)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        self._genomes = np.concatenate([self._genomes, genomes])
-        self._fitness = np.concatenate([self._fitness, fitness])
+        first = 0
+        for population in self._populations:
+            end = first + population.children
+            population.join(genomes[first:end], fitness[first:end])
+            first = end
 
-    def _keep(self, members: list[int]) -> None:
-        self._genomes = self._genomes[members]
-        self._fitness = self._fitness[members]
-
-    def _survivors(self) -> list[int]:
+    def _survivors(self, fitness: Fitness, stream: Stream) -> list[int]:
         """Return the indices of those that stay: elite, then random ones."""
-        ranked = [int(index) for index in best_first(self._fitness) if not np.isnan(self._fitness[index])]
+        ranked: list[int] = best_first(fitness)[: int(np.isfinite(fitness).sum())].tolist()
         staying, others = ranked[: self._shares.elite], ranked[self._shares.elite :]
-        stream = self.stream("nnga.survive")
         for _ in range(min(self._shares.random, len(others))):
             staying.append(
                 others.pop(_triangular(stream.integer(len(others) * (len(others) + 1) // 2), len(others)))
             )
         return staying
 
-    def _children(self, survivors: list[Genome]) -> list[Genome]:
-        """Return the new members of this generation."""
-        children: list[Genome] = []
-        if survivors:
-            children += [self._mutated(survivors, index) for index in range(self._shares.mutate)]
-            children += self._crossed(survivors, children)
-        while len(survivors) + len(children) < self.options.population:
-            children.append(self.initial(len(children)))
-        return children
+    def _children(self, parents: "_Parents", number: int, first: int) -> Genomes:
+        """Return the new members of a population; `first` is the index of its first among all new ones."""
+        survivors = parents.of_population(number)
+        children = []
+        if len(survivors):
+            children.append(self._mutated(survivors, first))
+            children.append(self._crossed(parents, number, {*_keys(survivors), *_keys(children[0])}))
+        made = sum(map(len, children))
+        missing = self.options.population - len(survivors) - made
+        children.append(self.initials(range(first + made, first + made + missing)))
+        return np.concatenate(children)
 
-    def _mutated(self, survivors: list[Genome], index: int) -> Genome:
-        stream = self.stream("nnga.mutate", index)
-        parent = survivors[stream.integer(len(survivors))]
+    def _mutated(self, survivors: Genomes, first: int) -> Genomes:
+        streams = self.streams("nnga.mutate", range(first, first + self._shares.mutate))
+        chosen = streams.integers(len(survivors), 1)[:, 0]
         severity, probability = self.options.severity, self.options.probability
-        return self.representation.mutate(parent, stream, severity=severity, probability=probability)
+        return self.representation.mutations(
+            survivors[chosen], streams, severity=severity, probability=probability
+        )
 
-    def _crossed(self, survivors: list[Genome], others: list[Genome]) -> list[Genome]:
-        known = {member.tobytes() for member in (*survivors, *others)}
-        children: list[Genome] = []
-        trial = 0
-        while len(children) < self._shares.crossover and trial < self._shares.crossover + _TRIALS:
-            stream = self.stream("nnga.crossover", trial)
-            trial += 1
-            chosen, *partners = stream.integers(len(survivors), 1 + self.options.partners)
-            mother = survivors[chosen]
-            distances = self.representation.distances(mother, self._genomes[partners])
-            father = survivors[partners[int(np.argmax(distances))]]
-            child = self.representation.crossover(mother, father, stream)
-            if child.tobytes() not in known:
-                known.add(child.tobytes())
-                children.append(child)
-        return children
+    def _crossed(self, parents: "_Parents", number: int, known: set[bytes]) -> Genomes:
+        """Return children of two, all different from each other and those known."""
+        wanted, most = self._shares.crossover, self._shares.crossover + _TRIALS
+        found: list[Genomes] = []
+        missing, trial = wanted, 0
+        while missing and trial < most:
+            trials = range(trial, min(trial + missing, most))
+            children = self._crossovers(parents, number, [number * most + one for one in trials])
+            new = []
+            for row, key in enumerate(_keys(children)):
+                if key not in known:
+                    known.add(key)
+                    new.append(row)
+            found.append(children[new])
+            missing, trial = missing - len(new), trials.stop
+        return np.concatenate(found) if found else parents.genomes[:0]
+
+    def _crossovers(self, parents: "_Parents", number: int, addresses: list[int]) -> Genomes:
+        """Return a child for each address."""
+        streams = self.streams("nnga.crossover", addresses)
+        mothers = parents.first[number] + streams.integers(parents.count[number], 1)[:, 0]
+        homes = self._fathers_populations(parents, number, addresses)
+        partners = parents.first[homes][:, None] + streams.integers(
+            parents.count[homes], self.options.partners
+        )
+        distances = self.representation.distances_among(parents.genomes, mothers, partners)
+        fathers = partners[np.arange(len(partners)), distances.argmax(axis=1)]
+        return self.representation.crossovers(parents.genomes[mothers], parents.genomes[fathers], streams)
+
+    def _fathers_populations(
+        self, parents: "_Parents", number: int, addresses: list[int]
+    ) -> NDArray[np.int64]:
+        """Return the number of the population that each father comes from."""
+        homes = np.full(len(addresses), number)
+        interval = self.options.exchange_interval
+        if self.options.populations == 1 or interval == 0 or (self.generation - 1) % interval:
+            return homes
+        peopled = np.flatnonzero(parents.count)
+        streams = self.streams("nnga.exchange", addresses)
+        drawn = peopled[streams.integers(len(peopled), 1)[:, 0]]
+        abroad = streams.units(1)[:, 0] < self.options.exchange
+        return np.where(abroad, drawn, homes)
+
+
+@dataclass(frozen=True)
+class _Parents:
+    """The survivors of all populations in one array; first and count: where each population's stand."""
+
+    genomes: Genomes
+    first: NDArray[np.int64]
+    count: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, populations: list[_Population]) -> Self:
+        """Return the members of populations."""
+        counts = [len(population.genomes) for population in populations]
+        genomes = np.concatenate([population.genomes for population in populations])
+        first = list(accumulate(counts, initial=0))[:-1]
+        return cls(genomes, np.array(first, dtype=np.int64), np.array(counts, dtype=np.int64))
+
+    def of_population(self, number: int) -> Genomes:
+        """Return the survivors of one population."""
+        return self.genomes[self.first[number] :][: self.count[number]]
+
+
+def _keys(genomes: Genomes) -> list[bytes]:
+    """Return the bytes of each genome: the same for those that are the same."""
+    row = np.dtype((np.void, genomes.shape[1] * genomes.itemsize))
+    keys: Any = np.ascontiguousarray(genomes).view(row).ravel().tolist()
+    return list(keys)
 
 
 def _triangular(ticket: int, members: int) -> int:

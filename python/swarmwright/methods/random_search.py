@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmwright.methods._base import Method, MethodOptions, stacked
+from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.rankings._base import Fitness
 from swarmwright.representations._base import Genomes, Representation
 
@@ -40,7 +40,7 @@ class RandomSearch(Method):
         return self._fitness
 
     def _ask(self) -> Genomes:
-        return stacked([self.initial(candidate) for candidate in range(self.options.population)])
+        return self.initials(range(self.options.population))
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - nothing is learned
         self._fitness = fitness

@@ -1,11 +1,11 @@
 """How a genome becomes a controller: one file and one line below for each representation."""
 
 from swarmwright._options import Options
-from swarmwright._random import Stream
+from swarmwright._random import Stream, Streams
 from swarmwright._registry import Registry
 from swarmwright.representations._base import Genome, Genomes, Limits, Representation
 
-__all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Limits", "Options", "Representation", "Stream"]
+__all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Limits", "Options", "Representation", "Stream", "Streams"]
 
 REPRESENTATIONS: Registry[Representation] = Registry(
     "controller",

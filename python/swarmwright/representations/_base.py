@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright._options import Options
-from swarmwright._random import Stream
+from swarmwright._random import Stream, Streams
 
 Genome = NDArray[np.float32]
 """One genome: float32, shape (genome_size,)."""
@@ -25,6 +25,9 @@ class Representation(ABC):
     how two are combined (`crossover`) and how different two are (`distance`). Methods work on genomes through
     these alone, so any method evolves any representation. Operators are pure: they return new arrays and take
     their randomness from the stream they are given.
+
+    Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`), which methods
+    call. By default that is a loop; a representation may be faster, but must give the same bits.
 
     Args:
         options: this representation's section of the experiment.
@@ -111,6 +114,48 @@ class Representation(ABC):
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
         return np.array([self.distance(one, other) for other in others], dtype=np.float64)
+
+    def initials(self, streams: Streams) -> Genomes:
+        """Return a random genome for each stream, (n, genome_size)."""
+        return self._rows([self.initial(stream) for stream in streams])
+
+    def mutations(
+        self, parents: Genomes, streams: Streams, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return a mutated copy of each of n parents, made with the stream of the same index.
+
+        Streams may have been drawn from before; each goes on where it is, and counts as used up afterwards.
+        """
+        return self._rows(
+            [
+                self.mutate(parent, stream, severity=severity, probability=probability)
+                for parent, stream in zip(parents, streams, strict=True)
+            ]
+        )
+
+    def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
+        """Return a child of each of n pairs, made with the stream of the same index; see `mutations`."""
+        pairs = zip(mothers, fathers, streams, strict=True)
+        return self._rows([self.crossover(mother, father, stream) for mother, father, stream in pairs])
+
+    def distances_among(
+        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the distances of genomes that are named by their index.
+
+        Args:
+            genomes: (m, genome_size).
+            ones: (n,), indices 0 to m - 1.
+            others: (n, k), indices 0 to m - 1.
+
+        Returns:
+            (n, k), the distance of each of `ones` to each in its row of `others`.
+        """
+        rows = [self.distances(genomes[one], genomes[row]) for one, row in zip(ones, others, strict=True)]
+        return np.array(rows, dtype=np.float64).reshape(others.shape)
+
+    def _rows(self, genomes: list[Genome]) -> Genomes:
+        return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.genome_size)
 
 
 def shortest(genome: Genome) -> list[float]:

@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from swarmwright import _engine
 from swarmwright._options import Options
-from swarmwright._random import Stream
+from swarmwright._random import Stream, Streams
 from swarmwright.representations._base import Genome, Genomes, Limits, Representation
-
-_SHARE = 0.2
-_LEAST = 0.1
 
 
 class NetworkOptions(Options):
@@ -36,8 +34,8 @@ class NodeNetwork(Representation):
     crossover replaces a run of neighbouring nodes, at least one and not all, with the father's (the run ends
     at the last node); the distance is the sum of absolute differences. FREVO's method 2 grants negative
     weights only the least step and biases +-10; here `proportional` goes by the absolute value for both. A
-    network of a single node has no runs of nodes to
-    exchange: it exchanges runs of genes.
+    network of a single node has no runs of nodes to exchange: it exchanges runs of genes. The engine computes
+    them, in binary64, and rounds to binary32 at the end.
     """
 
     options: NetworkOptions
@@ -54,11 +52,13 @@ class NodeNetwork(Representation):
         return starts
 
     @cached_property
-    def _ranges(self) -> NDArray[np.float64]:
-        """The range of each gene."""
-        ranges = np.full(self.genome_size, self.options.weight_range, dtype=np.float64)
-        ranges[self._starts[:-1]] = self.options.bias_range
-        return ranges
+    def _operators(self) -> _engine.NodeNetwork:
+        return _engine.NodeNetwork(
+            self.node_sizes(),
+            weight_range=self.options.weight_range,
+            bias_range=self.options.bias_range,
+            mutation=self.options.mutation,
+        )
 
     @property
     def genome_size(self) -> int:
@@ -68,32 +68,35 @@ class NodeNetwork(Representation):
     @property
     def initial_range(self) -> Limits:
         """The +-range of each gene."""
-        return -self._ranges, self._ranges.copy()
+        ranges = np.full(self.genome_size, self.options.weight_range, dtype=np.float64)
+        ranges[self._starts[:-1]] = self.options.bias_range
+        return -ranges, ranges
 
     def initial(self, stream: Stream) -> Genome:
         """Return a genome uniform in +-range."""
-        return stream.uniform(self._ranges).astype(np.float32)
+        return self._operators.initial(stream)
+
+    def initials(self, streams: Streams) -> Genomes:
+        """Return a genome uniform in +-range for each stream."""
+        return self._operators.initials(streams)
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which each gene is moved with `probability`, see the class."""
-        chosen = stream.unit(self.genome_size) < probability
-        if self.options.mutation == "uniform":
-            border = self._ranges * severity
-        else:
-            border = np.maximum(np.abs(genome.astype(np.float64)) * _SHARE, _LEAST)
-        moved = genome.astype(np.float64) + stream.uniform(border)
-        return np.where(chosen, moved, genome).astype(np.float32)
+        return self._operators.mutate(genome, stream, severity=severity, probability=probability)
+
+    def mutations(
+        self, parents: Genomes, streams: Streams, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return a mutated copy of each parent."""
+        return self._operators.mutations(parents, streams, severity=severity, probability=probability)
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a copy of `mother` with a run of nodes of `father`."""
-        starts = self._starts if len(self._starts) > 2 else np.arange(self.genome_size + 1)
-        units = len(starts) - 1
-        count = stream.integer(units - 1) + 1
-        first = stream.integer(units)
-        cut = slice(starts[first], starts[min(first + count, units)])
-        child = mother.copy()
-        child[cut] = father[cut]
-        return child
+        return self._operators.crossover(mother, father, stream)
+
+    def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
+        """Return a child of each pair."""
+        return self._operators.crossovers(mothers, fathers, streams)
 
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the sum of absolute differences, added in the genome's order in binary64."""
@@ -105,3 +108,9 @@ class NodeNetwork(Representation):
         differences = np.abs(one.astype(np.float64) - others)
         sums: NDArray[np.float64] = np.add.accumulate(differences, axis=1)[:, -1]
         return sums
+
+    def distances_among(
+        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the distances of genomes that are named by their index."""
+        return _engine.distances(genomes, ones, others)

@@ -5,9 +5,9 @@ import json
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright._random import Stream
+from swarmwright._random import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.representations._base import Genome
+from swarmwright.representations._base import Genome, Genomes
 from swarmwright.testing._common import SHAPES, check_options, representation
 
 
@@ -22,6 +22,7 @@ def check_representation(kind: str) -> None:
         _check_mutation(subject)
         _check_crossover(subject)
         _check_distance(subject)
+        _check_many(subject)
 
 
 def _genomes(subject: Representation, count: int) -> list[Genome]:
@@ -118,3 +119,47 @@ def _check_distance(subject: Representation) -> None:
     assert subject.distance(one, one) == 0, "the distance of a genome to itself must be 0"
     assert subject.distance(one, other) > 0, "the distance of different genomes must be positive"
     assert subject.distance(one, other) == subject.distance(other, one), "the distance must be symmetric"
+
+
+def _check_many(subject: Representation) -> None:
+    """Operators of many genomes must give the bits that those of one give."""
+    count = 7
+
+    def streams() -> Streams:
+        return Streams(4, "check", 1, range(3, 3 + count))
+
+    def stream(index: int) -> Stream:
+        return Stream(4, "check", 1, 3 + index)
+
+    def equal(found: Genomes, expected: list[Genome], what: str) -> None:
+        assert found.dtype == np.float32, f"{what} returns {found.dtype}, not float32"
+        assert found.shape == (len(expected), subject.genome_size), f"{what} returns the shape {found.shape}"
+        assert found.tobytes() == b"".join(one.tobytes() for one in expected), (
+            f"{what} must give the same bits as for one genome after the other"
+        )
+
+    genomes = subject.initials(streams())
+    equal(genomes, [subject.initial(stream(index)) for index in range(count)], "initials")
+    others = np.ascontiguousarray(genomes[::-1])
+    options = {"severity": 0.3, "probability": 0.5}
+    mutants = [subject.mutate(one, stream(index), **options) for index, one in enumerate(genomes)]
+    equal(subject.mutations(genomes, streams(), **options), mutants, "mutations")
+    pairs = enumerate(zip(genomes, others, strict=True))
+    children = [subject.crossover(mother, father, stream(index)) for index, (mother, father) in pairs]
+    equal(subject.crossovers(genomes, others, streams()), children, "crossovers")
+
+    used = streams()
+    used.integers(5, 1)
+    later = []
+    for index, genome in enumerate(genomes):
+        own = stream(index)
+        own.integer(5)
+        later.append(subject.mutate(genome, own, **options))
+    equal(subject.mutations(genomes, used, **options), later, "mutations with streams drawn from before")
+
+    ones, rows = np.array([2, 0]), np.array([[0, 1, 2, 6, 5], [3, 3, 4, 0, 1]])
+    distances = subject.distances_among(genomes, ones, rows)
+    for one, row, found in zip(ones, rows, distances, strict=True):
+        expected = [subject.distance(genomes[one], genomes[other]) for other in row]
+        assert found.tolist() == expected, "distances_among must be those of two genomes each"
+    assert subject.initials(Streams(1, "check", 0, [])).shape == (0, subject.genome_size)

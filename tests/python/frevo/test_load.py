@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, frevo, optimize
+from swarmwright.methods.nnga import NngaOptions
 
 Edited = Callable[..., Path]
 ENTRY = '<problementry key="steps" type="INT" value="50"/>'
@@ -29,6 +30,9 @@ def test_the_stadium_session(data: Path) -> None:
     assert experiment.method.model_dump() == {
         "kind": "nnga",
         "population": 50,
+        "populations": 1,
+        "exchange_interval": 10,
+        "exchange": 1.0,
         "generations": 300,
         "elite": 0.15,
         "random": 0.1,
@@ -114,7 +118,7 @@ def test_what_differs_is_said(edited: Edited, data: Path) -> None:
         (ENTRY, '<problementry key="wallColour" value="#fff"/>'),
         (
             METHOD,
-            '<methodentry key="populationnumber" value="3"/><methodentry key="mutationMethod" value="2"/>',
+            '<methodentry key="mutationMethod" value="2"/>',
         ),
         (NODES, '<representationentry key="variable_mutation_rate" value="true"/>'),
     )
@@ -122,13 +126,25 @@ def test_what_differs_is_said(edited: Edited, data: Path) -> None:
     for start in (
         "problem.width, problem.height: FREVO walls the field in at 30 x 20",
         "problem.wallColour = #fff: FREVO 1.5 has no such entry",
-        "method.populationnumber = 3",
         "method.mutationMethod = 2",
         "representation.variable_mutation_rate = true",
         "sessionconfig.NumberofRuns = 10",
     ):
         assert any(note.startswith(start) for note in imported.notes), start
     assert imported.experiment.controller.mutation == "proportional"
+
+
+def test_several_populations_are_taken_over(edited: Edited) -> None:
+    path = edited(
+        "emergency_exit_random.zse",
+        (METHOD, f'{METHOD}<methodentry key="populationnumber" value="3"/>'),
+        (METHOD, f'{METHOD}<methodentry key="interXover_frequency" value="5"/>'),
+    )
+    imported = frevo.load(path)
+    method = imported.experiment.method
+    assert isinstance(method, NngaOptions)
+    assert (method.populations, method.exchange_interval, method.exchange) == (3, 5, 1.0)
+    assert not any("population" in note for note in imported.notes)
 
 
 def test_an_imported_experiment_evolves(edited: Edited, tmp_path: Path) -> None:

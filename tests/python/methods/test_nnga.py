@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from swarmwright.methods import METHODS
 from swarmwright.methods.nnga import Nnga, NngaOptions, Shares, _triangular
+from swarmwright.representations import Genomes
 from swarmwright.testing._common import representation
 
 
@@ -131,6 +132,7 @@ def test_partners_are_the_most_different() -> None:
     [
         ({"elite": 0.5}, "must add up to 1, not 1.35"),
         ({"population": 2}, "nobody new comes"),
+        ({"populations": 1000, "population": 100_000}, "1000 populations of 100000 have more than 10000000"),
         ({"elite": 0.0, "random": 0.0, "mutate": 1.0, "crossover": 0.0, "renew": 0.0}, "nobody stays"),
     ],
 )
@@ -157,3 +159,89 @@ def test_shares_always_fill_the_population(population: int, parts: list[int]) ->
         return
     assert counts.survivors + counts.new == population
     assert min(counts.elite, counts.random, counts.mutate, counts.crossover, counts.renew) >= 0
+
+
+def told(method: Nnga, generations: int) -> list[Genomes]:
+    """The genomes asked for, each told its length; a few fail."""
+    asked = []
+    for _ in range(generations):
+        asked.append(method.ask())
+        fitness = -np.abs(asked[-1].astype(np.float64)).sum(axis=1)
+        fitness[3::11] = np.nan
+        method.tell(fitness)
+    return asked
+
+
+def test_populations_evolve_side_by_side() -> None:
+    # The first of several is the same as one alone, unless genes are exchanged.
+    alone = told(new(generations=9), 8)
+    method = new(generations=9, populations=3, exchange_interval=0)
+    assert method.budget == 3 * (50 + 8 * 37)
+    several = told(method, 8)
+    sizes = [len(genomes) for genomes in several]
+    assert [one.tobytes() for one in alone] != [one.tobytes() for one in several]
+    for generation, (one, all_of_them) in enumerate(zip(alone, several, strict=True)):
+        assert sizes[generation] > 2 * len(one)
+        assert len({genome.tobytes() for genome in all_of_them}) == len(all_of_them)
+    # What fails differs from the second generation on, for it goes by the index among all.
+    assert several[0][:50].tobytes() == alone[0].tobytes()
+    assert several[1][: len(alone[1])].tobytes() == alone[1].tobytes()
+    assert len(method.population_fitness) == 150
+
+
+@pytest.mark.parametrize(
+    ("interval", "exchanging"), [(0, []), (1, [1, 2, 3, 4, 5]), (2, [1, 3, 5]), (10, [1])]
+)
+def test_exchange_happens_at_its_interval(interval: int, exchanging: list[int]) -> None:
+    def foreign(genomes: Genomes) -> bool:
+        # Population 0 is all positive, population 1 all negative; only crossovers between them mix signs.
+        half = len(genomes) // 2
+        signs = np.sign(genomes[:half]).sum(axis=1), np.sign(genomes[half:]).sum(axis=1)
+        size = genomes.shape[1]
+        return bool((signs[0] < size).any() or (signs[1] > -size).any())
+
+    found = []
+    for generation in range(1, 6):
+        method = new(
+            populations=2, exchange_interval=interval, mutate=0.0, crossover=0.7, renew=0.0, random=0.15
+        )
+        first = np.abs(method.ask()) + np.float32(0.1)
+        first[50:] *= -1
+        method._asked = first
+        method.tell(np.arange(100.0))
+        method.generation = generation
+        if foreign(method.ask()):
+            found.append(generation)
+    assert found == exchanging
+
+
+def test_exchange_says_how_many_fathers_come_from_anywhere() -> None:
+    def foreigners(exchange: float) -> int:
+        method = new(populations=4, exchange_interval=1, exchange=exchange, elite=0.2, random=0.0, mutate=0.0,
+                     crossover=0.8, renew=0.0, population=200, partners=1)  # fmt: skip
+        method.ask()
+        parents = np.repeat(np.arange(1, 5, dtype=np.float32), 200)[:, None] * np.ones(
+            (1, method.representation.genome_size), dtype=np.float32
+        ) + np.linspace(0, 0.5, 800, dtype=np.float32)[:, None]  # fmt: skip
+        method._asked = parents
+        method.tell(np.arange(800.0))
+        children = np.floor(method.ask())
+        return int((children.min(axis=1) != children.max(axis=1)).sum())
+
+    # 640 children, three of four populations are not the mother's own.
+    assert foreigners(0.0) == 0
+    assert foreigners(0.5) == pytest.approx(240, abs=60)
+    assert foreigners(1.0) == pytest.approx(480, abs=60)
+
+
+def test_a_population_that_failed_as_a_whole_starts_anew() -> None:
+    method = new(populations=2, exchange_interval=1)
+    method.ask()
+    fitness = np.arange(100.0)
+    fitness[50:] = np.nan
+    method.tell(fitness)
+    asked = method.ask()
+    assert len(asked) == 37 + 50
+    assert np.isfinite(asked).all()
+    method.tell(np.zeros(87))
+    assert len(method.population_fitness) == 100

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from swarmwright._random import Stream
+from swarmwright import _engine
+from swarmwright._random import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
+from swarmwright.representations._base import Genome
 from swarmwright.representations._network import NodeNetwork
 
 KINDS = ["layered", "fully_meshed"]
@@ -22,6 +25,61 @@ def network(kind: str, sensors: int = 4, actuators: int = 1, **options: Any) -> 
     made = component(component.options_model(**options), sensors=sensors, actuators=actuators)
     assert isinstance(made, NodeNetwork)
     return made
+
+
+def starts(subject: NodeNetwork) -> NDArray[np.intp]:
+    """Where each node begins, and the end of the last one."""
+    return np.cumsum([0, *(size + 1 for size in subject.node_sizes())])
+
+
+def ranges(subject: NodeNetwork) -> NDArray[np.float64]:
+    """The range of each gene."""
+    result = np.full(subject.genome_size, subject.options.weight_range)
+    result[starts(subject)[:-1]] = subject.options.bias_range
+    return result
+
+
+def mutant(
+    subject: NodeNetwork, genome: Genome, stream: Stream, severity: float, probability: float
+) -> Genome:
+    """The mutation as it is described, in NumPy."""
+    chosen = stream.unit(subject.genome_size) < probability
+    if subject.options.mutation == "uniform":
+        border = ranges(subject) * severity
+    else:
+        border = np.maximum(np.abs(genome.astype(np.float64)) * 0.2, 0.1)
+    moved = genome.astype(np.float64) + stream.uniform(border)
+    return np.where(chosen, moved, genome).astype(np.float32)
+
+
+def child(subject: NodeNetwork, mother: Genome, father: Genome, stream: Stream) -> Genome:
+    """The crossover as it is described, in NumPy."""
+    begins = starts(subject) if len(subject.node_sizes()) > 1 else np.arange(subject.genome_size + 1)
+    units = len(begins) - 1
+    count = stream.integer(units - 1) + 1
+    first = stream.integer(units)
+    cut = slice(begins[first], begins[min(first + count, units)])
+    result = mother.copy()
+    result[cut] = father[cut]
+    return result
+
+
+@pytest.mark.parametrize("mutation", ["uniform", "proportional"])
+@pytest.mark.parametrize("kind", KINDS)
+@given(SIZES, SIZES, SEEDS, st.floats(0, 2), st.sampled_from([0.0, 0.1, 0.9, 1.0]))
+def test_operators_do_what_is_described_to_the_last_bit(
+    kind: str, mutation: str, sensors: int, actuators: int, seed: int, severity: float, probability: float
+) -> None:
+    subject = network(kind, sensors, actuators, mutation=mutation, weight_range=0.5, bias_range=3.0)
+    mother, father = (subject.initial(Stream(seed, name)) for name in ("mother", "father"))
+    drawn = Stream(seed, "mother").uniform(ranges(subject)).astype(np.float32)
+    assert mother.tobytes() == drawn.tobytes()
+    one, other = Stream(seed, "mutate"), Stream(seed, "mutate")
+    found = subject.mutate(mother, one, severity=severity, probability=probability)
+    assert found.tobytes() == mutant(subject, mother, other, severity, probability).tobytes()
+    assert one.raw(2).tolist() == other.raw(2).tolist()
+    found = subject.crossover(mother, father, Stream(seed, "x"))
+    assert found.tobytes() == child(subject, mother, father, Stream(seed, "x")).tobytes()
 
 
 @pytest.mark.parametrize(
@@ -75,7 +133,7 @@ def test_initial_genes_fill_their_own_ranges(kind: str, sensors: int, actuators:
     subject = network(kind, sensors, actuators, weight_range=0.5, bias_range=3.0)
     genome = subject.initial(Stream(seed, "initial"))
     biases = np.zeros(subject.genome_size, dtype=bool)
-    biases[subject._starts[:-1]] = True
+    biases[starts(subject)[:-1]] = True
     assert (np.abs(genome[~biases]) <= 0.5).all()
     assert (np.abs(genome[biases]) <= 3.0).all()
 
@@ -87,17 +145,17 @@ def test_mutation_moves_each_gene_within_severity(
 ) -> None:
     subject = network(kind, weight_range=0.5, bias_range=3.0)
     genome = subject.initial(Stream(seed, "initial"))
-    mutant = subject.mutate(genome, Stream(seed, "mutate"), severity=severity, probability=probability)
+    moved = subject.mutate(genome, Stream(seed, "mutate"), severity=severity, probability=probability)
     # The last bits: the sum is rounded to binary32.
-    border = subject._ranges * severity + 1e-6
-    assert (np.abs(mutant.astype(np.float64) - genome) <= border).all()
+    border = ranges(subject) * severity + 1e-6
+    assert (np.abs(moved.astype(np.float64) - genome) <= border).all()
 
 
 def test_mutation_changes_the_share_of_genes_that_probability_says() -> None:
     subject = network("layered", hidden=[1000])
     genome = subject.initial(Stream(1, "initial"))
-    mutant = subject.mutate(genome, Stream(1, "mutate"), severity=0.3, probability=0.25)
-    assert (mutant != genome).mean() == pytest.approx(0.25, abs=0.02)
+    moved = subject.mutate(genome, Stream(1, "mutate"), severity=0.3, probability=0.25)
+    assert (moved != genome).mean() == pytest.approx(0.25, abs=0.02)
 
 
 def test_proportional_mutation_goes_by_the_size_of_the_gene() -> None:
@@ -117,9 +175,8 @@ def test_crossover_takes_a_run_of_whole_nodes(kind: str, sensors: int, actuators
     subject = network(kind, sensors, actuators)
     mother = np.zeros(subject.genome_size, dtype=np.float32)
     father = np.ones(subject.genome_size, dtype=np.float32)
-    child = subject.crossover(mother, father, Stream(seed, "x"))
-    starts = subject._starts
-    nodes = [child[begin:end] for begin, end in pairwise(starts)]
+    mixed = subject.crossover(mother, father, Stream(seed, "x"))
+    nodes = [mixed[begin:end] for begin, end in pairwise(starts(subject))]
     if len(nodes) > 1:
         assert all(len(set(node.tolist())) == 1 for node in nodes)
         taken = "".join(str(int(node[0])) for node in nodes)
@@ -127,7 +184,7 @@ def test_crossover_takes_a_run_of_whole_nodes(kind: str, sensors: int, actuators
         assert taken.strip("0").strip("1") == ""
         assert 1 <= taken.count("1") < len(nodes)
     else:
-        assert 0 < child.sum() < len(child)
+        assert 0 < mixed.sum() < len(mixed)
 
 
 def test_distance_is_the_sum_of_absolute_differences() -> None:
@@ -135,3 +192,15 @@ def test_distance_is_the_sum_of_absolute_differences() -> None:
     one = np.array([1, 2, 3, 4, 5], dtype=np.float32)
     assert subject.distance(one, np.zeros(5, dtype=np.float32)) == 15
     assert subject.distance(one, -one) == 30
+
+
+def test_genomes_that_do_not_fit_are_refused() -> None:
+    subject = network("layered", hidden=[])
+    streams = Streams(1, "x", 0, [0, 1])
+    genomes = np.zeros((3, 5), dtype=np.float32)
+    with pytest.raises(_engine.InputError, match=r"parents: have the shape \[3, 5\], expected \[2, 5\]"):
+        subject.mutations(genomes, streams, severity=1, probability=1)
+    with pytest.raises(_engine.InputError, match="genome: has 3 genes, expected 5"):
+        subject.mutate(genomes[0, :3], streams[0], severity=1, probability=1)
+    with pytest.raises(_engine.InputError, match="index 3 found, but there are 3 genomes"):
+        subject.distances_among(genomes, np.array([0]), np.array([[1, 3]]))

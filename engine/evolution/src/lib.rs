@@ -1,0 +1,25 @@
+//! Random numbers by counter, and the genetic operators of networks.
+//!
+//! Everything is made of exact integer operations and single IEEE 754 binary64 operations in a written-down order, so
+//! the same address gives the same genome on every machine (DESIGN.md section 5).
+//!
+//! ```
+//! use swarmwright_evolution::{Mutation, NodeNetwork, Stream, purpose_key};
+//!
+//! let network = NodeNetwork::new(&[4, 4, 2], 2.0, 2.0, Mutation::Uniform);
+//! let mut parent = vec![0.0; network.genes()];
+//! network.initial(&mut Stream::new(1, purpose_key("initial"), 0, 0), &mut parent);
+//! let mut child = vec![0.0; network.genes()];
+//! network.mutate(&parent, &mut Stream::new(1, purpose_key("mutate"), 0, 0), 0.3, 1.0, &mut child);
+//! assert_ne!(child, parent);
+//! ```
+
+mod distance;
+mod network;
+mod philox;
+mod stream;
+
+pub use distance::{distance, distances};
+pub use network::{Mutation, NodeNetwork};
+pub use philox::philox;
+pub use stream::{Stream, purpose_key};

@@ -1,0 +1,146 @@
+//! Streams of random numbers, each with an address of its own.
+
+use sha2::{Digest, Sha256};
+
+use crate::philox::philox;
+
+const WORDS: usize = 4;
+/// 2^-53, the distance of two neighbouring units.
+const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
+
+/// The 64-bit key of a purpose: the first eight bytes, little-endian, of its name's SHA-256.
+#[must_use]
+pub fn purpose_key(purpose: &str) -> u64 {
+    let mut first = [0; 8];
+    first.copy_from_slice(&Sha256::digest(purpose)[..8]);
+    u64::from_le_bytes(first)
+}
+
+/// An endless sequence of random numbers.
+///
+/// Its words are those of Philox 4x64-10 with key = (seed, purpose) and counter = (block, candidate, generation, 0);
+/// blocks are counted from 1.
+#[derive(Debug, Clone)]
+pub struct Stream {
+    key: [u64; 2],
+    candidate: u64,
+    generation: u64,
+    /// Blocks drawn.
+    blocks: u64,
+    block: [u64; WORDS],
+    /// Words of the block that are used up.
+    used: usize,
+}
+
+impl Stream {
+    /// `purpose`: see [`purpose_key`].
+    #[must_use]
+    pub fn new(seed: u64, purpose: u64, generation: u64, candidate: u64) -> Self {
+        Self {
+            key: [seed, purpose],
+            candidate,
+            generation,
+            blocks: 0,
+            block: [0; WORDS],
+            used: WORDS,
+        }
+    }
+
+    /// The next 64 random bits.
+    #[inline]
+    pub fn word(&mut self) -> u64 {
+        if self.used == WORDS {
+            self.draw();
+        }
+        let word = self.block[self.used];
+        self.used += 1;
+        word
+    }
+
+    /// As many words as there are places.
+    pub fn fill(&mut self, words: &mut [u64]) {
+        let rest = (WORDS - self.used).min(words.len());
+        let (head, body) = words.split_at_mut(rest);
+        head.copy_from_slice(&self.block[self.used..self.used + rest]);
+        self.used += rest;
+        let mut whole = body.chunks_exact_mut(WORDS);
+        for part in &mut whole {
+            self.blocks = self.blocks.wrapping_add(1);
+            part.copy_from_slice(&self.at(self.blocks));
+        }
+        for place in whole.into_remainder() {
+            *place = self.word();
+        }
+    }
+
+    /// Goes past words without drawing them.
+    pub fn skip(&mut self, words: usize) {
+        let rest = WORDS - self.used;
+        if words <= rest {
+            self.used += words;
+            return;
+        }
+        let beyond = words - rest;
+        self.blocks = self.blocks.wrapping_add((beyond / WORDS) as u64);
+        self.used = WORDS;
+        if !beyond.is_multiple_of(WORDS) {
+            self.draw();
+            self.used = beyond % WORDS;
+        }
+    }
+
+    /// The next multiple of 2^-53, uniform in 0 .. 1 without 1.
+    #[inline]
+    pub fn unit(&mut self) -> f64 {
+        unit(self.word())
+    }
+
+    /// A number uniform in -border .. border.
+    #[inline]
+    pub fn uniform(&mut self, border: f64) -> f64 {
+        uniform(self.word(), border)
+    }
+
+    /// An integer, uniform in 0 .. below, without bias; words that would favour some are drawn in vain.
+    ///
+    /// 0 counts as 2^64.
+    #[inline]
+    pub fn integer(&mut self, below: u64) -> u64 {
+        if below == 0 {
+            return self.word();
+        }
+        // 2^64 mod below: so many words at the upper end favour the small integers.
+        let excess = (u64::MAX % below + 1) % below;
+        loop {
+            let word = self.word();
+            if word <= u64::MAX - excess {
+                return word % below;
+            }
+        }
+    }
+
+    #[inline]
+    fn draw(&mut self) {
+        self.blocks = self.blocks.wrapping_add(1);
+        self.block = self.at(self.blocks);
+        self.used = 0;
+    }
+
+    #[inline]
+    fn at(&self, block: u64) -> [u64; WORDS] {
+        philox([block, self.candidate, self.generation, 0], self.key)
+    }
+}
+
+/// The upper 53 bits of a word as a multiple of 2^-53.
+#[expect(clippy::cast_precision_loss, reason = "53 bits are exact")]
+#[inline]
+pub(crate) fn unit(word: u64) -> f64 {
+    (word >> 11) as f64 * UNIT
+}
+
+/// A word as a number uniform in -border .. border.
+#[inline]
+pub(crate) fn uniform(word: u64, border: f64) -> f64 {
+    (unit(word) * 2.0 - 1.0) * border
+}

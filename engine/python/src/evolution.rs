@@ -1,0 +1,258 @@
+//! Genetic operators of networks, of one genome and of many.
+
+use std::borrow::Cow;
+
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use swarmwright_evolution::{self as evolution, Mutation, NodeNetwork, Stream};
+
+use crate::errors::input;
+use crate::streams::{PyStream, PyStreams};
+
+/// The operators of networks whose genomes are rows of nodes.
+#[pyclass(name = "NodeNetwork", module = "swarmwright._engine", frozen)]
+pub struct PyNodeNetwork(NodeNetwork);
+
+#[pymethods]
+impl PyNodeNetwork {
+    #[new]
+    #[pyo3(signature = (sizes, *, weight_range, bias_range, mutation))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn new(
+        sizes: Vec<usize>,
+        weight_range: f64,
+        bias_range: f64,
+        mutation: &str,
+    ) -> PyResult<Self> {
+        let mutation = match mutation {
+            "uniform" => Mutation::Uniform,
+            "proportional" => Mutation::Proportional,
+            other => {
+                return Err(input(format!(
+                    "mutation: {other:?} found, expected uniform or proportional"
+                )));
+            }
+        };
+        if sizes.is_empty() {
+            return Err(input("sizes: empty, but a network has at least one node"));
+        }
+        Ok(Self(NodeNetwork::new(
+            &sizes,
+            weight_range,
+            bias_range,
+            mutation,
+        )))
+    }
+
+    fn initial<'py>(
+        &self,
+        py: Python<'py>,
+        stream: &mut PyStream,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let one = std::slice::from_mut(&mut stream.0);
+        self.each(py, one, |_, stream, genome| {
+            self.0.initial(stream, genome);
+        })?
+        .reshape([self.0.genes()])
+    }
+
+    fn initials<'py>(
+        &self,
+        py: Python<'py>,
+        streams: &mut PyStreams,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.each(py, &mut streams.0, |_, stream, genome| {
+            self.0.initial(stream, genome);
+        })
+    }
+
+    #[pyo3(signature = (parent, stream, *, severity, probability))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn mutate<'py>(
+        &self,
+        py: Python<'py>,
+        parent: PyReadonlyArray1<'py, f32>,
+        stream: &mut PyStream,
+        severity: f64,
+        probability: f64,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let parent = self.genome("genome", &parent)?;
+        let one = std::slice::from_mut(&mut stream.0);
+        self.each(py, one, |_, stream, child| {
+            self.0.mutate(&parent, stream, severity, probability, child);
+        })?
+        .reshape([self.0.genes()])
+    }
+
+    #[pyo3(signature = (parents, streams, *, severity, probability))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn mutations<'py>(
+        &self,
+        py: Python<'py>,
+        parents: PyReadonlyArray2<'py, f32>,
+        streams: &mut PyStreams,
+        severity: f64,
+        probability: f64,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let parents = self.genomes("parents", &parents, streams.0.len())?;
+        self.each(py, &mut streams.0, |index, stream, child| {
+            let parent = self.row(&parents, index);
+            self.0.mutate(parent, stream, severity, probability, child);
+        })
+    }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn crossover<'py>(
+        &self,
+        py: Python<'py>,
+        mother: PyReadonlyArray1<'py, f32>,
+        father: PyReadonlyArray1<'py, f32>,
+        stream: &mut PyStream,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let mother = self.genome("mother", &mother)?;
+        let father = self.genome("father", &father)?;
+        let one = std::slice::from_mut(&mut stream.0);
+        self.each(py, one, |_, stream, child| {
+            self.0.crossover(&mother, &father, stream, child);
+        })?
+        .reshape([self.0.genes()])
+    }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn crossovers<'py>(
+        &self,
+        py: Python<'py>,
+        mothers: PyReadonlyArray2<'py, f32>,
+        fathers: PyReadonlyArray2<'py, f32>,
+        streams: &mut PyStreams,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let mothers = self.genomes("mothers", &mothers, streams.0.len())?;
+        let fathers = self.genomes("fathers", &fathers, streams.0.len())?;
+        self.each(py, &mut streams.0, |index, stream, child| {
+            let (mother, father) = (self.row(&mothers, index), self.row(&fathers, index));
+            self.0.crossover(mother, father, stream, child);
+        })
+    }
+}
+
+impl PyNodeNetwork {
+    /// A new genome for each stream.
+    fn each<'py>(
+        &self,
+        py: Python<'py>,
+        streams: &mut [Stream],
+        make: impl Fn(usize, &mut Stream, &mut [f32]),
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let genes = self.0.genes();
+        let mut genomes = vec![0.0; streams.len() * genes];
+        let rows = genomes.chunks_exact_mut(genes);
+        for (index, (stream, genome)) in streams.iter_mut().zip(rows).enumerate() {
+            make(index, stream, genome);
+        }
+        PyArray1::from_vec(py, genomes).reshape([streams.len(), genes])
+    }
+
+    fn row<'a>(&self, genomes: &'a [f32], index: usize) -> &'a [f32] {
+        &genomes[index * self.0.genes()..(index + 1) * self.0.genes()]
+    }
+
+    fn genome<'a>(
+        &self,
+        name: &str,
+        genome: &'a PyReadonlyArray1<'_, f32>,
+    ) -> PyResult<Cow<'a, [f32]>> {
+        if genome.len() != self.0.genes() {
+            let (found, expected) = (genome.len(), self.0.genes());
+            return Err(input(format!(
+                "{name}: has {found} genes, expected {expected}"
+            )));
+        }
+        Ok(match genome.as_slice() {
+            Ok(genes) => genes.into(),
+            Err(_) => genome.as_array().iter().copied().collect(),
+        })
+    }
+
+    fn genomes<'a>(
+        &self,
+        name: &str,
+        genomes: &'a PyReadonlyArray2<'_, f32>,
+        count: usize,
+    ) -> PyResult<Cow<'a, [f32]>> {
+        let expected = [count, self.0.genes()];
+        if genomes.shape() != expected {
+            let found = genomes.shape();
+            return Err(input(format!(
+                "{name}: have the shape {found:?}, expected {expected:?}: a genome for each stream"
+            )));
+        }
+        Ok(row_major(genomes))
+    }
+}
+
+/// The numbers of an array, copied only where they do not lie row by row in memory.
+fn row_major<'a>(genomes: &'a PyReadonlyArray2<'_, f32>) -> Cow<'a, [f32]> {
+    match genomes.as_slice() {
+        Ok(rows) => rows.into(),
+        Err(_) => genomes.as_array().iter().copied().collect(),
+    }
+}
+
+/// The distances of some genomes, by index, to others each: the sums of absolute differences.
+#[pyfunction]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "pyo3 hands arguments over by value"
+)]
+pub fn distances<'py>(
+    py: Python<'py>,
+    genomes: PyReadonlyArray2<'py, f32>,
+    ones: PyReadonlyArray1<'py, i64>,
+    others: PyReadonlyArray2<'py, i64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let [count, genes] = [genomes.shape()[0], genomes.shape()[1]];
+    let [rows, columns] = [others.shape()[0], others.shape()[1]];
+    if ones.len() != rows {
+        let found = ones.len();
+        return Err(input(format!(
+            "ones: {found} indices, but others has {rows} rows"
+        )));
+    }
+    let values = row_major(&genomes);
+    let genome = |index: i64| match usize::try_from(index) {
+        Ok(index) if index < count => Ok(&values[index * genes..(index + 1) * genes]),
+        _ => Err(input(format!(
+            "index {index} found, but there are {count} genomes"
+        ))),
+    };
+    let mut found = vec![0.0; rows * columns];
+    let indices = others.as_array();
+    for (row, one) in ones.as_array().iter().enumerate() {
+        let partners = indices
+            .row(row)
+            .iter()
+            .map(|index| genome(*index))
+            .collect::<PyResult<Vec<_>>>()?;
+        let places = &mut found[row * columns..(row + 1) * columns];
+        evolution::distances(genome(*one)?, &partners, places);
+    }
+    found.into_pyarray(py).reshape([rows, columns])
+}

@@ -1,0 +1,154 @@
+//! Random numbers by counter.
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::{PyIterator, PyList};
+use swarmwright_evolution as evolution;
+
+use crate::errors::input;
+
+/// Random numbers with an address of their own.
+#[pyclass(name = "Stream", module = "swarmwright._engine")]
+pub struct PyStream(pub evolution::Stream);
+
+#[pymethods]
+impl PyStream {
+    #[new]
+    #[pyo3(signature = (seed, purpose, generation=0, candidate=0))]
+    fn new(seed: u64, purpose: &str, generation: u64, candidate: u64) -> Self {
+        let key = evolution::purpose_key(purpose);
+        Self(evolution::Stream::new(seed, key, generation, candidate))
+    }
+
+    fn raw<'py>(&mut self, py: Python<'py>, count: usize) -> Bound<'py, PyArray1<u64>> {
+        let mut words = vec![0; count];
+        self.0.fill(&mut words);
+        words.into_pyarray(py)
+    }
+
+    fn unit<'py>(&mut self, py: Python<'py>, count: usize) -> Bound<'py, PyArray1<f64>> {
+        let units: Vec<f64> = (0..count).map(|_| self.0.unit()).collect();
+        units.into_pyarray(py)
+    }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn uniform<'py>(
+        &mut self,
+        py: Python<'py>,
+        border: PyReadonlyArray1<'py, f64>,
+    ) -> Bound<'py, PyArray1<f64>> {
+        let numbers: Vec<f64> = border
+            .as_array()
+            .iter()
+            .map(|border| self.0.uniform(*border))
+            .collect();
+        numbers.into_pyarray(py)
+    }
+
+    fn integer(&mut self, below: u128) -> PyResult<u64> {
+        Ok(self.0.integer(limit(below)?))
+    }
+
+    fn integers(&mut self, below: u128, count: usize) -> PyResult<Vec<u64>> {
+        let below = limit(below)?;
+        Ok((0..count).map(|_| self.0.integer(below)).collect())
+    }
+}
+
+/// The number of integers to draw from, 1 to 2^64, where 0 stands for the latter.
+fn limit(below: u128) -> PyResult<u64> {
+    if !(1..=1 << 64).contains(&below) {
+        return Err(input(format!(
+            "below: {below} found, expected 1 to 2**64: an integer is drawn from 0 to below - 1"
+        )));
+    }
+    Ok(u64::try_from(below).unwrap_or(0))
+}
+
+/// Streams that differ in the candidate alone.
+#[pyclass(name = "Streams", module = "swarmwright._engine")]
+pub struct PyStreams(pub Vec<evolution::Stream>);
+
+#[pymethods]
+impl PyStreams {
+    #[new]
+    fn new(seed: u64, purpose: &str, generation: u64, candidates: Vec<u64>) -> Self {
+        let key = evolution::purpose_key(purpose);
+        let stream = |candidate| evolution::Stream::new(seed, key, generation, candidate);
+        Self(candidates.into_iter().map(stream).collect())
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    fn __getitem__(&self, index: usize) -> PyResult<PyStream> {
+        let found = self.0.get(index).cloned().map(PyStream);
+        found.ok_or_else(|| {
+            PyIndexError::new_err(format!("{index} found, there are {} streams", self.0.len()))
+        })
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        PyList::new(
+            py,
+            self.0
+                .iter()
+                .cloned()
+                .map(PyStream)
+                .map(|stream| Py::new(py, stream))
+                .collect::<PyResult<Vec<_>>>()?,
+        )?
+        .try_iter()
+    }
+
+    fn units<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let streams = self.0.len();
+        let mut drawn = Vec::with_capacity(streams * count);
+        for stream in &mut self.0 {
+            drawn.extend((0..count).map(|_| stream.unit()));
+        }
+        PyArray1::from_vec(py, drawn).reshape([streams, count])
+    }
+
+    fn integers<'py>(
+        &mut self,
+        py: Python<'py>,
+        below: Below,
+        count: usize,
+    ) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        let streams = self.0.len();
+        let limits = match below {
+            Below::All(below) => vec![below; streams],
+            Below::Each(limits) => limits,
+        };
+        if limits.len() != streams {
+            let found = limits.len();
+            return Err(input(format!(
+                "below: {found} numbers for {streams} streams"
+            )));
+        }
+        if let Some(wrong) = limits.iter().find(|below| **below < 1) {
+            return Err(input(format!(
+                "below: {wrong} found, expected 1 to 2**63 - 1"
+            )));
+        }
+        let mut drawn = Vec::with_capacity(streams * count);
+        for (stream, below) in self.0.iter_mut().zip(limits) {
+            let below = below.cast_unsigned();
+            drawn.extend((0..count).map(|_| stream.integer(below).cast_signed()));
+        }
+        PyArray1::from_vec(py, drawn).reshape([streams, count])
+    }
+}
+
+/// How many integers to draw from, for all streams or for each.
+#[derive(FromPyObject)]
+pub enum Below {
+    All(i64),
+    Each(Vec<i64>),
+}
