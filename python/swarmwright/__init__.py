@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright._errors import InputError, RunError, SwarmwrightError
 
 if TYPE_CHECKING:
-    from swarmwright import templates
+    from swarmwright import callbacks, templates
     from swarmwright._controller import Controller
     from swarmwright._evaluate import evaluate, simulate
     from swarmwright._experiment import Experiment
@@ -35,6 +35,7 @@ __all__ = [
     "RunError",
     "SwarmwrightError",
     "__version__",
+    "callbacks",
     "evaluate",
     "optimize",
     "repeat",
@@ -60,7 +61,7 @@ _LAZY = {
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
     if name == "__version__":
         value: Any = import_module("swarmwright._engine").__version__
-    elif name in {"frevo", "templates", "testing"}:
+    elif name in {"callbacks", "frevo", "templates", "testing"}:
         value = import_module(f"swarmwright.{name}")
     elif name in _LAZY:
         value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)

@@ -3,18 +3,22 @@
 import shlex
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import click
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import Progress, duration, progress
 from swarmwright.cli._signals import INTERRUPTED, check
 
 if TYPE_CHECKING:
-    from swarmwright import Generation, Run
+    from swarmwright import Experiment, Generation, Run
     from swarmwright._backend import Progress as OnProgress
     from swarmwright._loop import OnGeneration
+    from swarmwright.callbacks import Callback
 
 FILES = {
     "best.json": "the best controller",
@@ -24,20 +28,64 @@ FILES = {
 }
 
 
-def evolve(output: Output, generations: int, work: "Callable[[OnGeneration, OnProgress], Run]") -> int:
+def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    """`--tensorboard DIR` and `--mlflow URI`: who else is told how it goes."""
+    tensorboard = click.option(
+        "--tensorboard",
+        type=click.Path(path_type=Path, file_okay=False),
+        metavar="DIR",
+        help="Write the figures of each generation for TensorBoard, into this folder.",
+    )
+    mlflow = click.option(
+        "--mlflow",
+        metavar="URI",
+        help="Make a run on this MLflow tracking server (http://..) or database (sqlite:///..).",
+    )
+    return tensorboard(mlflow(command))
+
+
+def evolve(
+    output: Output,
+    experiment: "Experiment",
+    work: "Callable[[OnGeneration, OnProgress], Run]",
+    *,
+    tensorboard: Path | None,
+    mlflow: str | None,
+) -> int:
     """Do the work, show how it goes and what came out; the exit status.
 
     Args:
         output: where it is shown.
-        generations: of the whole run.
+        experiment: as it is run.
         work: gets what is called after each generation, and what is called within.
+        tensorboard: folder for TensorBoard, if wanted.
+        mlflow: MLflow's tracking server, if wanted.
     """
     reader = Reader()
-    with progress(output, generations) as shown:
-        run = work(lambda generation: reader.show(shown, generation), shown.evaluating)
+    with ExitStack() as stack:
+        watchers = [stack.enter_context(one) for one in _watchers(experiment, tensorboard, mlflow)]
+        shown = stack.enter_context(progress(output, experiment.generations))
+
+        def tell(generation: "Generation") -> bool:
+            for watcher in watchers:
+                watcher(generation)
+            return reader.show(shown, generation)
+
+        run = work(tell, shown.evaluating)
+        for watcher in watchers:
+            watcher.conclude(run)
     if not reader.gone:
         _conclude(output, run)
     return INTERRUPTED if run.interrupted or reader.gone else 0
+
+
+def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | None) -> "Iterator[Callback]":
+    from swarmwright import callbacks
+
+    if tensorboard is not None:
+        yield callbacks.TensorBoard(tensorboard, experiment)
+    if mlflow is not None:
+        yield callbacks.MLflow(mlflow, experiment)
 
 
 class Reader:

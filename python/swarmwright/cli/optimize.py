@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._evolving import evolve
+from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
@@ -30,6 +30,7 @@ from swarmwright.cli._output import Output, show_warnings
     help="Folder for the results. Default: a new one in runs/.",
 )
 @servers_option
+@watch_options
 @json_option
 def command(
     file: Path,
@@ -37,6 +38,8 @@ def command(
     seed: int | None,
     out: Path | None,
     servers: Servers | None,
+    tensorboard: Path | None,
+    mlflow: str | None,
     as_json: bool,
 ) -> int:
     """Evolve a controller as the experiment FILE says.
@@ -53,7 +56,7 @@ def command(
     broker = experiment_broker(broker, experiment.broker, wanted)
     return evolve(
         output,
-        experiment.method.generations,
+        experiment,
         lambda on_generation, on_progress: optimize(
             experiment,
             on_generation,
@@ -63,4 +66,6 @@ def command(
             seed=seed,
             out=out,
         ),
+        tensorboard=tensorboard,
+        mlflow=mlflow,
     )

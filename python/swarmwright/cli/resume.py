@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._evolving import evolve
+from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
@@ -31,9 +31,16 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="G",
     help="A larger budget than the experiment's; prolongs finished runs, too.",
 )
+@watch_options
 @json_option
 def command(
-    run: Path, broker: str | None, servers: Servers | None, generations: int | None, as_json: bool
+    run: Path,
+    broker: str | None,
+    servers: Servers | None,
+    generations: int | None,
+    tensorboard: Path | None,
+    mlflow: str | None,
+    as_json: bool,
 ) -> int:
     """Go on with RUN where it was interrupted, killed, or failed.
 
@@ -51,7 +58,7 @@ def command(
         output.text(f"{run} is finished: there is nothing left to do.")
     return evolve(
         output,
-        generations or experiment.generations,
+        experiment if generations is None else experiment.replace(method={"generations": generations}),
         lambda on_generation, on_progress: resume(
             opened,
             on_generation,
@@ -60,4 +67,6 @@ def command(
             broker=broker,
             servers=servers,
         ),
+        tensorboard=tensorboard,
+        mlflow=mlflow,
     )

@@ -1,0 +1,68 @@
+"""What callbacks have in common."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from swarmwright._loop import Generation
+    from swarmwright._run import Run
+
+
+class Callback(ABC):
+    """Called after each generation; a context manager that writes what is left when it ends."""
+
+    @abstractmethod
+    def __call__(self, generation: "Generation") -> None:
+        """Take the figures of a generation."""
+
+    @abstractmethod
+    def conclude(self, run: "Run") -> None:
+        """Take what came out in the end, if the run comes to one. May be left out by who calls."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Write what is left. May be called again."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def together(
+    *callbacks: "Callable[[Generation], bool | None]",
+) -> "Callable[[Generation], bool | None]":
+    """Return a callback that calls all of these, in order; it ends the run when any of them does."""
+
+    def call(generation: "Generation") -> bool:
+        return False not in [callback(generation) for callback in callbacks]
+
+    return call
+
+
+def figures(generation: "Generation") -> dict[str, float]:
+    """Return the numbers of a generation that make a curve."""
+    return {
+        "fitness/best_so_far": generation.best_so_far,
+        "fitness/best": generation.best,
+        "fitness/mean": generation.mean,
+        "evaluations/total": float(generation.evaluations),
+        "evaluations/failed": float(generation.failed),
+        "evaluations/per_second": generation.evaluations_per_second,
+    }
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return nested values as text by dotted name: {"method": {"kind": "x"}} as {"method.kind": "x"}."""
+    result: dict[str, str] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            result |= flat(value, f"{prefix}{name}.")
+        else:
+            result[prefix + name] = str(value)
+    return result

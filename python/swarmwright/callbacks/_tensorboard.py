@@ -1,0 +1,62 @@
+"""TensorBoard: event files that `tensorboard --logdir` shows."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swarmwright._errors import InputError
+from swarmwright.callbacks._base import Callback, figures
+
+if TYPE_CHECKING:
+    from swarmwright._experiment import Experiment
+    from swarmwright._loop import Generation
+    from swarmwright._run import Run
+
+
+class TensorBoard(Callback):
+    """Writes the figures of each generation for TensorBoard, a point per generation.
+
+    Args:
+        folder: where the event file goes; made when it is not there. One folder per run, under one that
+            `tensorboard --logdir` names, shows runs side by side.
+        experiment: shown as text, if given.
+
+    Raises:
+        InputError: tensorboardX is not installed, or the folder cannot be written.
+    """
+
+    def __init__(self, folder: str | Path, experiment: "Experiment | None" = None) -> None:
+        try:
+            from tensorboardX import SummaryWriter
+        except ImportError:
+            raise InputError(
+                "TensorBoard: its event files are written by tensorboardX: "
+                "pip install 'swarmwright[tensorboard]'"
+            ) from None
+        try:
+            self._writer = SummaryWriter(str(folder))
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        if experiment is not None:
+            from swarmwright._yaml import dump
+
+            lines = dump(experiment.to_mapping()).splitlines()
+            self._writer.add_text("experiment", "\n".join(f"    {line}" for line in lines))
+
+    def __call__(self, generation: "Generation") -> None:
+        """Add a point to each curve."""
+        for name, value in figures(generation).items():
+            self._writer.add_scalar(name, value, generation.generation)
+
+    def conclude(self, run: "Run") -> None:
+        """Add the fitness of the last population's members as a histogram."""
+        if run.generations:
+            last = run.record.fitness[run.record.generation == run.generations - 1]
+            last = last[np.isfinite(last)]
+            if len(last):
+                self._writer.add_histogram("fitness/last_generation", last, run.generations - 1)
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._writer.close()
