@@ -86,7 +86,8 @@ def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
     if "anyOf" in key:
         return " or ".join(_type(one, schema) for one in key["anyOf"] if one.get("type") != "null")
     if key.get("type") == "array":
-        return f"list of {_type(key['items'], schema)}"
+        items = _type(key["items"], schema)
+        return f"list of ({items})" if "anyOf" in key["items"] else f"list of {items}"
     words: dict[str, str] = {"object": "mapping", "string": "text"}
     kind: str = key["type"]
     return words.get(kind, kind) + _limits(key)

@@ -108,6 +108,7 @@ def _check_values(values: dict[str, Any], report: Report) -> Checked:
         _check_parameters(values["simulation"], dict(parameters), report)
     if "simulation" in checked:
         _fill_in(checked, report)
+        _check_representation(checked, report)
     return checked
 
 
@@ -141,6 +142,19 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
                 f"{kind} keeps no members from one generation to the next, so there are none to evaluate "
                 "again; leave the key out, or take a method that does, such as nnga",
             )
+
+
+def _check_representation(checked: Checked, report: Report) -> None:
+    """Check that the controller's options fit the sensors and actuators, as far as these are known."""
+    options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
+    if options is None or sensors is None or actuators is None:
+        return
+    try:
+        REPRESENTATIONS.get(options.kind)(options, sensors=sensors, actuators=actuators)
+    except InputError as error:
+        place, found, reason = str(error).removeprefix("controller").partition(": ")
+        path = [part for part in place.split(".") if part] if found else []
+        report(("controller", *path), reason or str(error))
 
 
 def _check_parameters(simulation: str, parameters: dict[str, Any], report: Report) -> None:

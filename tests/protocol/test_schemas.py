@@ -121,9 +121,20 @@ MESHED = {
     "output_range": [0, 1],
 }
 
+MACHINE = {
+    "version": 1,
+    "kind": "mealy_fsm",
+    "sensors": 2,
+    "actuators": 1,
+    "states": 2,
+    "thresholds": [[-0.5, 0.5], []],
+    "weights": [0.5] * 12,
+}
+
 
 @pytest.mark.parametrize(
-    "specification", [CONTROLLER, {**CONTROLLER, "hidden": []}, MESHED, {**MESHED, "hidden": 0}]
+    "specification",
+    [CONTROLLER, {**CONTROLLER, "hidden": []}, MESHED, {**MESHED, "hidden": 0}, MACHINE],
 )
 def test_controller_is_accepted(specification: dict[str, Any], validators: Validators) -> None:
     validators("controller").validate(specification)
@@ -131,7 +142,8 @@ def test_controller_is_accepted(specification: dict[str, Any], validators: Valid
 
 def test_controllers_of_the_vectors_are_accepted(validators: Validators) -> None:
     vectors = load(PROTOCOL / "vectors" / "controllers.json")["controllers"]
-    assert {vector["specification"]["kind"] for vector in vectors} == {"layered", "fully_meshed"}
+    kinds = {vector["specification"]["kind"] for vector in vectors}
+    assert kinds == {"layered", "fully_meshed", "mealy_fsm"}
     for vector in vectors:
         validators("controller").validate(vector["specification"])
 
@@ -156,6 +168,11 @@ def test_controllers_of_the_vectors_are_accepted(validators: Validators) -> None
         (MESHED, {"hidden": [2]}),
         (MESHED, {"activation": "linear"}),
         (MESHED, {"iterations": 0}),
+        (MACHINE, {"states": 0}),
+        (MACHINE, {"thresholds": []}),
+        (MACHINE, {"thresholds": [0]}),
+        (MACHINE, {"thresholds": [["0"]]}),
+        (MACHINE, {"hidden": 2}),
     ],
     ids=lambda value: None if len(value) > 1 else str(value),
 )

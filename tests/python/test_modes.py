@@ -25,6 +25,11 @@ EXPERIMENTS: dict[str, dict[str, Any]] = {
         "parameters": {"width": 8, "height": 8, "numAgents": 4, "numBlockades": 3, "steps": 8},
         "controller": {"kind": "fully_meshed", "hidden": 2},
     },
+    "machine": {
+        "simulation": "minisim",
+        "parameters": {"placement": "random", "numAgents": 3, "numDefenders": 2},
+        "controller": {"kind": "mealy_fsm", "levels": [3, 3, 2, 2]},
+    },
 }
 
 
@@ -40,19 +45,20 @@ def experiment(name: str, **changes: Any) -> Experiment:
 
 
 @pytest.fixture(scope="module", params=EXPERIMENTS)
-def expected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The run that all others must equal."""
+def expected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Run]:
+    """Name of the experiment, and the run that all others must equal."""
     folder = tmp_path_factory.mktemp(request.param) / "run"
-    return optimize(experiment(request.param), servers="local", out=folder)
+    return request.param, optimize(experiment(request.param), servers="local", out=folder)
 
 
 @pytest.mark.parametrize("servers", [1, 2, 8])
 @pytest.mark.parametrize("mode", MODES)
-def test_the_record_is_the_same_bytes(mode: str, servers: int, expected: Run, tmp_path: Path) -> None:
-    run = optimize(
-        experiment(expected.experiment.simulation, mode=mode), servers=servers, out=tmp_path / "run"
-    )
-    same_record(run, expected)
+def test_the_record_is_the_same_bytes(
+    mode: str, servers: int, expected: tuple[str, Run], tmp_path: Path
+) -> None:
+    title, local = expected
+    run = optimize(experiment(title, mode=mode), servers=servers, out=tmp_path / "run")
+    same_record(run, local)
     entries = [vars(attempt) for attempt in run.attempts()]
     assert {entry["mode"] for entry in entries} == {mode}
     assert sum(entry["candidates"] * entry["episodes"] for entry in entries) == run.evaluations * 3

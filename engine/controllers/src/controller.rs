@@ -49,8 +49,8 @@ pub enum ControllerError {
 pub struct Controller {
     architecture: Arc<Architecture>,
     weights: Arc<[f32]>,
-    /// Outputs of all nodes of a fully meshed network; empty for networks without state.
-    outputs: Box<[f32]>,
+    /// What is kept between steps: the outputs of all nodes of a fully meshed network, the state of a machine.
+    state: Box<[f32]>,
     scratch: Box<[f32]>,
 }
 
@@ -88,11 +88,12 @@ impl Controller {
         let (state, scratch) = match &*architecture {
             Architecture::Layered(net) => (0, net.scratch_length()),
             Architecture::FullyMeshed(net) => (net.nodes(), net.nodes()),
+            Architecture::MealyFsm(_) => (1, 0),
         };
         Self {
             architecture,
             weights,
-            outputs: vec![0.0; state].into_boxed_slice(),
+            state: vec![0.0; state].into_boxed_slice(),
             scratch: vec![0.0; scratch].into_boxed_slice(),
         }
     }
@@ -109,7 +110,7 @@ impl Controller {
 
     /// Back to the start of an episode: the state between steps is forgotten.
     pub fn reset(&mut self) {
-        self.outputs.fill(0.0);
+        self.state.fill(0.0);
     }
 
     /// One step: writes the actuators, each in -1..=1, for `sensors`. Allocates nothing.
@@ -141,11 +142,14 @@ impl Controller {
             Architecture::FullyMeshed(net) => {
                 net.step(
                     &self.weights,
-                    &mut self.outputs,
+                    &mut self.state,
                     &mut self.scratch,
                     sensors,
                     actuators,
                 );
+            }
+            Architecture::MealyFsm(machine) => {
+                machine.step(&self.weights, &mut self.state[0], sensors, actuators);
             }
         }
         Ok(())

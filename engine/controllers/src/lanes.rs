@@ -2,38 +2,51 @@
 //!
 //! The operations and their order are those of [`crate::Controller`]; a lane never meets another one.
 
-use swarmwright_lanes::{Lanes, Mask};
+use swarmwright_lanes::{Int, Lanes, Mask};
 
 use crate::functions::lanes as functions;
-use crate::{Activation, Architecture, FullyMeshed, Layered, OutputRange};
+use crate::{Activation, Architecture, FullyMeshed, Layered, MealyFsm, OutputRange};
 
 /// As many controllers as there are lanes, with their weights; the state of each agent is kept by the caller.
 pub struct LaneController<'a, L> {
     architecture: &'a Architecture,
-    /// One vector per weight.
+    /// One vector per weight; none for machines.
     weights: Vec<L>,
+    /// The weights of each lane, which machines look up.
+    genomes: Vec<&'a [f32]>,
     scratch: Vec<L>,
 }
+
+/// Most lanes of a vector.
+const MOST_LANES: usize = 64;
 
 impl<'a, L: Lanes> LaneController<'a, L> {
     /// Controllers without weights; `load` gives them some.
     #[inline(always)]
     pub fn new(architecture: &'a Architecture) -> Self {
-        let scratch = match architecture {
-            Architecture::Layered(net) => net.scratch_length(),
-            Architecture::FullyMeshed(net) => 2 * (net.hidden + net.actuators),
+        let count = architecture.weight_count();
+        let (weights, scratch) = match architecture {
+            Architecture::Layered(net) => (count, net.scratch_length()),
+            Architecture::FullyMeshed(net) => (count, 2 * (net.hidden + net.actuators)),
+            Architecture::MealyFsm(_) => (0, 0),
         };
         Self {
             architecture,
-            weights: vec![L::splat(0.0); architecture.weight_count()],
+            weights: vec![L::splat(0.0); weights],
+            genomes: Vec::new(),
             scratch: vec![L::splat(0.0); scratch],
         }
     }
 
     /// Gives each lane the weights of a genome; `genomes` holds one per lane, each as long as the weight count.
     #[inline(always)]
-    pub fn load(&mut self, genomes: &[&[f32]]) {
-        L::transpose(genomes, 0, &mut self.weights);
+    pub fn load(&mut self, genomes: &[&'a [f32]]) {
+        if let Architecture::MealyFsm(_) = self.architecture {
+            self.genomes.clear();
+            self.genomes.extend_from_slice(genomes);
+        } else {
+            L::transpose(genomes, 0, &mut self.weights);
+        }
     }
 
     /// Vectors of state that one agent needs; all 0 at the start of an episode.
@@ -42,6 +55,7 @@ impl<'a, L: Lanes> LaneController<'a, L> {
         match self.architecture {
             Architecture::Layered(_) => 0,
             Architecture::FullyMeshed(net) => net.hidden + net.actuators,
+            Architecture::MealyFsm(_) => 1,
         }
     }
 
@@ -53,6 +67,9 @@ impl<'a, L: Lanes> LaneController<'a, L> {
             Architecture::Layered(net) => layered(net, weights, scratch, sensors, actuators),
             Architecture::FullyMeshed(net) => {
                 fully_meshed(net, weights, state, scratch, sensors, actuators);
+            }
+            Architecture::MealyFsm(machine) => {
+                mealy_fsm(machine, &self.genomes, &mut state[0], sensors, actuators);
             }
         }
     }
@@ -230,6 +247,44 @@ fn large<L: Lanes>(
         }
         state[..active].copy_from_slice(next);
     }
+}
+
+#[inline(always)]
+fn mealy_fsm<L: Lanes>(
+    machine: &MealyFsm,
+    genomes: &[&[f32]],
+    state: &mut L,
+    sensors: &[L],
+    actuators: &mut [L],
+) {
+    let (zero, one) = (L::Int::splat(0), L::Int::splat(1));
+    let mut row = state.floor();
+    for (sensor, thresholds) in sensors.iter().zip(&machine.thresholds) {
+        // A specification has at most a million weights, so no row comes near 2^31.
+        row = row.mul(L::Int::splat(thresholds.len() as i32 + 1));
+        for threshold in thresholds {
+            row = row.add(one.select(zero, L::splat(*threshold).lt(*sensor)));
+        }
+    }
+    let mut at = [0; MOST_LANES];
+    row.mul(L::Int::splat(machine.row_length() as i32))
+        .store(&mut at);
+    let mut column = [0.0; MOST_LANES];
+    let mut gather = |offset: usize| {
+        for lane in 0..L::WIDTH {
+            column[lane] = genomes[lane][at[lane] as usize + offset];
+        }
+        L::load(&column)
+    };
+    for (index, actuator) in actuators.iter_mut().enumerate() {
+        *actuator = gather(1 + index)
+            .at_most(L::splat(1.0))
+            .at_least(L::splat(-1.0));
+    }
+    let next = gather(0)
+        .at_least(L::splat(0.0))
+        .at_most(L::splat(machine.last_state()));
+    *state = L::from_int(next.floor());
 }
 
 /// As `OutputRange::actuator`.

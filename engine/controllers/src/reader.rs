@@ -142,6 +142,31 @@ impl<'a> Reader<'a> {
         })
     }
 
+    /// A list for each sensor, of finite binary32 numbers, ascending.
+    pub(crate) fn thresholds(
+        &mut self,
+        sensors: usize,
+    ) -> Result<Vec<Vec<f32>>, SpecificationError> {
+        let expected =
+            format!("a list of {sensors} lists of ascending numbers, such as [[-0.5, 0.5], [0]]");
+        let raw = self.raw("thresholds", &expected)?;
+        let found = || format!("{} found, expected {expected}", excerpt(raw));
+        let thresholds: Vec<Vec<f32>> =
+            serde_json::from_str(raw.get()).map_err(|_| wrong("thresholds", found()))?;
+        if thresholds.len() != sensors {
+            return Err(wrong("thresholds", found()));
+        }
+        let ascends = |of_one: &[f32]| of_one.windows(2).all(|pair| pair[0] < pair[1]);
+        let sound = |of_one: &Vec<f32>| ascends(of_one) && of_one.iter().all(|t| t.is_finite());
+        match thresholds.iter().position(|of_one| !sound(of_one)) {
+            None => Ok(thresholds),
+            Some(i) => Err(wrong(
+                &format!("thresholds[{i}]"),
+                "must hold finite binary32 numbers, each greater than the one before",
+            )),
+        }
+    }
+
     /// Finite binary32 numbers.
     pub(crate) fn weights(&mut self, count: usize) -> Result<Vec<f32>, SpecificationError> {
         let expected = format!("a list of {count} numbers");

@@ -1,7 +1,7 @@
 //! What a controller is made of, as JSON.
 
 use crate::reader::{Reader, wrong};
-use crate::{Activation, FullyMeshed, Layered};
+use crate::{Activation, FullyMeshed, Layered, MealyFsm};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::value::RawValue;
 use std::str::FromStr;
@@ -31,6 +31,15 @@ const FULLY_MESHED: [&str; 9] = [
     "activation",
     "iterations",
     "output_range",
+    "weights",
+];
+const MEALY_FSM: [&str; 7] = [
+    "version",
+    "kind",
+    "sensors",
+    "actuators",
+    "states",
+    "thresholds",
     "weights",
 ];
 const MESHED_ACTIVATIONS: [Activation; 4] = [
@@ -77,6 +86,8 @@ pub enum Architecture {
     Layered(Layered),
     /// FREVO's recurrent network.
     FullyMeshed(FullyMeshed),
+    /// A finite-state machine.
+    MealyFsm(MealyFsm),
 }
 
 impl Architecture {
@@ -94,7 +105,7 @@ impl Architecture {
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         reader.count("version", VERSION as usize, VERSION as usize)?;
-        let expected = "\"layered\" or \"fully_meshed\"";
+        let expected = "\"layered\", \"fully_meshed\" or \"mealy_fsm\"";
         let kind = reader.text("kind", expected)?;
         let architecture = match kind.as_str() {
             "layered" => Self::Layered(Layered {
@@ -113,6 +124,15 @@ impl Architecture {
                     .unwrap_or(u32::MAX),
                 output_range: reader.output_range()?,
             }),
+            "mealy_fsm" => {
+                let sensors = reader.count("sensors", 1, MAX_WEIGHTS)?;
+                Self::MealyFsm(MealyFsm {
+                    sensors,
+                    actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+                    states: reader.count("states", 1, MAX_WEIGHTS)?,
+                    thresholds: reader.thresholds(sensors)?,
+                })
+            }
             other => {
                 return Err(wrong(
                     "kind",
@@ -120,14 +140,18 @@ impl Architecture {
                 ));
             }
         };
+        let (field, smaller) = match &architecture {
+            Self::MealyFsm(_) => ("thresholds", "take fewer states or thresholds"),
+            _ => ("hidden", "use a smaller network"),
+        };
         match architecture.checked_weight_count() {
             Some(count) if count <= MAX_WEIGHTS => Ok(architecture),
             Some(count) => Err(wrong(
-                "hidden",
-                format!("makes {count} weights; use a smaller network, at most {MAX_WEIGHTS}"),
+                field,
+                format!("makes {count} weights; {smaller}, at most {MAX_WEIGHTS}"),
             )),
             None => Err(wrong(
-                "hidden",
+                field,
                 format!("makes too many weights; at most {MAX_WEIGHTS} are possible"),
             )),
         }
@@ -137,6 +161,7 @@ impl Architecture {
         match self {
             Self::Layered(_) => &LAYERED,
             Self::FullyMeshed(_) => &FULLY_MESHED,
+            Self::MealyFsm(_) => &MEALY_FSM,
         }
     }
 
@@ -144,6 +169,7 @@ impl Architecture {
         match self {
             Self::Layered(net) => net.weight_count(),
             Self::FullyMeshed(net) => net.weight_count(),
+            Self::MealyFsm(machine) => machine.weight_count(),
         }
     }
 
@@ -152,19 +178,12 @@ impl Architecture {
         self.checked_weight_count().unwrap_or(usize::MAX)
     }
 
-    /// What every node does to its sum.
-    pub fn activation(&self) -> Activation {
-        match self {
-            Self::Layered(net) => net.activation,
-            Self::FullyMeshed(net) => net.activation,
-        }
-    }
-
     /// Numbers in.
     pub fn sensors(&self) -> usize {
         match self {
             Self::Layered(net) => net.sensors,
             Self::FullyMeshed(net) => net.sensors,
+            Self::MealyFsm(machine) => machine.sensors,
         }
     }
 
@@ -173,6 +192,7 @@ impl Architecture {
         match self {
             Self::Layered(net) => net.actuators,
             Self::FullyMeshed(net) => net.actuators,
+            Self::MealyFsm(machine) => machine.actuators,
         }
     }
 }

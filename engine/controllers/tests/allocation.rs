@@ -36,6 +36,8 @@ fn a_step_allocates_nothing() {
             "activation": "tanh", "output_range": [-1, 1], "weights": vec![0.1; 121]}),
         json!({"version": 1, "kind": "fully_meshed", "sensors": 4, "actuators": 1, "hidden": 3, "iterations": 2,
             "activation": "clamp", "output_range": [0, 1], "weights": vec![0.1; 36]}),
+        json!({"version": 1, "kind": "mealy_fsm", "sensors": 4, "actuators": 1, "states": 2,
+            "thresholds": [[-0.5, 0.5], [], [0], [0]], "weights": vec![1.0; 48]}),
     ];
     for document in documents {
         let mut controller =

@@ -153,3 +153,59 @@ fn weights_from_elsewhere_are_checked() {
     let value = Controller::with_weights(&architecture, bad.into()).unwrap_err();
     assert_eq!(value, ControllerError::WeightValue { index: 4 });
 }
+
+/// Two sensors, the first cut in three, the second in two; every row has a number of its own.
+fn machine() -> Specification {
+    let weights: Vec<f32> = (0..12u8)
+        .flat_map(|row| [f32::from(row % 2), f32::from(row) / 16.0])
+        .collect();
+    let document = json!({"version": 1, "kind": "mealy_fsm", "sensors": 2, "actuators": 1, "states": 2,
+        "thresholds": [[-0.5, 0.5], [0]], "weights": weights});
+    Specification::from_json(&document.to_string()).unwrap()
+}
+
+#[test]
+fn a_machine_goes_from_state_to_state() {
+    let mut controller = Controller::new(&machine());
+    let mut row = |sensors: [f32; 2]| {
+        let mut actuators = [f32::NAN];
+        controller.step(&sensors, &mut actuators).unwrap();
+        actuators[0] * 16.0
+    };
+    // State 0: rows 0 to 5, of which the odd ones lead to state 1.
+    assert_eq!(row([-1.0, -1.0]), 0.0);
+    assert_eq!(row([0.0, -1.0]), 2.0);
+    assert_eq!(row([0.0, 0.1]), 3.0);
+    // State 1: a sensor that equals a threshold is below it.
+    assert_eq!(row([-0.5, 0.0]), 6.0);
+    assert_eq!(row([0.6, 1e30]), 5.0);
+    assert_eq!(row([0.5, 1.0]), 9.0);
+    assert_eq!(row([0.5, -1.0]), 8.0);
+    controller.reset();
+    assert_eq!(
+        run(&mut controller, &[[1.0, 1.0]]),
+        [(5.0f32 / 16.0).to_bits()]
+    );
+}
+
+#[test]
+fn any_finite_table_is_a_machine() {
+    let document = json!({"version": 1, "kind": "mealy_fsm", "sensors": 1, "actuators": 1, "states": 3,
+        "thresholds": [[0]], "weights": [1.9, 0.1, -7, 0.2, 1e30, 0.3, 0.99, 0.4, -0.5, 3, 2, -1e38]});
+    let mut controller = Controller::new(&Specification::from_json(&document.to_string()).unwrap());
+    let mut actuators = [f32::NAN];
+    let found: Vec<f32> = [-1.0, -1.0, -1.0, 1.0, 1.0]
+        .iter()
+        .map(|sensor| {
+            controller.step(&[*sensor], &mut actuators).unwrap();
+            actuators[0]
+        })
+        .collect();
+    // 1.9 is state 1, 1e30 the last one, -0.5 the first.
+    assert_eq!(found, [0.1, 0.3, 1.0, 0.2, 0.2]);
+    controller.reset();
+    for (sensor, expected) in [(-1.0, 0.1), (-1.0, 0.3), (1.0, -1.0), (1.0, -1.0)] {
+        controller.step(&[sensor], &mut actuators).unwrap();
+        assert_eq!(actuators, [expected]);
+    }
+}

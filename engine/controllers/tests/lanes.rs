@@ -1,4 +1,5 @@
 //! Lanes compute what one controller at a time computes, to the bit, in every instruction set.
+#![allow(clippy::unwrap_used)] // helpers of tests
 
 use proptest::prelude::*;
 use serde_json::json;
@@ -62,15 +63,42 @@ fn architecture() -> impl Strategy<Value = serde_json::Value> {
             json!({"kind": "fully_meshed", "hidden": hidden, "iterations": iterations, "activation": activation})
         },
     );
-    (prop_oneof![layered, meshed], range, 1usize..6, 1usize..4).prop_map(
-        |(mut specification, range, sensors, actuators)| {
+    let network = (prop_oneof![layered, meshed], range).prop_map(|(mut specification, range)| {
+        specification["output_range"] = json!(range);
+        specification
+    });
+    let machine = (1usize..5, prop::collection::vec(thresholds(), 5)).prop_map(
+        |(states, thresholds)| json!({"kind": "mealy_fsm", "states": states, "thresholds": thresholds}),
+    );
+    (
+        prop_oneof![2 => network, 1 => machine],
+        1usize..6,
+        1usize..4,
+    )
+        .prop_map(|(mut specification, sensors, actuators)| {
             specification["version"] = json!(1);
             specification["sensors"] = json!(sensors);
             specification["actuators"] = json!(actuators);
-            specification["output_range"] = json!(range);
+            if let Some(thresholds) = specification.get_mut("thresholds") {
+                thresholds.as_array_mut().unwrap().truncate(sensors);
+            }
             specification
-        },
-    )
+        })
+}
+
+/// At most three, whole multiples of a half, so that readings meet them exactly.
+fn thresholds() -> impl Strategy<Value = Vec<f32>> {
+    prop::collection::btree_set(-4i8..=4, 0..3).prop_map(|halves| {
+        halves
+            .into_iter()
+            .map(|half| f32::from(half) / 2.0)
+            .collect()
+    })
+}
+
+/// Readings of every size, thresholds among them.
+fn reading() -> impl Strategy<Value = f32> {
+    prop_oneof![4 => -2.0f32..2.0, 1 => (-4i8..=4).prop_map(|half| f32::from(half) / 2.0)]
 }
 
 /// Weights of every size: large ones overflow, and what comes of it must agree too.
@@ -84,7 +112,7 @@ proptest! {
     fn lanes_agree_with_single_controllers(
         architecture in architecture(),
         weights in prop::collection::vec(weight(), 2000),
-        readings in prop::collection::vec(-2.0f32..2.0, 500),
+        readings in prop::collection::vec(reading(), 500),
     ) {
         let count = swarmwright_controllers::Architecture::from_json(&architecture.to_string()).unwrap().weight_count();
         let mut drawn = weights.iter().cycle();

@@ -14,13 +14,18 @@ fn meshed() -> Value {
         "iterations": 2, "output_range": [0, 1], "weights": vec![0.25; 18]})
 }
 
+fn machine() -> Value {
+    json!({"version": 1, "kind": "mealy_fsm", "sensors": 2, "actuators": 1, "states": 3, "thresholds": [[-0.5, 0.5], [0]],
+        "weights": vec![0.25; 36]})
+}
+
 fn refusal(text: &str) -> String {
     Specification::from_json(text).unwrap_err().to_string()
 }
 
 #[test]
 fn accepts_and_counts() {
-    for (document, count) in [(layered(), 13), (meshed(), 18)] {
+    for (document, count) in [(layered(), 13), (meshed(), 18), (machine(), 36)] {
         let specification = Specification::from_json(&document.to_string()).unwrap();
         assert_eq!(specification.weight_count(), count);
         assert_eq!(
@@ -54,7 +59,7 @@ fn weights_are_read_as_binary32() {
 
 #[test]
 fn refuses_with_the_field_and_the_cure() {
-    let cases: [(Value, &str, Value, &[&str]); 26] = [
+    let cases: [(Value, &str, Value, &[&str]); 33] = [
         (
             layered(),
             "version",
@@ -68,14 +73,14 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\" or \"fully_meshed\"",
+                "\"layered\", \"fully_meshed\" or \"mealy_fsm\"",
             ],
         ),
         (
             layered(),
             "kind",
             json!(7),
-            &["controller.kind", "\"layered\" or"],
+            &["controller.kind", "\"layered\", "],
         ),
         (
             layered(),
@@ -208,6 +213,48 @@ fn refuses_with_the_field_and_the_cure() {
             json!("linear"),
             &["controller.activation", "clamp, sigmoid, tanh, relu"],
         ),
+        (
+            machine(),
+            "states",
+            json!(0),
+            &["controller.states", "from 1 to"],
+        ),
+        (
+            machine(),
+            "states",
+            json!(200_000),
+            &["controller.thresholds", "2400000 weights", "fewer states"],
+        ),
+        (
+            machine(),
+            "thresholds",
+            json!([[0]]),
+            &["controller.thresholds", "[[0]] found", "a list of 2 lists"],
+        ),
+        (
+            machine(),
+            "thresholds",
+            json!([[0], "0"]),
+            &["controller.thresholds", "ascending numbers"],
+        ),
+        (
+            machine(),
+            "thresholds",
+            json!([[0], [0.5, 0.5]]),
+            &["controller.thresholds[1]", "greater than the one before"],
+        ),
+        (
+            machine(),
+            "thresholds",
+            json!([[0, 1e39], [0]]),
+            &["controller.thresholds"],
+        ),
+        (
+            machine(),
+            "weights",
+            json!([1, 2]),
+            &["controller.weights", "2 numbers", "needs 36"],
+        ),
     ];
     for (mut document, field, value, parts) in cases {
         document[field] = value.clone();
@@ -223,7 +270,7 @@ fn refuses_with_the_field_and_the_cure() {
 
 #[test]
 fn refuses_what_is_missing() {
-    for document in [layered(), meshed()] {
+    for document in [layered(), meshed(), machine()] {
         for field in document.as_object().unwrap().keys() {
             let mut less = document.clone();
             less.as_object_mut().unwrap().remove(field);

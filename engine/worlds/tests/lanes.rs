@@ -62,21 +62,42 @@ fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
             json!({"kind": "fully_meshed", "hidden": hidden, "iterations": iterations, "activation": activation})
         },
     );
-    (
+    let network = (
         prop_oneof![layered, meshed],
         prop::sample::select(vec![[-1, 1], [0, 1]]),
     )
-        .prop_map(move |(mut network, range)| {
-            for (key, value) in [
-                ("version", json!(1)),
-                ("sensors", json!(sensors)),
-                ("actuators", json!(actuators)),
-                ("output_range", json!(range)),
-            ] {
-                network[key] = value;
-            }
+        .prop_map(|(mut network, range)| {
+            network["output_range"] = json!(range);
             network
-        })
+        });
+    (prop_oneof![3 => network.boxed(), 1 => machine(sensors).boxed()]).prop_map(
+        move |mut controller| {
+            for (key, value) in [
+                ("version", 1),
+                ("sensors", sensors),
+                ("actuators", actuators),
+            ] {
+                controller[key] = json!(value);
+            }
+            controller
+        },
+    )
+}
+
+/// A machine that looks at some of the sensors.
+fn machine(sensors: usize) -> impl Strategy<Value = Value> {
+    let cut = prop::sample::select(vec![vec![], vec![], vec![0.0], vec![-0.3, 0.4]]);
+    (1usize..4, prop::collection::vec(cut, sensors)).prop_map(|(states, mut thresholds)| {
+        // As many as leave several machines among the weights.
+        let mut looked_at = 0;
+        for of_one in &mut thresholds {
+            looked_at += usize::from(!of_one.is_empty());
+            if looked_at > 3 {
+                of_one.clear();
+            }
+        }
+        json!({"kind": "mealy_fsm", "states": states, "thresholds": thresholds})
+    })
 }
 
 fn weights() -> impl Strategy<Value = Vec<f32>> {

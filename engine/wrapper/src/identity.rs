@@ -37,7 +37,7 @@ impl Identity {
             swarmwright: Some(Announcement {
                 version: 1,
                 modes: texts(&["stepwise", "batched", "offloaded"]),
-                controllers: texts(&["layered", "fully_meshed"]),
+                controllers: texts(&["layered", "fully_meshed", "mealy_fsm"]),
                 batch: Some(batch),
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),

@@ -181,7 +181,15 @@ fn network() -> impl Strategy<Value = Value> {
             json!({"kind": "fully_meshed", "hidden": hidden, "iterations": iterations, "activation": activation})
         },
     );
-    prop_oneof![layered, meshed]
+    let network = prop_oneof![layered, meshed].prop_map(|mut network| {
+        network["output_range"] = json!([-1, 1]);
+        network
+    });
+    // The first two sensors alone are looked at.
+    let machine = (1usize..4, prop::sample::select(vec![vec![0.0], vec![-0.2, 0.3]])).prop_map(
+        |(states, cut)| json!({"kind": "mealy_fsm", "states": states, "thresholds": [cut, [0.1]]}),
+    );
+    prop_oneof![3 => network, 1 => machine]
 }
 
 fn world() -> impl Strategy<Value = (&'static str, Value, usize, usize)> {
@@ -211,9 +219,11 @@ proptest! {
         mut network in network(), (title, parameters, sensors, actuators) in world(),
         weights in prop::collection::vec(-3.0f32..3.0, 400), candidates in 1usize..4, first in any::<u32>(), episodes in 1u64..4,
     ) {
-        for (key, value) in [("version", json!(1)), ("sensors", json!(sensors)), ("actuators", json!(actuators)),
-            ("output_range", json!([-1, 1]))] {
-            network[key] = value;
+        for (key, value) in [("version", 1), ("sensors", sensors), ("actuators", actuators)] {
+            network[key] = json!(value);
+        }
+        if let Some(thresholds) = network.get_mut("thresholds").and_then(Value::as_array_mut) {
+            thresholds.resize(sensors, json!([]));
         }
         let controller = object(network);
         let length = architecture(&controller).weight_count();

@@ -207,7 +207,10 @@ fn presence_says_who_has_the_server() {
     );
     let announced = presence.capabilities.swarmwright.unwrap();
     assert_eq!(announced.modes, ["stepwise", "batched", "offloaded"]);
-    assert_eq!(announced.controllers, ["layered", "fully_meshed"]);
+    assert_eq!(
+        announced.controllers,
+        ["layered", "fully_meshed", "mealy_fsm"]
+    );
     assert_eq!(announced.batch, Some(256));
 }
 

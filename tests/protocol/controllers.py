@@ -1,0 +1,145 @@
+"""Controllers in Python, from decision 002 alone: it shares nothing with the engine.
+
+Every operation is one of NumPy's on binary32, in the order that the decision gives. `max(a, b)` is
+`a < b ? b : a`, which lets a NaN pass.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+Single = np.float32
+Json = dict[str, Any]
+
+_TANH_P = [Single(c) for c in ("0.5", "0.015736774", "7.970824e-5", "4.2581547e-8")]
+_TANH_Q = [Single(c) for c in ("1", "0.11480684", "0.0013933508", "2.7218455e-6")]
+_SIN = [Single(c) for c in ("3.1415927", "-5.167707", "2.5500288", "-0.59804523", "0.077220164")]
+_LIMIT = Single("9.15")
+ZERO, HALF, ONE, TWO = (Single(c) for c in ("0", "0.5", "1", "2"))
+
+
+def _within(x: Single, low: Single, high: Single) -> Single:
+    x = min(x, high)
+    return max(x, low)
+
+
+def _polynomial(coefficients: Sequence[Single], z: Single) -> Single:
+    p = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        p = p * z + coefficient
+    return p
+
+
+def tanh(x: Single) -> Single:
+    y = _within(x, -_LIMIT, _LIMIT)
+    z = y * y
+    t = (y * _polynomial(_TANH_P, z)) / _polynomial(_TANH_Q, z)
+    return _within((t + t) / (ONE + t * t), -ONE, ONE)
+
+
+def sigmoid(x: Single) -> Single:
+    return HALF + HALF * tanh(HALF * x)
+
+
+def _sin_pi_half(r: Single) -> Single:
+    return _within(r * _polynomial(_SIN, r * r), -ONE, ONE)
+
+
+def sin_pi(a: Single) -> Single:
+    r = ONE - a if a > HALF else a
+    return _sin_pi_half(-ONE - r if r < -HALF else r)
+
+
+def cos_pi(a: Single) -> Single:
+    return _sin_pi_half(HALF - (-a if a < ZERO else a))
+
+
+FUNCTIONS: dict[str, Callable[[Single], Single]] = {
+    "tanh": tanh,
+    "sigmoid": sigmoid,
+    "sin_pi": sin_pi,
+    "cos_pi": cos_pi,
+}
+
+
+def _relu(a: Single) -> Single:
+    return max(a, ZERO)
+
+
+def _clamp(a: Single) -> Single:
+    b = max(a, ZERO)
+    return min(b, ONE)
+
+
+ACTIVATIONS: dict[str, Callable[[Single], Single]] = {
+    "tanh": tanh,
+    "sigmoid": sigmoid,
+    "relu": _relu,
+    "clamp": _clamp,
+    "linear": lambda a: a,
+}
+
+
+class Controller:
+    """A specification at work, for one agent."""
+
+    def __init__(self, specification: Json) -> None:
+        self.specification = specification
+        self.weights = [Single(weight) for weight in specification["weights"]]
+        self.reset()
+
+    def reset(self) -> None:
+        self.state = 0
+        parts = ("sensors", "hidden", "actuators") if self.specification["kind"] == "fully_meshed" else ()
+        self.outputs = [ZERO] * sum(self.specification[part] for part in parts)
+
+    def step(self, sensors: Sequence[Single]) -> list[Single]:
+        """The actuators for what is sensed."""
+        kinds = {"layered": self._layered, "fully_meshed": self._fully_meshed, "mealy_fsm": self._mealy_fsm}
+        return kinds[self.specification["kind"]](list(sensors))
+
+    def _node(self, row: Sequence[Single], inputs: Sequence[Single]) -> Single:
+        total = ZERO
+        for weight, value in zip(row[1:], inputs, strict=True):
+            total = total + weight * value
+        return ACTIVATIONS[self.specification["activation"]](row[0] + total)
+
+    def _layered(self, values: list[Single]) -> list[Single]:
+        rest = self.weights
+        for nodes in [*self.specification["hidden"], self.specification["actuators"]]:
+            length = len(values) + 1
+            rows, rest = rest[: nodes * length], rest[nodes * length :]
+            values = [self._node(rows[at : at + length], values) for at in range(0, len(rows), length)]
+        assert not rest
+        return [self._actuator(value) for value in values]
+
+    def _fully_meshed(self, sensors: list[Single]) -> list[Single]:
+        length = len(self.outputs) + 1
+        rows = [self.weights[at : at + length] for at in range(0, len(self.weights), length)]
+        self.outputs[: len(sensors)] = sensors
+        for _ in range(self.specification["iterations"]):
+            self.outputs = sensors + [self._node(row, self.outputs) for row in rows]
+        return [self._actuator(value) for value in self.outputs[-self.specification["actuators"] :]]
+
+    def _actuator(self, o: Single) -> Single:
+        bounds = self.specification["output_range"]
+        low, high = (Single(bound) for bound in bounds)
+        if bounds == [-1, 1]:
+            a = o
+        elif bounds == [0, 1]:
+            a = TWO * o - ONE
+        else:
+            a = ((o - low) / (high - low)) * TWO - ONE
+        return ZERO if np.isnan(a) else _within(a, -ONE, ONE)
+
+    def _mealy_fsm(self, sensors: list[Single]) -> list[Single]:
+        row = self.state
+        for sensor, thresholds in zip(sensors, self.specification["thresholds"], strict=True):
+            row = row * (len(thresholds) + 1) + sum(bool(Single(t) < sensor) for t in thresholds)
+        width = 1 + self.specification["actuators"]
+        following, *outputs = self.weights[row * width :][:width]
+        last = Single(self.specification["states"] - 1)
+        following = max(following, ZERO)
+        self.state = int(min(following, last))
+        return [_within(output, -ONE, ONE) for output in outputs]

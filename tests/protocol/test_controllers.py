@@ -1,0 +1,50 @@
+"""The vectors of controllers say what decision 002 says, as read by an implementation of its own."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.protocol.conftest import vectors
+from tests.protocol.controllers import FUNCTIONS, Controller
+
+Json = dict[str, Any]
+VECTORS: Json = vectors("controllers.json")
+
+
+def number(hexadecimal: str, bits: str) -> np.float32:
+    """The binary32 that a hexadecimal float and a bit pattern both say."""
+    value: np.float32 = np.array([int(bits, 16)], dtype=np.uint32).view(np.float32)[0]
+    assert float.fromhex(hexadecimal) == value
+    return value
+
+
+def numbers(step: Json, name: str) -> list[np.float32]:
+    return [number(*pair) for pair in zip(step[f"{name}s"], step[f"{name}_bits"], strict=True)]
+
+
+def bits(value: np.float32) -> int:
+    return int(np.array([value], dtype=np.float32).view(np.uint32)[0])
+
+
+@pytest.mark.parametrize("name", VECTORS["functions"])
+def test_functions(name: str) -> None:
+    assert len(VECTORS["functions"][name]) >= 200
+    for x, x_bits, y, y_bits in VECTORS["functions"][name]:
+        assert bits(FUNCTIONS[name](number(x, x_bits))) == bits(number(y, y_bits)), f"{name}({x})"
+
+
+@pytest.mark.parametrize("case", VECTORS["controllers"], ids=lambda case: case["name"])
+def test_controllers(case: Json) -> None:
+    controller = Controller(case["specification"])
+    with np.errstate(over="ignore", invalid="ignore"):
+        for step in case["steps"]:
+            if step["reset"]:
+                controller.reset()
+            found = controller.step(numbers(step, "sensor"))
+            assert list(map(bits, found)) == list(map(bits, numbers(step, "actuator")))
+
+
+@pytest.mark.parametrize("kind", ["layered", "fully_meshed", "mealy_fsm"])
+def test_every_kind_has_vectors(kind: str) -> None:
+    assert sum(case["specification"]["kind"] == kind for case in VECTORS["controllers"]) >= 5
