@@ -1,13 +1,21 @@
 """The program `swarmwright`, also as `python -m swarmwright`."""
 
+import gc
+import os
 import sys
 
 
 def main() -> None:
     """Run the command line and leave with its exit status."""
+    # What is imported is no garbage, yet would be looked through for some again and again.
+    gc.set_threshold(100_000, 50, 50)
+    # pydantic would look through all installed packages for plug-ins of its own.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from swarmwright.cli import run
 
-    sys.exit(run())
+    status = run()
+    gc.freeze()  # nothing of worth is collected on the way out
+    sys.exit(status)
 
 
 if __name__ == "__main__":

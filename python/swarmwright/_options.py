@@ -7,8 +7,8 @@ class Options(BaseModel):
     """Base of every section of an experiment file.
 
     Unknown keys are errors; nothing is converted silently ("50" is no number, 1.5 no integer); numbers are
-    finite; every field has a default where one makes sense and a description, which goes to the schema and
-    the reference page.
+    finite; every field has a default where one makes sense and a description, the docstring below it, which
+    goes to the schema and the reference page (see `_descriptions`).
     """
 
     model_config = ConfigDict(
@@ -17,5 +17,4 @@ class Options(BaseModel):
         frozen=True,
         validate_default=True,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,
     )

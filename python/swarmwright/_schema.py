@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from swarmwright._descriptions import described
 from swarmwright._document import DEFAULT_KINDS, Document
 from swarmwright._options import Options
 from swarmwright._validate import REGISTRIES
@@ -11,22 +12,22 @@ IDENTIFIER = "urn:swarmwright:experiment"
 
 def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of experiment files, of plug-ins too unless `only_built_in`."""
-    schema = _tidy(Document.model_json_schema())
+    schema = _tidy(described(Document).model_json_schema())
     definitions: dict[str, Any] = schema.pop("$defs", {})
     for name, registry in REGISTRIES.items():
         kinds = sorted(registry.built_in) if only_built_in else registry.names()
         variants = []
         for kind in kinds:
             model: type[Options] = registry.get(kind).options_model
-            variant = _tidy(model.model_json_schema())
+            variant = _tidy(described(model).model_json_schema())
             definitions |= variant.pop("$defs", {})
             variant.pop("title", None)
             if kind != DEFAULT_KINDS[name]:
                 variant["required"] = sorted({*variant.get("required", []), "kind"})
             variants.append(variant)
-        described = schema["properties"][name]["description"]
+        text = schema["properties"][name]["description"]
         schema["properties"][name] = {
-            "description": f"{described} One of: {', '.join(kinds)}.",
+            "description": f"{text} One of: {', '.join(kinds)}.",
             "type": "object",
             "default": {"kind": DEFAULT_KINDS[name]},
             "properties": {"kind": {"enum": kinds}},

@@ -63,6 +63,9 @@ class Absolute(Ranking):
     options: AbsoluteOptions
 
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
+        if self.options.aggregate != "cvar" and all(len(row) == 1 for row in episodes):
+            # Whatever the aggregate of one number, it is the number.
+            return np.array([row[0] for row in episodes], dtype=np.float64)
         level = self.options.level
         aggregates: Mapping[str, Callable[[Sequence[float]], float]] = {
             "mean": _mean,

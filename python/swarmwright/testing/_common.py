@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from swarmwright._descriptions import described
 from swarmwright._options import Options
 from swarmwright._registry import Registry
 from swarmwright.representations import REPRESENTATIONS, Representation
@@ -21,7 +22,7 @@ def check_options(registry: Registry[Any], kind: str) -> Options:
     field = model.model_fields.get("kind")
     assert field is not None, f"{model.__name__} needs kind: Literal[{kind!r}] = {kind!r}"
     assert field.default == kind, f"{model.__name__}.kind must default to {kind!r}"
-    for name, one in model.model_fields.items():
+    for name, one in described(model).model_fields.items():
         assert name == "kind" or one.description, f"{model.__name__}.{name} has no description"
         assert not one.is_required(), f"{model.__name__}.{name} has no default: {kind} alone must be enough"
     return model()
