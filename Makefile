@@ -49,6 +49,7 @@ test-engine: $(VENV)/.created
 
 test-python: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	$(BIN)/python -m pytest
 
 lint: lint-engine lint-python lint-protocol

@@ -119,6 +119,9 @@ pub struct Scene {
     pub width: f32,
     /// Extent in y, metres or cells.
     pub height: f32,
+    /// Whether it is a grid of cells, which people number from (0, 0) at the top left. Positions have y pointing
+    /// up from the bottom left all the same.
+    pub grid: bool,
     /// Steps done.
     pub step: u32,
     /// A line to show above.

@@ -1,4 +1,4 @@
-"""`swarmwright replay`: watch the best controller of a run."""
+"""`swarmwright replay`: watch a candidate of a run."""
 
 import json
 import sys
@@ -12,21 +12,24 @@ from swarmwright.cli._options import ExistingPath, json_option
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
-    from swarmwright.display import Playable
+    from swarmwright._results.replay import Replay
 
 
 @click.command(
     "replay",
     cls=Command,
-    example="swarmwright replay runs/minisim-1 --speed 2\nswarmwright replay runs/minisim-1 --save best.gif",
+    example="swarmwright replay runs/minisim-1 --speed 2\n"
+    "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
+    "swarmwright replay runs/minisim-1 --save best.html",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @click.option(
     "--save",
-    "picture",
+    "file",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write a picture instead: .gif moves, .png shows all trajectories.",
+    help="Write a file instead: .html is a page to play and step through, .gif and .mp4 move, .png shows all "
+    "trajectories.",
 )
 @click.option(
     "--speed",
@@ -37,76 +40,112 @@ if TYPE_CHECKING:
     help="How many times faster than the simulation's step size.",
 )
 @click.option(
+    "--generation",
+    type=click.IntRange(min=0),
+    metavar="G",
+    help="The best candidate of this generation. Default: the best of the run.",
+)
+@click.option(
+    "--candidate",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="This candidate of the generation, from 0 in the order of their evaluation.",
+)
+@click.option(
     "--controller",
     type=ExistingPath(folder=None),
     metavar="C",
-    help="Another controller than the run's best: a file or a run folder.",
+    help="Another controller than the run's: a file or a run folder.",
 )
 @click.option(
     "--episode",
     type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
     metavar="E",
-    help="Which episode's seed.",
+    help="Which of the run's episodes, from 0. Default: 0.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="S",
+    help="An episode that the run did not have: the simulation's seed.",
 )
 @json_option
 def command(
-    run: Path, picture: Path | None, speed: float, controller: Path | None, episode: int, as_json: bool
+    run: Path,
+    file: Path | None,
+    speed: float,
+    generation: int | None,
+    candidate: int | None,
+    controller: Path | None,
+    episode: int | None,
+    seed: int | None,
+    as_json: bool,
 ) -> None:
-    """Show the best controller of RUN at work.
+    """Show a candidate of RUN at work, the best one unless another is named.
 
     The simulation runs in this process, with the parameters and the seed that the run used.
     """
-    if picture is not None:
-        _check_picture(picture)
-    from swarmwright import Controller, Run, _engine
+    if controller is not None and (generation is not None or candidate is not None):
+        raise click.UsageError(
+            "--controller names another controller than the run's; leave it or the others."
+        )
+    if seed is not None and episode is not None:
+        raise click.UsageError("--episode is one of the run's, --seed another one; give one of them.")
+    if file is not None:
+        _check_file(file)
+    from swarmwright import Run
+    from swarmwright._results.replay import Replay
 
     output = Output(as_json=as_json)
-    opened = Run.open(run)
-    experiment = opened.experiment
-    title = experiment.simulation
-    if title not in _engine.simulations():
-        raise click.UsageError(
-            f"{run}: the simulation '{title}' is not built in, so it cannot be shown here. Its servers can: "
-            f"swarmwright simulate {run / 'experiment.yaml'} --controller {run} --visual"
-        )
-    chosen = opened.best.controller if controller is None else Controller.load(controller)
-    parameters: dict[str, object] = {**experiment.parameters, "seed": experiment.first_seed + episode}
-    played = _engine.Episode(title, json.dumps(parameters), chosen.json)
-    if picture is not None:
-        _save(output, played, picture, speed)
+    replay = Replay.of(
+        Run.open(run),
+        generation=generation,
+        candidate=candidate,
+        controller=controller,
+        episode=episode,
+        seed=seed,
+    )
+    if file is not None:
+        _save(output, replay, file, speed)
     elif as_json:
-        _print_scenes(output, played)
+        _print_scenes(output, replay)
     else:
         from swarmwright.display.terminal import play
 
+        output.text(replay.title)
+        played = replay.episode()
         play(played, sys.stdout, in_place=output.terminal, color=output.color, speed=speed)
-        output.text(f"Fitness {played.fitness + 0.0:.6g}.")
+        output.text(replay.outcome(played.fitness))
 
 
-def _check_picture(picture: Path) -> None:
-    from swarmwright.display.animation import FORMATS
+def _check_file(file: Path) -> None:
+    from swarmwright.display.files import FORMATS
 
-    if picture.suffix.lower() not in FORMATS:
-        raise click.UsageError(f"--save {picture}: pictures end with {' or '.join(FORMATS)}.")
-    if not picture.parent.is_dir():
-        raise click.UsageError(f"--save {picture}: there is no folder '{picture.parent}'; create it first.")
+    if file.suffix.lower() not in FORMATS:
+        raise click.UsageError(f"--save {file}: files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
+    if not file.parent.is_dir():
+        raise click.UsageError(f"--save {file}: there is no folder '{file.parent}'; create it first.")
 
 
-def _save(output: Output, episode: "Playable", picture: Path, speed: float) -> None:
+def _save(output: Output, replay: "Replay", file: Path, speed: float) -> None:
     from swarmwright.display import record
-    from swarmwright.display.animation import save
+    from swarmwright.display.files import save
 
-    recording = record(episode)
-    save(recording, picture, speed=speed)
-    output.text(f"Fitness {recording.fitness + 0.0:.6g}. The picture is in {picture}")
-    output.json({"fitness": recording.fitness, "steps": len(recording.scenes) - 1, "picture": str(picture)})
+    recording = record(replay.episode())
+    save(recording, file, caption=replay.caption(), speed=speed)
+    output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")
+    steps = len(recording.scenes) - 1
+    output.json({"fitness": recording.fitness, "steps": steps, "picture": str(file), **replay.identity()})
 
 
-def _print_scenes(output: Output, episode: "Playable") -> None:
-    output.json(json.loads(episode.scene()))
+def _what(file: Path) -> str:
+    return {".html": "The page", ".mp4": "The film"}.get(file.suffix.lower(), "The picture")
+
+
+def _print_scenes(output: Output, replay: "Replay") -> None:
+    episode = replay.episode()
+    output.json({**json.loads(episode.scene()), "fitness": episode.fitness})
     while not episode.done:
         episode.step()
-        output.json(json.loads(episode.scene()))
-    output.json({"fitness": episode.fitness})
+        output.json({**json.loads(episode.scene()), "fitness": episode.fitness})
+    output.json({"fitness": episode.fitness, **replay.identity()})

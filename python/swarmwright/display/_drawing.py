@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.display._episode import Recording
+from swarmwright.display._ground import frame
 from swarmwright.display._look import (
     AGENT_COLORS,
     BLUE,
     BORDER,
     CELLS,
     FIELD,
-    GRID,
     INK,
     PAPER,
     RED,
@@ -35,6 +35,9 @@ TRAIL_STEPS = 12
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
 """Inches: of the picture, and around the map for numbers, title and legend."""
+STATUS = 2.6
+"""Inches beside the title that step and fitness need."""
+LONGEST_MESSAGE = 100
 
 
 class Picture:
@@ -58,7 +61,8 @@ class Picture:
         self._canvas = FigureCanvasAgg(self.figure)
         box = (LEFT / WIDTH, BOTTOM / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
         self._axes = self.figure.add_axes(box)
-        self._frame(first)
+        frame(self._axes, first)
+        self._title(first)
         self._legend()
         self._ground: Any = None  # what never changes, drawn once
 
@@ -85,7 +89,8 @@ class Picture:
         trail: length of trails in steps; None: all the way.
         """
         steps = len(self._recording.scenes) - 1
-        text = f"step {scene.step} of {steps}   fitness {self._recording.fitness + 0.0:.3g}"  # no -0
+        so_far = self._recording.course[min(int(time), steps)] + 0.0  # no -0
+        text = f"step {scene.step} of {steps}   fitness {so_far:.3g}"
         artists: list[Artist] = [
             self._axes.text(
                 1,
@@ -99,6 +104,8 @@ class Picture:
             )
         ]
         artists += self._trails(scene, time, trail)
+        if trail is None:
+            artists += self._beginnings()
         groups: dict[str, list[Body]] = {}
         for body in scene.bodies:
             groups.setdefault(label(body), []).append(body)
@@ -106,32 +113,17 @@ class Picture:
             artists += self._group(bodies)
         return artists
 
-    def _frame(self, scene: Scene) -> None:
-        from matplotlib.patches import Rectangle
-
-        axes = self._axes
-        margin = 0.012 * max(scene.width, scene.height)
-        axes.set_xlim(-margin, scene.width + margin)
-        axes.set_ylim(-margin, scene.height + margin)
-        axes.set_aspect("equal")
-        axes.patch.set_visible(False)
-        for spine in axes.spines.values():
-            spine.set_visible(False)
-        field = Rectangle((0, 0), scene.width, scene.height, facecolor=FIELD, edgecolor="none", zorder=0)
-        border = Rectangle(
-            (0, 0), scene.width, scene.height, fill=False, edgecolor=BORDER, linewidth=1.6, zorder=1.9
-        )
-        axes.add_patch(field)
-        axes.add_patch(border)
-        axes.locator_params(integer=True)
-        axes.tick_params(length=0, labelsize=9, colors=BORDER)
-        axes.set_axisbelow(True)
-        axes.grid(color=GRID, linewidth=0.6, clip_path=field)
+    def _title(self, scene: Scene) -> None:
         # The message is somebody's text: a dollar sign in it is no formula.
-        axes.text(
-            0, 1.0, _cut(scene.message, 44), transform=axes.transAxes, ha="left", va="bottom", fontsize=13,
-            color=INK, parse_math=False,
+        message = " ".join(scene.message.split())[:LONGEST_MESSAGE]
+        title = self._axes.text(
+            0, 1.0, message, transform=self._axes.transAxes, ha="left", va="bottom", fontsize=13, color=INK,
+            parse_math=False,
         )  # fmt: skip
+        room = (WIDTH - LEFT - RIGHT - STATUS) * self.figure.dpi
+        while title.get_window_extent(self._canvas.get_renderer()).width > room:  # type: ignore[no-untyped-call]
+            message = message[:-1]
+            title.set_text(f"{message.rstrip()}…")
 
     def _legend(self) -> None:
         """Everything that the recording shows at any time, so that the legend stands still."""
@@ -180,6 +172,20 @@ class Picture:
             return []
         lines = LineCollection(pieces, colors=colors, linewidths=1.8, capstyle="round", zorder=2)
         return [self._axes.add_collection(lines)]
+
+    def _beginnings(self) -> "list[Artist]":
+        """Small rings where everything that moves came from."""
+        if not self._paths:
+            return []
+        first = self._recording.scenes[0].bodies
+        places = np.array([way[0] for way in self._paths.values()])
+        colors = [RED if first[index].kind == "defender" else BLUE for index in self._paths]
+        size = max(6.0, self._size / 5)
+        return [
+            self._axes.scatter(
+                places[:, 0], places[:, 1], s=size, c=FIELD, edgecolors=colors, linewidths=1.0, zorder=2.2
+            )
+        ]
 
     def _group(self, bodies: list[Body]) -> "list[Artist]":
         from matplotlib.collections import EllipseCollection
@@ -231,8 +237,3 @@ def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
         for index, body in enumerate(first)
         if body.kind in MOVING
     }
-
-
-def _cut(text: str, length: int) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= length else line[: length - 1] + "…"

@@ -27,26 +27,36 @@ class Playable(Protocol):
     def scene(self) -> str:
         """The scene as JSON, see `Scene.parse`."""
 
-    def text(self, columns: int, color: bool) -> str:
-        """The scene as text of at most `columns` characters a line."""
+    def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
+        """The scene as text: at most `rows` lines of at most `columns` characters.
+
+        unicode: box drawing and symbols; else the map is plain ASCII.
+        """
 
 
 @dataclass(frozen=True)
 class Recording:
     """A whole episode: the scene before the first step and after each.
 
-    fitness: at the end. step_size: seconds between two scenes when shown.
+    course: fitness so far at each scene, more is better. step_size: seconds between two scenes when shown.
     """
 
     scenes: tuple[Scene, ...]
-    fitness: float
+    course: tuple[float, ...]
     step_size: float
+
+    @property
+    def fitness(self) -> float:
+        """Fitness of the episode, at its end."""
+        return self.course[-1]
 
 
 def record(episode: Playable) -> Recording:
     """Step an episode to its end and keep every scene."""
     scenes = [Scene.parse(episode.scene())]
+    course = [episode.fitness]
     while not episode.done:
         episode.step()
         scenes.append(Scene.parse(episode.scene()))
-    return Recording(tuple(scenes), episode.fitness, episode.step_size)
+        course.append(episode.fitness)
+    return Recording(tuple(scenes), tuple(course), episode.step_size)

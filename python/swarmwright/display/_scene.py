@@ -24,7 +24,8 @@ class Body:
 class Scene:
     """A two-dimensional world at one step.
 
-    width, height: its extent in metres or cells. message: a line to show above.
+    width, height: its extent in metres or cells. message: a line to show above. grid: whether it consists of
+    cells, which people number from (0, 0) at the top left.
     """
 
     width: float
@@ -32,6 +33,7 @@ class Scene:
     step: int
     message: str
     bodies: tuple[Body, ...]
+    grid: bool = False
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -40,7 +42,7 @@ class Scene:
         bodies = tuple(
             Body(body["kind"], body["x"], body["y"], body["state"], body["radius"]) for body in raw["bodies"]
         )
-        return cls(raw["width"], raw["height"], raw["step"], raw["message"], bodies)
+        return cls(raw["width"], raw["height"], raw["step"], raw["message"], bodies, raw["grid"])
 
     def of_kind(self, *kinds: str) -> list[Body]:
         """The bodies of these kinds, in their order."""

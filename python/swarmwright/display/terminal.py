@@ -9,25 +9,8 @@ from swarmwright.display._episode import Playable
 
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
-NARROWEST = 16
-"""Columns below which a frame is no longer made smaller to fit the terminal's height."""
-
-ASCII = str.maketrans(
-    {
-        **dict.fromkeys("─━═", "-"),
-        **dict.fromkeys("│┃║", "|"),
-        **dict.fromkeys("┌┐└┘╭╮╰╯├┤┬┴┼╔╗╚╝", "+"),
-        **dict.fromkeys("·•", "."),
-        **dict.fromkeys("●○", "o"),
-        **dict.fromkeys("★☆◆◇", "*"),
-        **dict.fromkeys("■□█▓▒░", "#"),
-        **dict.fromkeys("▲△", "A"),
-        **dict.fromkeys("▼▽", "V"),
-        **dict.fromkeys("×✕✗✖", "x"),
-        **dict.fromkeys("–—", "-"),
-        "…": "~",
-    }
-)
+LINES = 24
+"""Most lines of a frame where there is no terminal to measure."""
 
 
 def play(
@@ -74,8 +57,14 @@ class _Painter:
             self._stream.flush()
 
     def show(self, episode: Playable) -> None:
-        size = shutil.get_terminal_size((80, 24))
-        lines = self._fitting(episode, size.columns, size.lines if self._in_place else None)
+        size = shutil.get_terminal_size((80, LINES))
+        # One line is for the fitness, and on a terminal one for the cursor below the frame.
+        rows = size.lines - 2 if self._in_place else LINES - 1
+        text = episode.text(size.columns, self._color, max(rows, 1), self._unicode)
+        so_far = f"fitness {episode.fitness + 0.0:.4g}"  # no -0
+        lines = [*text.rstrip("\n").split("\n"), so_far[: size.columns]]
+        if not self._unicode:
+            lines = [line.encode("ascii", "replace").decode() for line in lines]
         if not self._in_place:
             self._stream.write("\n".join(lines) + "\n\n")
         else:
@@ -85,14 +74,3 @@ class _Painter:
             self._stream.write(f"{up}{body}{CLEAR_BELOW}")
             self._height = len(lines)
         self._stream.flush()
-
-    def _fitting(self, episode: Playable, columns: int, rows: int | None) -> list[str]:
-        """The frame, narrower than the terminal if it would else be higher than it."""
-        while True:
-            lines = episode.text(columns, self._color).rstrip("\n").split("\n")
-            if rows is None or len(lines) < rows or columns <= NARROWEST:
-                break
-            columns = max(NARROWEST, columns * 9 // 10)
-        if self._unicode:
-            return lines
-        return [line.translate(ASCII).encode("ascii", "replace").decode() for line in lines]

@@ -5,6 +5,8 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from swarmwright import Run
+
 EXPERIMENT = """\
 simulation: minisim
 parameters: {maxSteps: 6, stepSize: 20, helloMessage: Hello there}
@@ -24,17 +26,22 @@ def run(program: Any, tmp_path: Path) -> str:
 def test_replay_shows_every_step_and_ends_with_the_fitness_of_the_run(
     program: Any, run: str, tmp_path: Path
 ) -> None:
-    best = json.loads((tmp_path / run / "best.json").read_text())["fitness"]
+    best = Run.open(tmp_path / run).best
     shown = program("replay", run, "--json")
     *scenes, last = [json.loads(line) for line in shown.stdout.splitlines()]
     assert [scene["step"] for scene in scenes] == list(range(len(scenes)))
     assert 2 <= len(scenes) <= 7
     assert scenes[0]["message"] == "Hello there"
-    assert last == {"fitness": best}
+    assert scenes[0]["fitness"] == -12.0, "so far: the distance to the goal"
+    assert scenes[-1]["fitness"] == last["fitness"] == best.fitness
+    assert (last["generation"], last["candidate"]) == (best.generation, best.candidate)
+    assert (last["episode"], last["seed"]) == (0, 0)
     text = program("replay", run)
     assert text.stdout.count("Hello there") == len(scenes)
     assert "\x1b" not in text.stdout
-    assert text.stdout.splitlines()[-1] == f"Fitness {best + 0.0:.6g}."
+    first, *_, end = text.stdout.splitlines()
+    assert first == f"minisim: candidate {best.candidate} of generation 0, episode 0 of 1"
+    assert end == f"Fitness {best.fitness + 0.0:.6g}."
 
 
 @pytest.mark.parametrize("name", ["best.gif", "best.PNG"])
@@ -47,14 +54,74 @@ def test_replay_saves_pictures(program: Any, run: str, tmp_path: Path, name: str
         assert (getattr(picture, "n_frames", 1) > 1) == (name == "best.gif")
 
 
-def test_another_controller_and_another_episode(program: Any, run: str, tmp_path: Path) -> None:
-    same = program("replay", run, "--controller", f"{run}/best.json", "--json")
-    assert same.stdout == program("replay", run, "--json").stdout
+def test_replay_writes_a_page_and_a_film(program: Any, run: str, tmp_path: Path) -> None:
+    for name, what in (("best.html", "The page"), ("best.mp4", "The film")):
+        result = program("replay", run, "--save", name)
+        assert result.returncode == 0, result.stderr
+        assert f"{what} is in {name}" in result.stdout
+        assert (tmp_path / name).stat().st_size > 5000
+    page = (tmp_path / "best.html").read_text(encoding="utf-8")
+    for said in ("of generation 0, episode 0 of 1", "random_search", "layered, 4-8-1, tanh", "Hello there"):
+        assert said in page
+
+
+def test_another_controller(program: Any, run: str, tmp_path: Path) -> None:
+    Run.open(tmp_path / run).best.controller.save(tmp_path / "best.json")
+    same = program("replay", run, "--controller", "best.json", "--json")
+    last, of_run = (
+        json.loads(said.stdout.splitlines()[-1]) for said in (same, program("replay", run, "--json"))
+    )
+    assert last["fitness"] == of_run["fitness"]
+    assert (last["controller"], last["candidate"]) == ("best.json", None)
     (tmp_path / "broken.json").write_text('{"version": 1, "kind": "layered"}')
     broken = program("replay", run, "--controller", "broken.json")
     assert broken.returncode == 2
     assert "broken.json" in broken.stderr
-    assert program("replay", run, "--episode", "3", "--json").returncode == 0
+
+
+def test_any_candidate_of_the_record(program: Any, run: str, tmp_path: Path) -> None:
+    record = Run.open(tmp_path / run).record
+    for candidate, fitness in enumerate(record.fitness):
+        shown = program("replay", run, "--generation", "0", "--candidate", str(candidate), "--json")
+        assert json.loads(shown.stdout.splitlines()[-1])["fitness"] == fitness
+    of_generation = program("replay", run, "--generation", "0", "--json").stdout.splitlines()[-1]
+    assert json.loads(of_generation)["fitness"] == record.fitness.max()
+
+
+def test_every_episode_of_several(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(
+        EXPERIMENT.replace("maxSteps: 6", "maxSteps: 6, placement: random") + "ranking: {episodes: 3}\n"
+    )
+    assert program("optimize", "x.yaml", "--out", "several").returncode == 0
+    opened = Run.open(tmp_path / "several")
+    row = int(opened.record.fitness.argmax())
+    for episode, fitness in enumerate(opened.record.episodes[row]):
+        shown = program("replay", "several", "--episode", str(episode), "--json").stdout.splitlines()[-1]
+        assert json.loads(shown)["fitness"] == fitness
+    end = program("replay", "several").stdout.splitlines()[-1]
+    first, mean = opened.record.episodes[row][0], opened.best.fitness
+    assert end == (
+        f"Fitness {first:.6g} in episode 0; the candidate's in the run is {mean:.6g}, the mean of 3 episodes."
+    )
+    foreign = program("replay", "several", "--seed", "77")
+    assert "with seed 77; the candidate's in the run is" in foreign.stdout
+
+
+def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
+    one = "it holds one generation, number 0"
+    for options, said in (
+        ("--episode 1", "episode 1: the run evaluated one episode, 0"),
+        ("--episode 0 --seed 3", "give one of them"),
+        ("--generation 1", f"generation 1: result has none of that number; {one}"),
+        ("--generation 0 --candidate 5", "it holds candidates 0 to 4"),
+        ("--candidate 1", "of which generation"),
+        ("--controller x.yaml --generation 0", "--controller names another"),
+        ("--save x.avi", ".html, .gif, .mp4 or .png"),
+        ("--save nowhere/x.gif", "there is no folder 'nowhere'"),
+    ):
+        result = program("replay", run, *options.split())
+        assert result.returncode == 2, result.stdout
+        assert said in result.stderr
 
 
 def test_a_folder_that_is_no_run(program: Any, tmp_path: Path) -> None:

@@ -38,15 +38,16 @@ class Crossing:
         defender = {"kind": "defender", "x": 8.0, "y": 6.0, "state": "", "radius": 0.5}
         goal = {"kind": "goal", "x": 12.5, "y": 3.5, "state": "", "radius": 0.5}
         bodies = [goal, defender, agent]
-        return json.dumps(
-            {"width": WIDTH, "height": HEIGHT, "step": self.now, "message": self.message, "bodies": bodies}
-        )
+        extent = {"width": WIDTH, "height": HEIGHT, "grid": False}
+        return json.dumps({**extent, "step": self.now, "message": self.message, "bodies": bodies})
 
-    def text(self, columns: int, color: bool) -> str:
-        """`lines` lines at 80 columns, proportionally fewer when narrower."""
-        head = f"{self.message} · step {self.now}"
-        body = "●" if not color else "\x1b[32m●\x1b[0m"
-        return "\n".join([head[:columns]] + [body] * max(1, self.lines * columns // 80 - 1))
+    def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
+        """A heading and the agent, again and again up to `lines` lines."""
+        head = f"{self.message} - step {self.now}"
+        body = "●" if unicode else "o"
+        if color:
+            body = f"\x1b[32m{body}\x1b[0m"
+        return "\n".join([head[:columns]] + [body] * (min(self.lines, rows) - 1))
 
 
 @pytest.fixture

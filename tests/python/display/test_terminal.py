@@ -42,11 +42,19 @@ def test_frames_in_place_overwrite_each_other_at_the_step_size(crossing: Any, sc
     assert shown.startswith(HIDE_CURSOR)
     assert shown.endswith(SHOW_CURSOR)
     assert shown.count(CLEAR_BELOW) == 13
-    assert shown.count("\x1b[3F") == 12, "back by the three lines of the frame before"
+    assert shown.count("\x1b[4F") == 12, "back by the four lines of the frame before"
     assert len(waits) == 12
     # The clock runs on while nothing really sleeps, so that the waits add up to when each frame is due.
     assert waits[0] == pytest.approx(0.125, abs=0.05)
     assert waits[-1] == pytest.approx(12 * 0.125, abs=0.2)
+
+
+def test_every_frame_says_the_fitness_so_far(crossing: Any, screen: Terminal) -> None:
+    play(crossing, screen, in_place=False, color=False)
+    frames = screen.getvalue().split("\n\n")[:-1]
+    assert [frame.split("\n")[-1] for frame in frames] == [
+        f"fitness {-float(12 - i) + 0.0:.4g}" for i in range(13)
+    ]
 
 
 def test_the_cursor_comes_back_when_interrupted(crossing: Any, screen: Terminal) -> None:
@@ -65,7 +73,7 @@ def test_a_frame_is_never_higher_than_the_terminal(
     crossing.lines = 40
     play(crossing, screen, in_place=True, color=False, sleep=lambda _: None)
     for frame in screen.getvalue().split(CLEAR_BELOW)[:-1]:
-        assert frame.count("\n") < 10
+        assert 8 <= frame.count("\n") < 10
 
 
 def test_a_terminal_without_utf8_gets_ascii(crossing: Any, monkeypatch: pytest.MonkeyPatch) -> None:

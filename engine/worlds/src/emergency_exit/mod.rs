@@ -314,6 +314,7 @@ impl Simulation for EmergencyExit {
         Some(Scene {
             width: self.field.width as f32,
             height: top,
+            grid: true,
             step: self.step,
             message: "Emergency Exit".to_owned(),
             bodies: blockades.chain(exits).chain(agents).collect(),

@@ -259,6 +259,7 @@ impl Simulation for Minisim {
         Some(Scene {
             width: map[0],
             height: map[1],
+            grid: false,
             step: self.step,
             message: self.settings.hello_message.clone(),
             bodies: std::iter::once(body("goal", goal, "", goal_radius))

@@ -1,0 +1,1 @@
+"""What comes of runs: which candidate is looked at, how runs compare, and their figures."""

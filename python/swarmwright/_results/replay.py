@@ -1,0 +1,168 @@
+"""Episodes of runs, played again."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from swarmwright._controller import Controller
+from swarmwright._errors import InputError, engine_errors
+from swarmwright._results._choice import Choice, choose
+from swarmwright._run import Run
+from swarmwright.display import Caption, Playable
+
+if TYPE_CHECKING:
+    from swarmwright._experiment import Experiment
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One episode of one controller, in the simulation of a run."""
+
+    run: Run
+    controller: Controller
+    choice: Choice | None
+    """The candidate of the run that the controller is; None when it comes from elsewhere."""
+    source: Path | None
+    """Where a controller from elsewhere comes from."""
+    number: int | None
+    """Index of the episode; None for one that the run did not have."""
+    seed: int
+    """Seed of the simulation."""
+
+    @classmethod
+    def of(
+        cls,
+        run: Run,
+        *,
+        generation: int | None = None,
+        candidate: int | None = None,
+        controller: Path | None = None,
+        episode: int | None = None,
+        seed: int | None = None,
+    ) -> Self:
+        """Choose what is played.
+
+        Args:
+            run: whose simulation and parameters.
+            generation: of the candidate; default: that of the best one.
+            candidate: index in the generation; default: the best of the generation.
+            controller: file or run folder with another controller, instead of a candidate of the run.
+            episode: one of the run's, default 0.
+            seed: of the simulation, for an episode that the run did not have.
+
+        Raises:
+            InputError: the simulation is not built in, or there is no such candidate, controller or episode.
+        """
+        experiment = run.experiment
+        _check_built_in(run)
+        seeds = experiment.new_ranking().seeds(experiment.first_seed)
+        number = None if seed is not None else episode or 0
+        if number is not None and number >= len(seeds):
+            has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
+            raise InputError(
+                f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"
+            )
+        chosen = None if controller is not None else choose(run, generation, candidate)
+        played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
+        return cls(
+            run, played, chosen, controller, number, seeds[number] if number is not None else seed or 0
+        )
+
+    def episode(self) -> Playable:
+        """Return the episode, before its first step."""
+        from swarmwright import _engine
+
+        experiment = self.run.experiment
+        parameters = json.dumps({**experiment.parameters, "seed": self.seed})
+        with engine_errors():
+            return _engine.Episode(experiment.simulation, parameters, self.controller.json)
+
+    @property
+    def title(self) -> str:
+        """What is played, in a line."""
+        return f"{self.run.experiment.simulation}: {self._who}, {self._which}"
+
+    @property
+    def _who(self) -> str:
+        if self.choice is None:
+            return f"controller of {self.source}"
+        return f"candidate {self.choice.candidate} of generation {self.choice.generation}"
+
+    @property
+    def _which(self) -> str:
+        if self.number is None:
+            return f"simulation seed {self.seed}"
+        return f"episode {self.number} of {self._episodes}"
+
+    @property
+    def _episodes(self) -> int:
+        return self.run.experiment.ranking.episodes
+
+    def outcome(self, fitness: float) -> str:
+        """Return the episode's fitness in words, beside the candidate's when that is another thing."""
+        said = f"Fitness {fitness + 0.0:.6g}"  # no -0
+        if self.choice is None or (self.number is not None and self._episodes == 1):
+            return f"{said}."
+        where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
+        meaning = f", the {self._meaning}" if self._episodes > 1 else ""
+        return f"{said} {where}; the candidate's in the run is {self.choice.fitness + 0.0:.6g}{meaning}."
+
+    @property
+    def _meaning(self) -> str:
+        """How episodes became the candidate's fitness."""
+        how = getattr(self.run.experiment.ranking, "aggregate", "outcome")
+        return f"{how} of {self._episodes} episodes"
+
+    def identity(self) -> dict[str, Any]:
+        """Return what is played as plain values, for `--json`."""
+        choice = self.choice
+        return {
+            "episode": self.number,
+            "seed": self.seed,
+            "generation": choice.generation if choice else None,
+            "candidate": choice.candidate if choice else None,
+            "candidate_fitness": choice.fitness if choice else None,
+            "controller": str(self.source) if self.source else None,
+        }
+
+    def caption(self) -> Caption:
+        """Return the title and the facts of the experiment that stand beside a picture."""
+        experiment = self.run.experiment
+        facts = [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
+        if self.choice is not None:
+            value = f"{self.choice.fitness + 0.0:.6g}"
+            episodes = f" ({self._meaning})" if self._episodes > 1 else ""
+            facts.append(("fitness of the candidate", f"{value}{episodes}"))
+        facts.append(("simulation seed", str(self.seed)))
+        return Caption(self.title, tuple(facts))
+
+
+def controller_words(specification: dict[str, Any]) -> str:
+    """Return what kind of controller it is: `layered, 4-8-1, tanh`."""
+    kind = specification.get("kind", "controller")
+    sensors, actuators = specification.get("sensors"), specification.get("actuators")
+    hidden = specification.get("hidden")
+    parts = [str(kind)]
+    if sensors is not None and actuators is not None:
+        middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
+        parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
+    if "activation" in specification:
+        parts.append(str(specification["activation"]))
+    return ", ".join(parts)
+
+
+def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
+    method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    return [("method", method), ("seed of the run", str(experiment.seed))]
+
+
+def _check_built_in(run: Run) -> None:
+    from swarmwright import _engine
+
+    title = run.experiment.simulation
+    if title not in _engine.simulations():
+        raise InputError(
+            f"{run.path}: the simulation '{title}' is not built in, so it cannot be shown here. Its servers "
+            f"can: swarmwright simulate {run.path / 'experiment.yaml'} --controller {run.path} --visual"
+        )

@@ -1,0 +1,53 @@
+"""The frames of a moving picture: how many, how long each, and what lies between two steps."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+from swarmwright.display._scene import Body, Scene
+
+
+def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:
+    """Return frames a step and seconds a frame, such that it looks smooth and stays below `most` frames.
+
+    Frames a step below 1 leave steps out.
+
+    Args:
+        scenes: scenes of the episode, its first one included.
+        step_seconds: how long a step is shown.
+        frame_seconds: how long a frame stands, about.
+        most: frames.
+    """
+    steps = max(scenes - 1, 1)
+    per_step = max(1.0, float(round(step_seconds / frame_seconds)))
+    if per_step * steps > most:
+        per_step = most / steps
+        if per_step > 1:
+            per_step = float(int(per_step))
+    return per_step, step_seconds / per_step
+
+
+def in_between(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Scene, float]]:
+    """Yield scenes with their time in steps; bodies glide from one step to the next."""
+    if per_step < 1:
+        last = len(scenes) - 1
+        chosen = sorted({min(last, round(i / per_step)) for i in range(int(last * per_step) + 2)})
+        yield from ((scenes[i], float(i)) for i in chosen)
+        return
+    parts = int(per_step)
+    for index, (before, after) in enumerate(pairwise(scenes)):
+        for part in range(parts):
+            share = part / parts
+            yield between(before, after, share), index + share
+    yield scenes[-1], float(len(scenes) - 1)
+
+
+def between(before: Scene, after: Scene, share: float) -> Scene:
+    """Return the scene a share (0..1) of the way to the next one; states change at the end of the step."""
+    if len(before.bodies) != len(after.bodies):
+        return before
+    bodies = tuple(
+        Body(a.kind, a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), a.state, a.radius)
+        for a, b in zip(before.bodies, after.bodies, strict=True)
+    )
+    return replace(before, bodies=bodies)

@@ -1,0 +1,63 @@
+"""What a picture of scenes stands on: the map with its border, its grid and its numbers."""
+
+from typing import TYPE_CHECKING
+
+from swarmwright.display._look import BORDER, FIELD, GRID
+from swarmwright.display._scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Rectangle
+
+_NUMBERS = 12
+"""Most numbers on a side of a grid of cells."""
+_LINES = 64
+"""Most cells on a side whose borders are drawn; more of them would be nothing but lines."""
+
+
+def frame(axes: "Axes", scene: Scene) -> None:
+    """Prepare axes for scenes of this extent: numbers in metres, or of rows and columns from the top left."""
+    from matplotlib.patches import Rectangle
+
+    margin = 0.012 * max(scene.width, scene.height)
+    axes.set_xlim(-margin, scene.width + margin)
+    axes.set_ylim(-margin, scene.height + margin)
+    axes.set_aspect("equal")
+    axes.patch.set_visible(False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    field = Rectangle((0, 0), scene.width, scene.height, facecolor=FIELD, edgecolor="none", zorder=0)
+    border = Rectangle(
+        (0, 0), scene.width, scene.height, fill=False, edgecolor=BORDER, linewidth=1.6, zorder=1.9
+    )
+    axes.add_patch(field)
+    axes.add_patch(border)
+    axes.set_axisbelow(True)
+    if scene.grid:
+        _number_cells(axes, scene, field)
+    else:
+        axes.locator_params(integer=True)
+        axes.grid(color=GRID, linewidth=0.6, clip_path=field)
+    axes.tick_params(which="both", length=0, labelsize=9, colors=BORDER)
+
+
+def _number_cells(axes: "Axes", scene: Scene, field: "Rectangle") -> None:
+    """Put the number of a column or a row at the middle of its cells, lines between cells."""
+    columns, rows = round(scene.width), round(scene.height)
+    step = cell_step(max(columns, rows))
+    axes.set_xticks([i + 0.5 for i in range(0, columns, step)], [str(i) for i in range(0, columns, step)])
+    axes.set_yticks([rows - j - 0.5 for j in range(0, rows, step)], [str(j) for j in range(0, rows, step)])
+    if max(columns, rows) <= _LINES:
+        axes.set_xticks(range(columns + 1), minor=True)
+        axes.set_yticks(range(rows + 1), minor=True)
+        axes.grid(which="minor", color=GRID, linewidth=0.5, clip_path=field)
+
+
+def cell_step(cells: int) -> int:
+    """Every how many cells a number stands: 1, 2, 5, 10, 20, ..."""
+    power = 1
+    while True:
+        for factor in (1, 2, 5):
+            if cells / (factor * power) <= _NUMBERS:
+                return factor * power
+        power *= 10

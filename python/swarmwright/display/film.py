@@ -1,0 +1,80 @@
+"""An episode as a film (MP4, H.264), encoded by ffmpeg.
+
+ffmpeg is the one on the path, or the one that the package imageio-ffmpeg brings along.
+"""
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from swarmwright._errors import InputError, RunError
+from swarmwright.display._caption import Caption
+from swarmwright.display._drawing import Picture
+from swarmwright.display._episode import Recording
+from swarmwright.display._frames import in_between, pace
+
+FRAME_SECONDS = 1 / 30
+MOST_FRAMES = 3000
+LAST_FRAME_SECONDS = 2.0
+
+
+def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 1.0) -> None:
+    """Write an MP4 of 980 pixels in width that every browser plays.
+
+    Raises InputError when there is no ffmpeg, RunError when it fails, OSError.
+    """
+    ffmpeg = _ffmpeg(path)
+    step_seconds = max(recording.step_size, 0.02) / speed
+    count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
+    picture = Picture(recording, dpi=140)
+    images = (picture.image(scene, time) for scene, time in in_between(recording.scenes, count))
+    first = next(images)
+    # 4:2:0 colour needs even sides.
+    width, height = first.width // 2 * 2, first.height // 2 * 2
+    command = [
+        ffmpeg, "-loglevel", "error", "-y",
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{1 / seconds:.6f}",
+        "-i", "-",
+        "-an", "-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", "yuv420p",
+        "-metadata", f"title={caption.title}", "-movflags", "+faststart", "-f", "mp4", str(path.absolute()),
+    ]  # fmt: skip
+    box = (0, 0, width, height)
+    with tempfile.TemporaryFile() as said:
+        encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said)
+        assert encoder.stdin is not None
+        try:
+            with encoder.stdin as frames:
+                frames.write(first.crop(box).tobytes())
+                last = first
+                for last in images:
+                    frames.write(last.crop(box).tobytes())
+                for _ in range(round(LAST_FRAME_SECONDS / seconds)):
+                    frames.write(last.crop(box).tobytes())
+        except BrokenPipeError:
+            pass  # it says why, below
+        except BaseException:
+            encoder.kill()
+            raise
+        finally:
+            status = encoder.wait()
+        if status:
+            said.seek(0)
+            reason = said.read().decode(errors="replace").strip().splitlines()
+            raise RunError(f"{path}: ffmpeg could not write the film: {reason[-1] if reason else status}")
+
+
+def _ffmpeg(path: Path) -> str:
+    """Return the program that encodes."""
+    found = shutil.which("ffmpeg")
+    if found:
+        return found
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        raise InputError(
+            f"{path}: films are encoded by ffmpeg, which is not there; "
+            "'pip install imageio-ffmpeg' brings it along, and a .gif or .html needs nothing"
+        ) from None

@@ -1,0 +1,62 @@
+"""An episode as the page's script reads it."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from swarmwright.display._episode import Recording
+from swarmwright.display._scene import Body, Scene
+
+_DIGITS = 5
+"""Significant digits of a position: finer than a pixel of any screen."""
+
+
+def episode_data(recording: Recording, *, speed: float) -> dict[str, Any]:
+    """Return the episode as plain values.
+
+    width, height, grid and message of the world; step_seconds and speed; fitness so far at each scene, null
+    where it is no finite number; and bodies: kind, radius, x and y at each scene (one number for what never
+    moves, null where it is not there), and states as [scene from which it holds, state].
+    """
+    scenes = recording.scenes
+    first = scenes[0]
+    count = max(len(scene.bodies) for scene in scenes)
+    return {
+        "message": first.message,
+        "width": first.width,
+        "height": first.height,
+        "grid": first.grid,
+        "step_seconds": max(recording.step_size, 0.02),
+        "speed": speed,
+        "fitness": [_number(value, 9) for value in recording.course],
+        "bodies": [_body(scenes, index) for index in range(count)],
+    }
+
+
+def _body(scenes: Sequence[Scene], index: int) -> dict[str, Any]:
+    course = [scene.bodies[index] if index < len(scene.bodies) else None for scene in scenes]
+    known = next(body for body in course if body is not None)
+    return {
+        "kind": known.kind,
+        "radius": _number(known.radius, _DIGITS),
+        "x": _series([None if body is None else body.x for body in course]),
+        "y": _series([None if body is None else body.y for body in course]),
+        "states": _changes(course),
+    }
+
+
+def _series(values: Sequence[float | None]) -> Any:  # noqa: ANN401 - a list, or the one number that it repeats
+    numbers = [None if value is None else _number(value, _DIGITS) for value in values]
+    return numbers[0] if numbers[0] is not None and len(set(numbers)) == 1 else numbers
+
+
+def _changes(course: Sequence[Body | None]) -> list[tuple[int, str]]:
+    changes: list[tuple[int, str]] = []
+    for index, body in enumerate(course):
+        if body is not None and (not changes or changes[-1][1] != body.state):
+            changes.append((index, body.state))
+    return changes
+
+
+def _number(value: float, digits: int) -> float | None:
+    return float(f"{value + 0.0:.{digits}g}") if math.isfinite(value) else None

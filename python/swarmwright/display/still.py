@@ -1,0 +1,17 @@
+"""An episode as a still that shows all trajectories (PNG)."""
+
+import io
+from pathlib import Path
+
+from swarmwright.display._caption import Caption
+from swarmwright.display._drawing import Picture
+from swarmwright.display._episode import Recording
+
+
+def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 1.0) -> None:  # noqa: ARG001
+    """Write a PNG of 1008 pixels in width. Raises OSError."""
+    picture = Picture(recording, dpi=144)
+    picture.draw(recording.scenes[-1], len(recording.scenes) - 1)
+    buffer = io.BytesIO()
+    picture.figure.savefig(buffer, format="png")
+    path.write_bytes(buffer.getvalue())

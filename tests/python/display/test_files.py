@@ -1,0 +1,34 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from swarmwright.display import Body, Recording, Scene, record
+from swarmwright.display.files import FORMATS, save
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_many_bodies_and_odd_maps(tmp_path: Path, ending: str) -> None:
+    random = np.random.default_rng(1)
+    bodies = tuple(Body("agent", float(x), float(y), "caught", 0.0) for x, y in random.random((500, 2)))
+    for width, height in ((1.0, 1.0), (1000.0, 1.0), (1.0, 1000.0)):
+        recording = Recording((Scene(width, height, 0, "", bodies, grid=width == 1000),), (-1.0,), 0.0)
+        file = tmp_path / f"x{ending}"
+        save(recording, file)
+        assert file.stat().st_size > 1000
+        if ending in {".gif", ".png"}:
+            with Image.open(file) as picture:
+                assert 100 < picture.height < 2000
+
+
+def test_endings_may_be_capitals(crossing: Any, tmp_path: Path) -> None:
+    save(record(crossing), tmp_path / "x.PNG")
+    with Image.open(tmp_path / "x.PNG") as picture:
+        assert picture.format == "PNG"
+
+
+def test_other_endings_are_refused(crossing: Any, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"\.html, \.gif, \.mp4 or \.png"):
+        save(record(crossing), tmp_path / "x.avi")

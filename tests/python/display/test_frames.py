@@ -1,0 +1,34 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright.display import Body, Scene
+from swarmwright.display._frames import between, in_between, pace
+
+MOST = 400
+
+
+@given(scenes=st.integers(1, 5000), seconds=st.floats(0.02, 100))
+def test_pace_keeps_the_duration_and_the_number_of_frames(scenes: int, seconds: float) -> None:
+    per_step, frame = pace(scenes, seconds, frame_seconds=0.06, most=MOST)
+    assert per_step * (scenes - 1) <= MOST * (1 + 1e-9)
+    assert per_step * frame == pytest.approx(seconds)
+
+
+@given(scenes=st.integers(1, 3000), seconds=st.floats(0.02, 3))
+def test_frames_go_from_the_first_scene_to_the_last(scenes: int, seconds: float) -> None:
+    course = tuple(Scene(10, 10, step, "", ()) for step in range(scenes))
+    per_step, _ = pace(scenes, seconds, frame_seconds=0.06, most=MOST)
+    frames = list(in_between(course, per_step))
+    times = [time for _, time in frames]
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (0, scenes - 1)
+    assert len(frames) <= MOST + 2
+    assert all(scene.step == int(time) for scene, time in frames)
+
+
+@given(share=st.floats(0, 1), x=st.floats(0, 100), y=st.floats(0, 100))
+def test_between_is_on_the_way(share: float, x: float, y: float) -> None:
+    before, after = (Scene(100, 100, 0, "", (Body("agent", at, 50.0, "free", 0.0),)) for at in (x, y))
+    middle = between(before, after, share).bodies[0]
+    assert min(x, y) - 1e-9 <= middle.x <= max(x, y) + 1e-9

@@ -1,0 +1,239 @@
+"""The page is opened from a file in a real browser, and played as a person would."""
+
+import json
+import re
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium.webdriver import ActionChains, Chrome, Keys
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import Select
+
+from swarmwright.display import Body, Caption, Recording, Scene, record
+from swarmwright.display.files import save
+from swarmwright.display.page import page
+from tests.python.display.browser import chromium
+
+CAPTION = Caption("minisim: <best> & {{facts}}", (("controller", "layered, 4-8-1, tanh"), ("seed", "1")))
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("browser")) as running:
+        yield running
+
+
+@pytest.fixture
+def opened(browser: Chrome, crossing: Any, tmp_path: Path) -> Chrome:
+    crossing.message = "</script><script>document.title = 'stolen'</script>"
+    file = tmp_path / "episode.html"
+    save(record(crossing), file, caption=CAPTION)
+    for name in ("browser", "performance"):
+        log(browser, name)  # empties it
+    browser.get(file.as_uri())
+    return browser
+
+
+def text(browser: Chrome, name: str) -> str:
+    return browser.find_element(By.ID, name).text
+
+
+def log(browser: Chrome, name: str) -> list[dict[str, Any]]:
+    """What was logged since it was asked for last."""
+    entries: list[dict[str, Any]] = browser.get_log(name)  # type: ignore[no-untyped-call]
+    return entries
+
+
+def press(browser: Chrome, *keys: str) -> None:
+    ActionChains(browser).send_keys(*keys).perform()
+
+
+def eventually(true: Callable[[], bool], what: str, seconds: float = 10) -> None:
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline, f"never: {what}"
+        time.sleep(0.02)
+
+
+def pixels(browser: Chrome, canvas: str, color: str) -> list[int]:
+    """How many pixels of a canvas have the theme's colour of this name, and their mean column."""
+    script = """
+        const canvas = document.getElementById(arguments[0]);
+        const wanted = theme()(arguments[1]).match(/[0-9a-f]{2}/gi).map((part) => parseInt(part, 16));
+        const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+        let [count, columns] = [0, 0];
+        for (let i = 0; i < data.length; i += 4)
+          if (wanted.every((value, channel) => data[i + channel] === value)) {
+            count += 1;
+            columns += (i / 4) % canvas.width;
+          }
+        return [count, count ? Math.round(columns / count) : -1];
+    """
+    found: list[int] = browser.execute_script(script, canvas, color)
+    return found
+
+
+def test_the_page_says_what_it_shows_and_asks_no_network(opened: Chrome) -> None:
+    assert opened.title == "minisim: <best> & {{facts}}"
+    assert opened.find_element(By.TAG_NAME, "h1").text == "minisim: <best> & {{facts}}"
+    assert "layered, 4-8-1, tanh" in opened.find_element(By.CLASS_NAME, "facts").text
+    assert text(opened, "now") == "step 0 of 12"
+    assert text(opened, "fitness") == "−12"
+    asked = [json.loads(entry["message"])["message"] for entry in log(opened, "performance")]
+    urls = [
+        entry["params"]["request"]["url"] for entry in asked if entry["method"] == "Network.requestWillBeSent"
+    ]
+    assert any(url.startswith("file:") for url in urls)
+    assert [url for url in urls if url.startswith(("http", "ws"))] == []
+    assert log(opened, "browser") == [], "errors of the script"
+
+
+def test_it_plays_pauses_and_ends(opened: Chrome) -> None:
+    Select(opened.find_element(By.ID, "speed")).select_by_value("4")
+    button = opened.find_element(By.ID, "play")
+    start = pixels(opened, "world", "free")
+    button.click()
+    assert button.text == "Pause"
+    eventually(lambda: text(opened, "now") > "step 3", "it plays")
+    button.click()
+    assert button.text == "Play"
+    paused = text(opened, "now")
+    here = pixels(opened, "world", "free")
+    assert start[0] > 50
+    assert here[1] > start[1] + 50, "the agent moved to the right"
+    time.sleep(0.3)
+    assert text(opened, "now") == paused
+    button.click()
+    eventually(lambda: text(opened, "now") == "step 12 of 12", "it ends")
+    eventually(lambda: button.text == "Play", "it stops")
+    assert text(opened, "fitness") == "0"
+    assert pixels(opened, "world", "free")[0] == 0, "nobody is on the way any more"
+    button.click()
+    eventually(lambda: "step 12" not in text(opened, "now"), "again from the beginning")
+
+
+def test_keys_and_buttons_step(opened: Chrome) -> None:
+    opened.find_element(By.ID, "on").click()
+    opened.find_element(By.ID, "on").click()
+    assert text(opened, "now") == "step 2 of 12"
+    opened.find_element(By.ID, "back").click()
+    assert (text(opened, "now"), text(opened, "fitness")) == ("step 1 of 12", "−11")
+    opened.find_element(By.TAG_NAME, "h1").click()
+    press(opened, Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+    assert text(opened, "now") == "step 3 of 12"
+    press(opened, Keys.END)
+    assert text(opened, "now") == "step 12 of 12"
+    press(opened, Keys.ARROW_RIGHT)
+    assert text(opened, "now") == "step 12 of 12"
+    press(opened, Keys.ARROW_LEFT)
+    assert text(opened, "now") == "step 11 of 12"
+    press(opened, Keys.HOME)
+    assert text(opened, "now") == "step 0 of 12"
+    opened.find_element(By.ID, "last").click()
+    press(opened, Keys.ARROW_LEFT)
+    assert text(opened, "now") == "step 11 of 12", "keys work while a button has the focus"
+    press(opened, "+")
+    assert opened.find_element(By.ID, "speed").get_attribute("value") == "2"
+    press(opened, "t")
+    assert opened.find_element(By.ID, "trail").get_attribute("value") == "-1"
+    press(opened, "r")
+    assert opened.find_element(By.ID, "repeat").is_selected()
+
+
+def test_scrubber_curve_and_legend_follow_each_other(opened: Chrome) -> None:
+    scrub = opened.find_element(By.ID, "scrub")
+    scrub.send_keys(Keys.ARROW_RIGHT)
+    scrub.send_keys(Keys.ARROW_RIGHT)
+    assert text(opened, "now") == "step 2 of 12"
+    assert scrub.get_attribute("aria-valuetext") == "step 2 of 12"
+    marker = pixels(opened, "course", "accent")
+    course = opened.find_element(By.ID, "course")
+    ActionChains(opened).move_to_element_with_offset(
+        course, int(course.size["width"] * 0.3), 0
+    ).click().perform()
+    step = int(re.findall(r"\d+", text(opened, "now"))[0])
+    assert 7 <= step <= 11
+    assert scrub.get_attribute("value") == str(step)
+    assert text(opened, "fitness") == f"−{12 - step}"
+    assert pixels(opened, "course", "accent")[1] > marker[1] + 20
+    legend = text(opened, "legend").split("\n")
+    assert legend == ["goal", "1", "defender", "1", "agent, free", "1", "agent, arrived", "0"]
+    said = opened.find_element(By.ID, "world").get_attribute("aria-label")
+    assert said == f"Step {step} of 12: 1 goal; 1 defender; 1 agent, free"
+
+
+def test_an_address_opens_at_a_step(opened: Chrome) -> None:
+    opened.get(f"{opened.current_url.partition('#')[0]}#step=5")
+    eventually(lambda: text(opened, "now") == "step 5 of 12", "the step of the address")
+    opened.get(f"{opened.current_url.partition('#')[0]}#step=500")
+    eventually(lambda: text(opened, "now") == "step 12 of 12", "the last step")
+
+
+def test_light_and_dark(opened: Chrome) -> None:
+    def paper() -> str:
+        return opened.find_element(By.TAG_NAME, "body").value_of_css_property("background-color")
+
+    button = opened.find_element(By.ID, "theme")
+    light = paper()
+    assert button.text == "Dark"
+    button.click()
+    assert button.text == "Light"
+    assert paper() != light
+    assert pixels(opened, "world", "free")[0] > 50, "drawn in the theme's colours"
+    button.click()
+    assert paper() == light
+
+
+def test_everything_fits_a_narrow_window(opened: Chrome) -> None:
+    opened.set_window_size(420, 800)
+    try:
+        width: int = opened.execute_script("return document.documentElement.scrollWidth")
+        assert width <= opened.get_window_size()["width"]
+    finally:
+        opened.set_window_size(1280, 900)
+
+
+def test_odd_episodes_can_be_opened(browser: Chrome, tmp_path: Path) -> None:
+    odd = {
+        "still": Recording((Scene(1e-3, 1e3, 0, "", ()),), (float("nan"),), 0.0),
+        "huge": Recording((Scene(5, 5, 0, "", (Body("x", 1, 1, "", 0),)),) * 2, (1e300, -1e-300), 0.1),
+        "coming": Recording(
+            (
+                Scene(3, 3, 0, "", (Body("agent", 1, 1, "free", 0),), grid=True),
+                Scene(
+                    3,
+                    3,
+                    1,
+                    "",
+                    (Body("agent", 1, 1, "free", 0), Body("agent", 2, 2, "caught", 0.5)),
+                    grid=True,
+                ),
+            ),
+            (float("-inf"), 1.0),
+            0.1,
+        ),
+    }
+    log(browser, "browser")
+    for name, recording in odd.items():
+        file = tmp_path / f"{name}.html"
+        save(recording, file)
+        browser.get(file.as_uri())
+        press(browser, Keys.END)
+        last = len(recording.scenes) - 1
+        assert text(browser, "now") == f"step {last} of {last}"
+        assert log(browser, "browser") == [], name
+
+
+def test_what_never_moves_is_written_once(crossing: Any) -> None:
+    document = page(record(crossing), caption=Caption())
+    found = re.search(r'<script type="application/json" id="episode">(.*?)</script>', document, re.DOTALL)
+    assert found
+    episode = json.loads(found[1])
+    goal, defender, agent = episode["bodies"]
+    assert (goal["x"], goal["y"], defender["x"]) == (12.5, 3.5, 8.0)
+    assert agent["x"] == [step + 0.5 for step in range(13)]
+    assert agent["states"] == [[0, "free"], [12, "arrived"]]
+    assert episode["fitness"] == [-float(12 - step) for step in range(12)] + [0.0]
