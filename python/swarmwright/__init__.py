@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from swarmwright._experiment import Experiment
     from swarmwright._optimize import Generation, optimize, resume
     from swarmwright._repeat import Repeated, repeat
+    from swarmwright._results.comparison import Comparison, compare
     from swarmwright._run import Run
 
     __version__: str
 
 __all__ = [
+    "Comparison",
     "Controller",
     "Experiment",
     "Generation",
@@ -36,6 +38,7 @@ __all__ = [
     "SwarmwrightError",
     "__version__",
     "callbacks",
+    "compare",
     "evaluate",
     "optimize",
     "repeat",
@@ -45,11 +48,13 @@ __all__ = [
 ]
 
 _LAZY = {
+    "Comparison": "_results.comparison",
     "Controller": "_controller",
     "Experiment": "_experiment",
     "Generation": "_optimize",
     "Repeated": "_repeat",
     "Run": "_run",
+    "compare": "_results.comparison",
     "evaluate": "_evaluate",
     "optimize": "_optimize",
     "repeat": "_repeat",

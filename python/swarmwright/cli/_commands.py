@@ -15,6 +15,7 @@ COMMANDS = (
     "evaluate",
     "simulate",
     "replay",
+    "plot",
     "new",
     "broker",
     "serve",

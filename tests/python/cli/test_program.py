@@ -78,7 +78,7 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
         (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
         (["replay", "experiment.yaml"], ["is a file where a folder is expected"]),
-        (["replay", ".", "--save", "x.mp4"], [".gif or .png"]),
+        (["replay", ".", "--save", "x.avi"], [".mp4 or .png"]),
         (["replay", ".", "--save", "no/x.gif"], ["there is no folder 'no'"]),
         (["replay", ".", "--speed", "0"], ["--speed"]),
         (["simulate", "experiment.yaml", "--visual", "--json"], ["--visual", "--json"]),

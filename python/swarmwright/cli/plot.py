@@ -1,0 +1,87 @@
+"""`swarmwright plot`: runs as figures."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._output import Output
+
+
+@click.command(
+    "plot",
+    cls=Command,
+    example="swarmwright plot runs/minisim-1\n"
+    "swarmwright plot runs/nnga-* runs/random-* --out comparison.svg",
+)
+@click.argument("runs", type=ExistingPath(folder=True), metavar="RUN...", nargs=-1, required=True)
+@click.option(
+    "--out",
+    "file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Where to draw: .png, .svg or .pdf. Default: plot.png in the folder of one run, comparison.png here "
+    "for several.",
+)
+@click.option(
+    "--x",
+    type=click.Choice(["evaluations", "generations"]),
+    default="evaluations",
+    show_default=True,
+    help="What the runs are drawn over.",
+)
+@click.option(
+    "--at",
+    type=click.IntRange(min=1),
+    metavar="EVALUATIONS",
+    help="Compare the best fitness after so many evaluations. Default: at each run's end.",
+)
+@json_option
+def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, as_json: bool) -> None:
+    """Draw one RUN, or compare several.
+
+    One run: fitness and diversity of its candidates. Several: runs whose experiments differ in the seed alone
+    are a group; the groups are drawn on one axis, and the final fitness of their runs is tested
+    (Mann-Whitney, Kruskal-Wallis, with effect sizes).
+    """
+    output = Output(as_json=as_json)
+    if len({run.resolve() for run in runs}) == 1 and at is None:
+        _draw_one(output, runs[0], file or runs[0] / "plot.png", x)
+    else:
+        _draw_several(output, runs, file or Path("comparison.png"), x, at)
+
+
+def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
+    from swarmwright import InputError, Run
+    from swarmwright._results import _style
+    from swarmwright._results._diversity import diversity
+    from swarmwright._results._run_figure import draw
+
+    _style.check(file)
+    run = Run.open(folder)
+    if not run.history:
+        raise InputError(f"{folder}: holds no finished generation to draw")
+    _style.save(draw(run, x=x), file)
+    spread = [float(value) for value in diversity(run)]
+    last = run.history[-1]
+    output.text(
+        f"{run.evaluations:,} evaluations in {run.generations:,} generations: best fitness "
+        f"{last.best_so_far + 0.0:.6g}, diversity {spread[-1]:.3g} at the end. The figure is in {file}"
+    )
+    output.json(
+        {
+            "run": str(folder), "picture": str(file), "evaluations": run.evaluations,
+            "generations": run.generations, "best": last.best_so_far, "diversity": spread,
+        }
+    )  # fmt: skip
+
+
+def _draw_several(output: Output, runs: tuple[Path, ...], file: Path, x: str, at: int | None) -> None:
+    from swarmwright._results import _style
+    from swarmwright.cli._comparison import show_comparison
+
+    _style.check(file)
+    comparison = show_comparison(output, runs, at=at)
+    comparison.plot(file, x=x)
+    output.text(f"The figure is in {file}")
