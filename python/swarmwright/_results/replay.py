@@ -54,16 +54,15 @@ class Replay:
         Raises:
             InputError: the simulation is not built in, or there is no such candidate, controller or episode.
         """
-        experiment = run.experiment
         _check_built_in(run)
-        seeds = experiment.new_ranking().seeds(experiment.first_seed)
+        chosen = None if controller is not None else choose(run, generation, candidate)
+        seeds = run.seeds(0 if chosen is None else chosen.generation)
         number = None if seed is not None else episode or 0
         if number is not None and number >= len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
             raise InputError(
                 f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"
             )
-        chosen = None if controller is not None else choose(run, generation, candidate)
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
         return cls(
             run, played, chosen, controller, number, seeds[number] if number is not None else seed or 0

@@ -16,6 +16,7 @@ COMMANDS = (
     "simulate",
     "replay",
     "plot",
+    "draw",
     "new",
     "broker",
     "serve",

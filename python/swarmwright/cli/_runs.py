@@ -20,6 +20,8 @@ OURS = (
     "best.json",
     "best.json.new",
     "fitness.png",
+    "plot.png",
+    "controller.png",
 )
 """Files that a run writes into its folder."""
 _WARNINGS = 10  # shown at most

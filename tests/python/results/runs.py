@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, Run
-from swarmwright._run import Record
 from swarmwright._statistics import Summary, summarize
+from swarmwright._store import Record
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "controller": {"kind": "layered", "hidden": [2]},
@@ -59,11 +59,12 @@ class KnownRun(Run):
             random = np.random.default_rng(self._experiment.seed)
             genomes = random.standard_normal((len(values), self._experiment.genome_size))
         return Record(
-            np.repeat(np.arange(len(sizes)), sizes),
-            np.concatenate([np.arange(size) for size in sizes]),
-            values,
-            values[:, None],
-            np.asarray(genomes, dtype=np.float32),
+            generation=np.repeat(np.arange(len(sizes)), sizes),
+            candidate=np.concatenate([np.arange(size) for size in sizes]),
+            fitness=values,
+            episodes=values[:, None],
+            metrics=np.empty((len(values), 1, 0)),
+            genomes=np.asarray(genomes, dtype=np.float32),
         )
 
 

@@ -1,0 +1,87 @@
+"""`swarmwright draw`: a controller as a figure."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._output import Output
+
+
+@click.command(
+    "draw",
+    cls=Command,
+    example="swarmwright draw runs/minisim-1\n"
+    "swarmwright draw runs/minisim-1 --generation 0 --out beginning.svg\n"
+    "swarmwright draw best.json --simulation minisim",
+)
+@click.argument("source", type=ExistingPath(folder=None), metavar="RUN|FILE")
+@click.option(
+    "--out",
+    "file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Where to draw: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
+    "with .png.",
+)
+@click.option(
+    "--generation",
+    type=click.IntRange(min=0),
+    metavar="G",
+    help="The best candidate of this generation of RUN. Default: the best of the run.",
+)
+@click.option(
+    "--candidate",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="This candidate of the generation, from 0 in the order of their evaluation.",
+)
+@click.option(
+    "--simulation",
+    metavar="TITLE",
+    help="Whose sensors and actuators those of a FILE are, for their names.",
+)
+@json_option
+def command(
+    source: Path,
+    file: Path | None,
+    generation: int | None,
+    candidate: int | None,
+    simulation: str | None,
+    as_json: bool,
+) -> None:
+    """Draw the controller of RUN or FILE: a network with its weights, the states of a state machine.
+
+    The best candidate of a run is drawn unless another is named.
+    """
+    from swarmwright import Controller, Run
+    from swarmwright._results import _style
+    from swarmwright._results._choice import choose
+    from swarmwright.display.controllers import figure
+
+    output = Output(as_json=as_json)
+    if source.is_dir():
+        target = file or source / "controller.png"
+        _style.check(target)
+        run = Run.open(source)
+        chosen = choose(run, generation, candidate)
+        specification = chosen.specification
+        experiment = run.experiment
+        drawn = figure(
+            specification,
+            title=f"{experiment.simulation}: candidate {chosen.candidate} of generation {chosen.generation}, "
+            f"fitness {chosen.fitness + 0.0:.4g}",
+            simulation=simulation or experiment.simulation,
+            options=experiment.controller.model_dump(),
+        )
+    else:
+        if generation is not None or candidate is not None:
+            raise click.UsageError(f"{source}: is one controller; --generation and --candidate are for runs.")
+        target = file or source.with_suffix(".png")
+        _style.check(target)
+        specification = Controller.load(source).specification
+        drawn = figure(specification, title=source.name, simulation=simulation)
+    _style.save(drawn, target)
+    output.text(f"The controller is drawn in {target}")
+    output.json({"picture": str(target), "kind": specification["kind"]})

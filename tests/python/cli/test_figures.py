@@ -1,0 +1,96 @@
+"""`plot` and `draw` as programs."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+import swarmwright
+
+BASE: dict[str, Any] = {
+    "simulation": "minisim", "servers": "local", "parameters": {"maxSteps": 4},
+    "method": {"kind": "nnga", "population": 6, "generations": 3},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders nnga-1, nnga-2, random_search-1, random_search-2."""
+    folder = tmp_path_factory.mktemp("runs")
+    for kind in ("nnga", "random_search"):
+        method = {"kind": kind, "population": 6, "generations": 3}
+        experiment = swarmwright.Experiment.from_mapping({**BASE, "method": method})
+        for seed in (1, 2):
+            swarmwright.optimize(experiment, seed=seed, out=folder / f"{kind}-{seed}")
+    return folder
+
+
+def test_one_run_is_drawn_into_its_folder(program: Any, runs: Path) -> None:
+    result = program("plot", runs / "nnga-1", "--json")
+    assert result.returncode == 0, result.stderr
+    said = json.loads(result.stdout)
+    assert said["generations"] == len(said["diversity"]) == 3
+    assert said["diversity"][0] == 1.0
+    assert said["picture"] == str(runs / "nnga-1" / "plot.png")
+    with Image.open(said["picture"]) as picture:
+        assert picture.width > 900
+
+
+def test_several_runs_are_compared(program: Any, runs: Path, tmp_path: Path) -> None:
+    folders = sorted(runs.iterdir())
+    result = program("plot", *folders, "--out", "both.svg")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    lines = result.stdout.splitlines()
+    assert lines[0].split() == ["group", "runs", "evaluations", "median", "quartiles", "worst", "best"]
+    assert lines[1].startswith("nnga ")
+    assert "with fewer than 5 runs in a group (nnga: 2; random_search: 2) a test says little" in result.stdout
+    assert lines[-1] == "The figure is in both.svg"
+    assert (tmp_path / "both.svg").read_text().startswith("<?xml")
+    (line,) = program("plot", *folders, "--json", "--at", "6").stdout.splitlines()
+    said = json.loads(line)
+    assert [group["label"] for group in said["groups"]] == ["nnga", "random_search"]
+    assert said["at"] == 6
+    assert (tmp_path / "comparison.png").exists()
+
+
+def test_what_cannot_be_plotted(program: Any, runs: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    run = runs / "nnga-1"
+    for arguments, said in (
+        ((), "RUN"),
+        (("empty",), "empty"),
+        ((run, "--out", "x.gif"), ".png, .svg or .pdf"),
+        ((run, "--out", "nowhere/x.png"), "there is no folder 'nowhere'"),
+        ((run, "--at", "1"), "at 1 evaluations no generation was finished"),
+        ((run, run, "empty"), "empty"),
+    ):
+        result = program("plot", *arguments)
+        assert result.returncode == 2, result.stdout
+        assert said in result.stderr
+
+
+def test_controllers_are_drawn(program: Any, runs: Path, tmp_path: Path) -> None:
+    result = program("draw", runs / "nnga-1")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert result.stdout.strip() == f"The controller is drawn in {runs / 'nnga-1' / 'controller.png'}"
+    early = program(
+        "draw", runs / "nnga-1", "--generation", "0", "--candidate", "2", "--out", "early.svg", "--json"
+    )
+    assert json.loads(early.stdout) == {"picture": "early.svg", "kind": "layered"}
+    swarmwright.Run.open(runs / "nnga-1").best.controller.save(tmp_path / "mine.json")
+    result = program("draw", "mine.json", "--simulation", "minisim")
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "mine.png").exists()
+    for arguments, said in (
+        (("mine.json", "--generation", "1"), "are for runs"),
+        ((runs / "nnga-1", "--generation", "9"), "it holds generations 0 to 2"),
+        (("mine.json", "--out", "x.txt"), ".png, .svg or .pdf"),
+        (("nothing.json",), "does not exist"),
+    ):
+        refused = program("draw", *arguments)
+        assert refused.returncode == 2
+        assert said in refused.stderr
