@@ -51,7 +51,7 @@ class Picture:
         from matplotlib.figure import Figure
 
         self._recording = recording
-        self._size = agent_size(recording.scenes[0])
+        self._size = _marker_area(recording.scenes[0])
         self._paths = _paths(recording.scenes)
         first = recording.scenes[0]
         # The map fills the width; the height follows within what can be looked at.
@@ -180,7 +180,7 @@ class Picture:
         first = self._recording.scenes[0].bodies
         places = np.array([way[0] for way in self._paths.values()])
         colors = [RED if first[index].kind == "defender" else BLUE for index in self._paths]
-        size = max(6.0, self._size / 5)
+        size = min(max(6.0, self._size / 5), 20.0)
         return [
             self._axes.scatter(
                 places[:, 0], places[:, 1], s=size, c=FIELD, edgecolors=colors, linewidths=1.0, zorder=2.2
@@ -223,6 +223,14 @@ class Picture:
             zorder=layer,
         )
         return self._axes.add_collection(squares)
+
+
+def _marker_area(scene: Scene) -> float:
+    """Return the area of an agent's marker in points squared; in a grid it fills most of its cell."""
+    if not scene.grid:
+        return agent_size(scene)
+    cell = 72 * (WIDTH - LEFT - RIGHT) / max(scene.width, scene.height)
+    return min(max((0.6 * cell) ** 2, 3.0), 250.0)
 
 
 def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":

@@ -22,7 +22,7 @@ class KnownRun(Run):
     def __init__(
         self, path: Path, fitness: Sequence[Sequence[float]], *, genomes: Any = None, **changes: Any
     ) -> None:
-        super().__init__(path)
+        self.path = path  # and no store
         self._fitness = [np.array(row, dtype=np.float64) for row in fitness]
         self._experiment = Experiment.from_mapping(BASE).replace(**changes)
         self._genomes = genomes

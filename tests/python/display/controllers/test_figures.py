@@ -105,7 +105,7 @@ def test_strong_weights_are_wide_and_signs_have_colours() -> None:
     weights = [0.0, 1.0, -4.0]  # the bias, two sensors
     drawn = figure({**network("layered", 2, [], 1), "weights": weights})
     (lines,) = drawn.findobj(LineCollection)
-    weak, strong = np.asarray(lines.get_linewidths())
+    weak, strong = np.asarray(lines.get_linewidth())
     assert strong > 3 * weak
     positive, negative = np.asarray(lines.get_colors())
     assert positive[2] > positive[0], "blue"
