@@ -18,7 +18,7 @@ from swarmwright._suggest import did_you_mean
 from swarmwright._yaml import Path_, Source
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.rankings import RANKINGS, RankingOptions
-from swarmwright.representations import REPRESENTATIONS
+from swarmwright.representations import REPRESENTATIONS, Representation
 
 REGISTRIES: Mapping[str, Registry[Any]] = {
     "controller": REPRESENTATIONS,
@@ -108,7 +108,8 @@ def _check_values(values: dict[str, Any], report: Report) -> Checked:
         _check_parameters(values["simulation"], dict(parameters), report)
     if "simulation" in checked:
         _fill_in(checked, report)
-        _check_representation(checked, report)
+        representation = _check_representation(checked, report)
+        _check_method(checked, representation, report)
     return checked
 
 
@@ -136,7 +137,13 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
     ranking, method = checked.get("ranking"), checked.get("method")
     if isinstance(ranking, RankingOptions) and ranking.reevaluate and isinstance(method, MethodOptions):
         kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
-        if not METHODS.get(kind).keeps_members:
+        if method.operation == "steady_state":
+            report(
+                ("ranking", "reevaluate"),
+                "in steady state there are no generations after which members could be evaluated again; "
+                "leave the key out, or method.operation",
+            )
+        elif not METHODS.get(kind).keeps_members:
             report(
                 ("ranking", "reevaluate"),
                 f"{kind} keeps no members from one generation to the next, so there are none to evaluate "
@@ -144,17 +151,32 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
             )
 
 
-def _check_representation(checked: Checked, report: Report) -> None:
-    """Check that the controller's options fit the sensors and actuators, as far as these are known."""
+def _check_representation(checked: Checked, report: Report) -> Representation | None:
+    """Check that the controller's options fit the sensors and actuators; return it, None if not known yet."""
     options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
     if options is None or sensors is None or actuators is None:
-        return
+        return None
+    component = REGISTRIES["controller"].get(options.kind)
     try:
-        REPRESENTATIONS.get(options.kind)(options, sensors=sensors, actuators=actuators)
+        made: Representation = component(options, sensors=sensors, actuators=actuators)
     except InputError as error:
         place, found, reason = str(error).removeprefix("controller").partition(": ")
         path = [part for part in place.split(".") if part] if found else []
         report(("controller", *path), reason or str(error))
+        return None
+    return made
+
+
+def _check_method(checked: Checked, representation: Representation | None, report: Report) -> None:
+    """Check that the method can evolve the representation in the operation that is asked for.
+
+    Without sensors and actuators that is found out when a server has announced them.
+    """
+    method = checked.get("method")
+    if method is not None:
+        component = REGISTRIES["method"].get(method.kind)
+        for name, reason in component.problems(method, representation).items():
+            report(("method", name), reason)
 
 
 def _check_parameters(simulation: str, parameters: dict[str, Any], report: Report) -> None:

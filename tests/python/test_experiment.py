@@ -227,7 +227,13 @@ def test_replacing_merges_sections_and_checks() -> None:
     assert (changed.seed, changed.generations, changed.to_mapping()["method"]["population"]) == (9, 3, 20)
     assert experiment.seed == 1
     other = changed.replace(method={"kind": "random_search"})
-    assert other.to_mapping()["method"] == {"kind": "random_search", "generations": 200, "population": 50}
+    assert other.to_mapping()["method"] == {
+        "kind": "random_search",
+        "generations": 200,
+        "operation": "generational",
+        "in_flight": 16,
+        "population": 50,
+    }
     with pytest.raises(InputError, match=r"method\.generatons: unknown key; did you mean 'generations'"):
         experiment.replace(method={"generatons": 3})
 

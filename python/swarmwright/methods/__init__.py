@@ -9,8 +9,14 @@ METHODS: Registry[Method] = Registry(
     "method",
     "swarmwright.methods",
     {
+        "cea2d": "swarmwright.methods.cea2d:Cea2d",
+        "cma_es": "swarmwright.methods.cma_es:CmaEs",
+        "de": "swarmwright.methods.de:De",
         "nnga": "swarmwright.methods.nnga:Nnga",
+        "openai_es": "swarmwright.methods.openai_es:OpenaiEs",
+        "pso": "swarmwright.methods.pso:Pso",
         "random_search": "swarmwright.methods.random_search:RandomSearch",
+        "sep_cma_es": "swarmwright.methods.sep_cma_es:SepCmaEs",
     },
     "swarmwright.methods:Method",
 )

@@ -1,8 +1,8 @@
 """What every method does."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -10,6 +10,7 @@ from pydantic import Field
 from swarmwright._errors import InputError
 from swarmwright._options import Options
 from swarmwright._random import Stream, Streams
+from swarmwright.methods._steady import SteadyState
 from swarmwright.rankings._base import Fitness
 from swarmwright.representations._base import Genomes, Representation
 
@@ -18,24 +19,41 @@ class MethodOptions(Options):
     """Options of every method."""
 
     generations: int = Field(default=200, ge=1, le=1_000_000_000)
-    """How often candidates are asked for and evaluated."""
+    """How often candidates are asked for and evaluated. In steady state: how many times `population`
+    evaluations."""
     target: float | None = None
     """Stop as soon as a candidate's fitness is at least this; without it the whole budget is used."""
+    operation: Literal["generational", "steady_state"] = "generational"
+    """generational: candidates are asked for and told in whole generations. steady_state: one by one, so that
+    nobody waits for the slowest of a generation; methods that cannot do it say so."""
+    in_flight: int = Field(default=16, ge=1, le=1_000_000)
+    """Steady state only: candidates that may be evaluated at the same time. Part of what a run is: candidate
+    n is made when the results of candidates 0 to n - in_flight are known, and no later one, however many
+    servers there are and however fast they answer."""
 
 
-class Method(ABC):
+class Method(SteadyState):
     """Optimization is a conversation: `ask` for genomes, evaluate them in any way, `tell` their fitness.
 
     `ask` and `tell` are templates around `_ask` and `_tell`, which a method implements; they keep count,
     check shapes and see to it that a method meets each generation once. Fitness may have any sign; more is
     better; NaN means that the evaluation failed: such a candidate ranks below all others and its number is
     never computed with. A method draws its random numbers from `stream`, by generation and candidate, never
-    from a shared source, so the same seed gives the same genomes whatever happens in between.
+    from a shared source, so the same seed gives the same genomes whatever happens in between. Telling a new
+    method what another one with the same options, representation and seed was told brings it to the same
+    state: that is how an interrupted run goes on.
+
+    A method that can work candidate by candidate sets `steady_state` and implements `_next`, `_told` and
+    `generation_size` as well. With the option `operation: steady_state` the conversation is `ask_next` and
+    `tell_next` instead.
 
     Args:
         options: this method's section of the experiment.
         representation: gives genomes their operators.
         seed: of the experiment.
+
+    Raises:
+        InputError: the method cannot evolve this representation, or not in steady state.
     """
 
     kind: ClassVar[str]
@@ -44,8 +62,12 @@ class Method(ABC):
     """Typed options, with `kind` among them."""
     keeps_members: ClassVar[bool] = False
     """Whether members stay from one generation to the next with the fitness that they have: see `kept`."""
+    generational_because: ClassVar[str] = "it learns from whole generations"
+    """Why the method cannot work in steady state, when it cannot; the end of a sentence."""
 
     def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:
+        for name, reason in self.problems(options, representation).items():
+            raise InputError(f"method.{name}: {reason}")
         self.options = options
         self.representation = representation
         self.seed = seed
@@ -56,18 +78,43 @@ class Method(ABC):
         self.done = False
         """Whether the budget is used up or the target is reached."""
         self._asked: Genomes | None = None
+        self._begin_steady_state()
+
+    @classmethod
+    def unsuitable(cls, representation: Representation) -> str | None:  # noqa: ARG003 - for those that refuse
+        """Return why this method cannot evolve a representation, as the end of a sentence; None if it can."""
+        return None
+
+    @classmethod
+    def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
+        """Return what speaks against these options for this representation: option -> reason.
+
+        Args:
+            options: the method's section of the experiment.
+            representation: None when it is not known yet.
+        """
+        found = {}
+        if options.operation == "steady_state" and not cls.steady_state:
+            found["operation"] = (
+                f"{cls.kind} cannot work in steady state: {cls.generational_because}; leave the key out"
+            )
+        reason = None if representation is None else cls.unsuitable(representation)
+        if representation is not None and reason is not None:
+            found["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
+        return found
 
     def ask(self) -> Genomes:
         """Return the genomes of this generation that need evaluation: float32, (n, genome_size), n >= 1.
 
-        Raises InputError when the fitness of the last ones has not been told, or when the method is done.
+        Raises InputError when the fitness of the last ones has not been told, when the method is done, or
+        when it works in steady state.
         """
+        self._check_operation("generational", "ask_next and tell_next")
         if self._asked is not None:
             raise InputError(
                 "the fitness of the genomes asked for last is missing: tell it before asking again"
             )
-        if self.done:
-            raise InputError(f"the method is done after {self.generation + 1} generation(s); start a new one")
+        self._check_not_done()
         self._asked = self._ask()
         return self._asked.copy()
 
@@ -85,6 +132,7 @@ class Method(ABC):
         kept: new fitness of the members that `kept` returned, (k,), if they were evaluated again. Raises
         InputError when nothing was asked for or the number of values is another.
         """
+        self._check_operation("generational", "ask_next and tell_next")
         if self._asked is None:
             raise InputError("there is nothing to tell: ask for genomes first")
         values = _checked(fitness, len(self._asked), "asked were")
@@ -95,7 +143,7 @@ class Method(ABC):
         self.evaluations += len(values)
         target = self.options.target
         reached = target is not None and bool((values >= target).any())
-        self.done = reached or self.generation + 1 >= self.options.generations
+        self.done = reached or self._exhausted()
         if not self.done:
             self.generation += 1
 
@@ -118,7 +166,10 @@ class Method(ABC):
     @property
     @abstractmethod
     def budget(self) -> int:
-        """Number of evaluations of the whole run, when nothing fails and no target stops it."""
+        """Number of evaluations of the whole run, when nothing fails and no target stops it.
+
+        Where it depends on the fitness, the most that can be expected.
+        """
 
     @property
     @abstractmethod
@@ -132,6 +183,10 @@ class Method(ABC):
     @abstractmethod
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         """Take their fitness; finite or NaN."""
+
+    def _exhausted(self) -> bool:
+        """Return whether the generation told last was the last one."""
+        return self.generation + 1 >= self.options.generations
 
 
 def _checked(fitness: Fitness, count: int, which: str) -> Fitness:

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, Representation
+from swarmwright.representations._base import Genome, Genomes, Representation
 
 
 class RandomSearchOptions(MethodOptions):
@@ -19,15 +19,20 @@ class RandomSearchOptions(MethodOptions):
 
 
 class RandomSearch(Method):
-    """Each generation is a fresh sample of the representation's initial distribution."""
+    """Each generation is a fresh sample of the representation's initial distribution.
+
+    In steady state it asks for the same genomes in the same order.
+    """
 
     kind: ClassVar[str] = "random_search"
     options_model = RandomSearchOptions
     options: RandomSearchOptions
+    steady_state = True
 
     def __init__(self, options: RandomSearchOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._fitness: Fitness = np.empty(0)
+        self._sample: list[float] = []
 
     @property
     def budget(self) -> int:
@@ -36,11 +41,24 @@ class RandomSearch(Method):
 
     @property
     def population_fitness(self) -> Fitness:
-        """Fitness of the last sample."""
-        return self._fitness
+        """Fitness of the last sample; in steady state, of what has been told of it."""
+        return np.array(self._sample) if self._sample else self._fitness
+
+    @property
+    def generation_size(self) -> int:
+        """Genomes in each generation."""
+        return self.options.population
 
     def _ask(self) -> Genomes:
         return self.initials(range(self.options.population))
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - nothing is learned
         self._fitness = fitness
+
+    def _next(self, index: int) -> Genome:
+        return self.initial_of(index)
+
+    def _told(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - nothing is learned
+        if index % self.options.population == 0:
+            self._sample.clear()
+        self._sample.append(fitness)

@@ -1,89 +1,234 @@
 """Checks of methods."""
 
+import random
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
 import numpy as np
 
+from swarmwright._errors import InputError
 from swarmwright.methods import METHODS, Method
+from swarmwright.rankings._base import Fitness
+from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.representations._base import Genomes
 from swarmwright.testing._common import check_options, representation
+from swarmwright.testing._replay import check_replay
+from swarmwright.testing._samples import BoundedGenes, Choices
+from swarmwright.testing._steady import check_steady_state
 
 _GENERATIONS = 6
 
+Judge = Callable[[Genomes], Fitness]
+
 
 def check_method(kind: str) -> None:
-    """Check a registered method with its default options, but few generations, on the networks built in."""
+    """Check a registered method with its default options, but few generations.
+
+    It is tried with every registered representation, with genes that have bounds and with genes that are
+    choices: it evolves them or refuses them by `unsuitable`. Then with fitness of every sign and size, equal
+    fitness, and evaluations that fail; from where it stopped, in a new process; and in steady state, where it
+    can.
+    """
     check_options(METHODS, kind)
-    for name in ("layered", "fully_meshed"):
-        asked = _conversation(_new(kind, name, 1))
-        again = _conversation(_new(kind, name, 1))
-        assert len(asked) == _GENERATIONS, f"{len(asked)} generations instead of {_GENERATIONS}"
-        assert _bytes(asked) == _bytes(again), "the same seed and fitness must give the same genomes"
-        assert _bytes(asked) != _bytes(_conversation(_new(kind, name, 2))), "another seed must give others"
-    _check_budget(kind)
-    _check_failures(kind)
-    _check_target(kind)
+    made = [representation(name) for name in REPRESENTATIONS.names()]
+    suitable = [one for one in (*made, BoundedGenes()) if _accepts(kind, one)]
+    assert suitable, f"{kind} refuses every representation"
+    for one in suitable:
+        _check_determinism(kind, one)
+        if np.isfinite(one.bounds).any():
+            _check_bounds(kind, one)
+    _check_choices(kind)
+    subject = suitable[0]
+    _check_budget(kind, subject)
+    _check_failures(kind, subject)
+    _check_fitness(kind, subject)
+    _check_target(kind, subject)
+    _check_kept(kind, subject)
+    check_replay(_new(kind, subject))
+    check_steady_state(METHODS.get(kind), subject)
 
 
-def _new(kind: str, name: str = "layered", seed: int = 1, target: float | None = None) -> Method:
+def _new(kind: str, subject: Representation, seed: int = 1, **options: Any) -> Method:  # noqa: ANN401
     component = METHODS.get(kind)
-    options = component.options_model(generations=_GENERATIONS, target=target)
-    return component(options, representation(name), seed=seed)
+    return component(component.options_model(**{"generations": _GENERATIONS, **options}), subject, seed=seed)
+
+
+def _accepts(kind: str, subject: Representation) -> bool:
+    component = METHODS.get(kind)
+    reason = component.unsuitable(subject)
+    if reason is None:
+        return True
+    assert reason, "unsuitable must return the reason"
+    try:
+        _new(kind, subject)
+    except InputError as error:
+        if not str(error).startswith("method.kind: "):
+            raise AssertionError(f"the message must name method.kind: {error}") from error
+        return False
+    raise AssertionError(f"{kind} says that {subject.kind} is unsuitable, and takes it")
 
 
 def _bytes(asked: list[Genomes]) -> list[bytes]:
     return [genomes.tobytes() for genomes in asked]
 
 
-def _sphere(genomes: Genomes) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _sphere(genomes: Genomes) -> Fitness:
     """Return minus the squared length of each genome: negative, best at 0, the same on every machine."""
-    fitness: np.ndarray[tuple[int], np.dtype[np.float64]] = -np.add.accumulate(
-        genomes.astype(np.float64) ** 2, axis=1
-    )[:, -1]
-    return fitness
+    squares: Fitness = np.add.accumulate(genomes.astype(np.float64) ** 2, axis=1)[:, -1]
+    return -squares
 
 
-def _conversation(method: Method) -> list[Genomes]:
+def _scaled(scale: float, genomes: Genomes) -> Fitness:
+    return scale * (_sphere(genomes) / 1e3)
+
+
+@contextmanager
+def _strictly() -> Iterator[None]:
+    """Make every warning an error: numbers that overflow are no numbers."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
+    lower, upper = method.representation.bounds
     asked: list[Genomes] = []
-    while not method.done:
-        genomes = method.ask()
-        assert genomes.dtype == np.float32, f"ask returns {genomes.dtype}, not float32"
-        assert genomes.ndim == 2, f"ask returns the shape {genomes.shape}"
-        assert genomes.shape[1] == method.representation.genome_size, f"ask returns the shape {genomes.shape}"
-        assert len(genomes) >= 1, "ask returns nothing to evaluate"
-        assert np.isfinite(genomes).all(), "ask returns numbers that are not finite"
-        asked.append(genomes.copy())
-        # What the caller does to the array must not matter.
-        fitness = _sphere(genomes)
-        genomes[:] = np.nan
-        method.tell(fitness)
-        population = method.population_fitness
-        assert len(population) >= 1
-        assert np.isfinite(population).all()
+    with _strictly():
+        while not method.done:
+            genomes = method.ask()
+            assert genomes.dtype == np.float32, f"ask returns {genomes.dtype}, not float32"
+            assert genomes.ndim == 2, f"ask returns the shape {genomes.shape}"
+            assert genomes.shape[1] == method.representation.genome_size, (
+                f"ask returns the shape {genomes.shape}"
+            )
+            assert len(genomes) >= 1, "ask returns nothing to evaluate"
+            assert np.isfinite(genomes).all(), "ask returns numbers that are not finite"
+            assert ((lower <= genomes) & (genomes <= upper)).all(), "ask returns genes outside of bounds"
+            asked.append(genomes.copy())
+            # What the caller does to the array must not matter.
+            fitness = judge(genomes)
+            genomes[:] = np.nan
+            method.tell(fitness)
+            fitness[:] = 0.0
+            assert len(method.population_fitness) >= 1
+            assert not np.isinf(method.population_fitness).any(), "an infinite fitness is a failed one"
     return asked
 
 
-def _check_budget(kind: str) -> None:
-    method = _new(kind)
+def _check_determinism(kind: str, subject: Representation) -> None:
+    asked = _conversation(_new(kind, subject))
+    assert len(asked) == _GENERATIONS, f"{len(asked)} generations instead of {_GENERATIONS}"
+
+    def meddling(genomes: Genomes) -> Fitness:
+        np.random.random(3)  # noqa: NPY002 - as somebody else's code would
+        random.random()
+        return _sphere(genomes)
+
+    assert _bytes(asked) == _bytes(_conversation(_new(kind, subject), meddling)), (
+        "the same seed and fitness must give the same genomes, whatever random numbers others draw"
+    )
+    before = _shared_state()
+    others = _conversation(_new(kind, subject, 2))
+    assert _bytes(asked) != _bytes(others), "another seed must give others"
+    assert _shared_state() == before, "the random numbers that Python and NumPy share must be left alone"
+
+
+def _shared_state() -> tuple[Any, ...]:
+    state: Any = np.random.get_state()  # noqa: NPY002 - it must not change
+    return random.getstate(), state[1].tobytes(), state[2:]
+
+
+def _check_bounds(kind: str, subject: Representation) -> None:
+    """Far better beyond the bounds: a method goes there, and must come back."""
+
+    def far(genomes: Genomes) -> Fitness:
+        sums: Fitness = np.add.accumulate(genomes.astype(np.float64), axis=1)[:, -1]
+        return sums
+
+    _conversation(_new(kind, subject), far)
+    _conversation(_new(kind, subject), lambda genomes: -far(genomes))
+
+
+def _check_choices(kind: str) -> None:
+    subject = Choices()
+    if _accepts(kind, subject):
+        for genomes in _conversation(_new(kind, subject)):
+            assert set(genomes.ravel().tolist()) <= {0.0, 1.0, 2.0, 3.0}, (
+                "genes of a representation that is not continuous are choices: "
+                "vary them by its operators, or refuse it by `unsuitable`"
+            )
+
+
+def _check_budget(kind: str, subject: Representation) -> None:
+    method = _new(kind, subject)
     budget = method.budget
     asked = _conversation(method)
-    assert sum(map(len, asked)) == method.evaluations == budget, "budget is not what was evaluated"
+    assert sum(map(len, asked)) == method.evaluations, "evaluations is not what was evaluated"
+    assert method.evaluations <= budget, "more was evaluated than budget says"
 
 
-def _check_failures(kind: str) -> None:
+def _check_failures(kind: str, subject: Representation) -> None:
     """Candidates that fail must neither stop a method nor lead it."""
-    method = _new(kind)
-    while not method.done:
-        genomes = method.ask()
+
+    def half(genomes: Genomes) -> Fitness:
         fitness = _sphere(genomes)
         fitness[::2] = np.nan
         fitness[1:2] = -np.inf
-        method.tell(fitness)
-        assert not np.isinf(method.population_fitness).any(), "an infinite fitness is a failed one"
-    alone = _new(kind)
-    alone.tell(np.full(len(alone.ask()), np.nan))
-    assert len(alone.ask()) >= 1, "a generation that failed as a whole must not stop the method"
+        return fitness
+
+    _conversation(_new(kind, subject), half)
+    generations = iter(range(1_000_000))
+
+    def rarely(genomes: Genomes) -> Fitness:
+        works = next(generations) % 3 == 1
+        return _sphere(genomes) if works else np.full(len(genomes), np.nan)
+
+    assert _conversation(_new(kind, subject), rarely), "generations that fail as a whole must not stop it"
 
 
-def _check_target(kind: str) -> None:
-    method = _new(kind, target=-1e9)
+def _check_fitness(kind: str, subject: Representation) -> None:
+    """Any sign, any size, any difference."""
+    for scale in (1e300, 1e-300, -1e300, 1e20, 0.0):
+        _conversation(_new(kind, subject), partial(_scaled, scale))
+    turns = iter(range(1_000_000))
+
+    def jumping(genomes: Genomes) -> Fitness:
+        return _scaled(10.0 ** (100 * (next(turns) % 4) - 150), genomes)
+
+    _conversation(_new(kind, subject), jumping)
+    mixed = np.array([1.7e308, -1.7e308, 0.0, 1e-320, np.nan])
+    _conversation(_new(kind, subject), lambda genomes: np.resize(mixed, len(genomes)))
+
+
+def _check_target(kind: str, subject: Representation) -> None:
+    method = _new(kind, subject, target=-1e9)
     method.tell(_sphere(method.ask()))
     assert method.done, "a target that is reached must end the method"
+
+
+def _check_kept(kind: str, subject: Representation) -> None:
+    """Members that stay may be evaluated again, with any result."""
+    method = _new(kind, subject)
+    found = 0
+    lower, upper = subject.bounds
+    while not method.done:
+        genomes = method.ask()
+        members = method.kept()
+        found += len(members)
+        assert members.dtype == np.float32, f"kept returns {members.dtype}, not float32"
+        assert members.shape == (len(members), subject.genome_size), f"kept returns shape {members.shape}"
+        assert ((lower <= members) & (members <= upper)).all(), "kept returns genes outside of bounds"
+        again = _sphere(members) - method.generation
+        again[1::5] = np.nan
+        if not method.keeps_members:
+            method.tell(_sphere(genomes))
+            continue
+        method.tell(_sphere(genomes) - 1e6, again)
+        shown = set(method.population_fitness.tolist())
+        assert {value for value in again.tolist() if value == value} <= shown, (
+            "population_fitness must show the fitness that members were given last"
+        )
+    assert (found > 0) == method.keeps_members, "keeps_members must say whether members are kept"

@@ -1,0 +1,181 @@
+"""CMA-ES by the library `cma`: what its two variants share."""
+
+import math
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from swarmwright._random import Stream
+from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods._numbers import DISCRETE, center_and_reach, costs_near, one_thread, rounded
+from swarmwright.rankings._base import Fitness
+from swarmwright.representations._base import Genomes, Representation
+
+
+class CmaOptions(MethodOptions):
+    """Options of both variants."""
+
+    population: int | None = Field(default=None, ge=3, le=1_000_000)
+    """Genomes in each generation. Default: 4 + 3 ln(genes), rounded down."""
+    step: float = Field(default=0.5, gt=0, le=1000)
+    """Initial standard deviation, as a share of half the initial range of a gene."""
+    restart: Literal["none", "ipop", "bipop"] = "ipop"
+    """What happens when the library says that going on makes no sense. none: samples of the same distribution
+    until the budget is used. ipop: a new start from a random genome with twice the population. bipop: such
+    starts, and between them starts with small populations and steps, which get as many evaluations."""
+
+
+class Cma(Method):
+    """The distribution of a normal sample follows the best half of each generation.
+
+    Everything is the library's: its defaults, its handling of bounds, its criteria for stopping. It is given
+    minus the fitness, and the points that it asked for, not their rounding to binary32: for the library
+    rounding is part of the function. Failed candidates are told as just worse than the worst of their
+    generation; a generation that failed as a whole is not told, and another sample of the same distribution
+    follows. The library's criteria look at fitness values, so values beyond +-1e100 are drawn together.
+
+    A run ends with the generation in which `generations` x `population` evaluations are reached: starts with
+    larger populations use up the budget in fewer generations.
+    """
+
+    options: CmaOptions
+    options_model: ClassVar[type[CmaOptions]]
+    generational_because = "its distribution is learned from the ranks within a generation"
+    diagonal: ClassVar[bool]
+    """Whether the covariance matrix stays diagonal."""
+
+    def __init__(self, options: CmaOptions, representation: Representation, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self.population = options.population or 4 + int(3 * math.log(representation.genome_size))
+        """Genomes in each generation of the first start."""
+        self.starts = 0
+        """How often the search has begun, the first time included."""
+        # The library's own generator is NumPy's global one. This is the same one, of our own.
+        self._generator = np.random.RandomState(seed if seed < 1 << 32 else [seed & 0xFFFFFFFF, seed >> 32])
+        self._fitness: Fitness = np.empty(0)
+        self._points: list[NDArray[np.float64]] = []
+        self._regimes = Regimes(options.restart, self.population)
+        self._search: Any = None
+
+    @classmethod
+    def unsuitable(cls, representation: Representation) -> str | None:
+        """Refuse genes that are not numbers to compute with."""
+        return None if representation.continuous else DISCRETE
+
+    @property
+    def budget(self) -> int:
+        """Number of evaluations with which the last generation ends, or a few less."""
+        return self.population * self.options.generations
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Fitness of the last sample."""
+        return self._fitness
+
+    def _ask(self) -> Genomes:
+        if self._search is None:
+            self._start()
+        points = self._sample()
+        if not np.isfinite(points).all():  # the distribution has grown beyond all bounds
+            self._start()
+            points = self._sample()
+        return rounded(points, self.representation)
+
+    def _sample(self) -> NDArray[np.float64]:
+        with one_thread():
+            self._points = self._search.ask()
+        return np.stack(self._points)
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        self._fitness = fitness
+        self._regimes.spent(len(genomes))
+        if np.isnan(fitness).all():
+            return
+        with one_thread():
+            self._search.tell(self._points, costs_near(fitness).tolist())
+            stop = self.options.restart != "none" and (self._search.stop() or self._regimes.over)
+        if stop:
+            self._search = None
+
+    def _exhausted(self) -> bool:
+        return self.evaluations >= self.budget
+
+    def _start(self) -> None:
+        """Begin the search, or begin it anew."""
+        import cma
+
+        center, reach = center_and_reach(self.representation)
+        population, share = self.population, 1.0
+        if self.starts:
+            center = self.representation.initial(Stream(self.seed, "cma.start", self.starts)).astype(
+                np.float64
+            )
+            population, share = self._regimes.begin(
+                *Stream(self.seed, "cma.regime", self.starts).unit(2).tolist(),
+                left=self.budget - self.evaluations,
+            )
+        self.starts += 1
+        lower, upper = self.representation.bounds
+        bounds = [[float(limit) if np.isfinite(limit) else None for limit in side] for side in (lower, upper)]
+        settings = {
+            "popsize": population,
+            "CMA_stds": reach,
+            "CMA_diagonal": self.diagonal,
+            "randn": self._generator.randn,
+            "seed": np.nan,
+            "verbose": -10,  # says nothing, and reads no file of signals
+            "verb_log": 0,
+            "verb_disp": 0,
+        }
+        if np.isfinite(lower).any() or np.isfinite(upper).any():
+            settings["bounds"] = bounds
+        self._search = cma.CMAEvolutionStrategy(center, self.options.step * share, settings)
+
+
+class Regimes:
+    """How large the next start is: IPOP (Auger and Hansen, CEC 2005) and BIPOP (Hansen, GECCO 2009 BBOB).
+
+    Args:
+        restart: none, ipop or bipop.
+        population: of the first start.
+    """
+
+    def __init__(self, restart: str, population: int) -> None:
+        self._restart = restart
+        self._population = population
+        self._doublings = 0
+        self._spent = {"small": 0, "large": 0}  # evaluations; the first start counts as small
+        self._regime = "small"
+        self._here = 0
+        self._most = math.inf
+
+    def spent(self, evaluations: int) -> None:
+        """Count evaluations of the start that is under way."""
+        self._spent[self._regime] += evaluations
+        self._here += evaluations
+
+    @property
+    def over(self) -> bool:
+        """Whether the start that is under way has had its share."""
+        return self._here >= self._most
+
+    def begin(self, one: float, other: float, *, left: int) -> tuple[int, float]:
+        """Return the population and the share of the initial step of the next start.
+
+        one, other: uniform in [0, 1). left: evaluations of the budget that are left; no population is larger.
+        """
+        self._here, self._most = 0, math.inf
+        if self._restart == "none":  # only where numbers have become infinite
+            return self._population, 1.0
+        if self._restart == "bipop" and self._spent["small"] < self._spent["large"]:
+            self._regime = "small"
+            self._most = self._spent["large"] / 2
+            largest = self._population << self._doublings
+            factor = (largest / 2 / self._population) ** (one * one)
+            return max(self._population, int(self._population * factor)), 10 ** (-2 * other)
+        self._regime = "large"
+        self._doublings += 1
+        doubled = self._population << self._doublings
+        return max(self._population, min(doubled, left)), 1.0

@@ -1,0 +1,237 @@
+"""CEA2D: FREVO's cellular evolutionary algorithm, a population on a torus."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from swarmwright._random import Stream, Streams
+from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.rankings._base import Fitness
+from swarmwright.representations._base import Genome, Genomes, Representation
+
+_RANDOM_NEIGHBOURS = 8
+
+
+class Cea2dOptions(MethodOptions):
+    """FREVO's CEA2D with its defaults: members on a torus meet only their neighbours.
+
+    The four shares add up to 1.
+    """
+
+    kind: Literal["cea2d"] = "cea2d"
+    width: int = Field(default=10, ge=2, le=3000)
+    """Columns of the torus."""
+    height: int = Field(default=10, ge=2, le=3000)
+    """Rows of the torus; width x height is the population."""
+    neighbourhood: Literal["grid", "random"] = "grid"
+    """grid: the 8 cells around a cell. random: 8 cells drawn once from all."""
+    obstacles: int = Field(default=0, ge=0)
+    """Cells that hold nobody, drawn at random; they keep regions apart."""
+    elite: float = Field(default=0.11, ge=0, le=1)
+    """Share of a neighbourhood, the cell itself included, that stays: of 9 cells, with the default, the
+    best."""
+    mutate: float = Field(default=0.59, ge=0, le=1)
+    """Share of mutated copies of an elite neighbour."""
+    crossover: float = Field(default=0.30, ge=0, le=1)
+    """Share of children of a cell's own member and an elite neighbour."""
+    renew: float = Field(default=0.0, ge=0, le=1)
+    """Share of new random members."""
+    severity: float = Field(default=0.3, ge=0, le=1000)
+    """Size of mutations, as a share of the initial range of weights and biases."""
+    probability: float = Field(default=1.0, ge=0, le=1)
+    """Probability of a gene to be changed by a mutation."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        total = math.fsum([self.elite, self.mutate, self.crossover, self.renew])
+        if abs(total - 1) > 1e-6:
+            raise ValueError(f"elite, mutate, crossover and renew must add up to 1, not {total:.6g}")
+        if self.elite > 0.9:
+            raise ValueError(f"nobody new comes: elite must be at most 0.9, not {self.elite:.6g}")
+        if self.members < 2:
+            raise ValueError(f"obstacles must leave 2 of {self.width * self.height} cells at least")
+        return self
+
+    @property
+    def members(self) -> int:
+        """Cells that are no obstacles."""
+        return self.width * self.height - self.obstacles
+
+
+class Cea2d(Method):
+    """Each member competes and mates with its neighbours only, so good genes spread slowly.
+
+    A member that is among the best of its neighbourhood stays and keeps its fitness. Every other cell gets a
+    mutated copy of an elite neighbour, or the child of its own member and an elite neighbour, or a random
+    member. All cells change at once, and only new members are evaluated. In steady state cells change one
+    after another, column by column, again and again; cells whose member stays are passed over.
+
+    Source: CEA2D of FREVO (Dittrich, Zhevzhyk; Components/Methods/CEA2D). It differs in four points. Of equal
+    members the one in the later cell is ahead, as in FREVO, but FREVO gets there by adding 1e-6 times the
+    cell's number to the fitness, which reorders members that are closer than that. A torus less than three
+    cells wide counts each neighbour once and no cell as its own neighbour. A member whose evaluation failed
+    is no parent: in its cell an elite neighbour is mutated where FREVO crosses, and a neighbourhood in which
+    all failed is renewed. And where the whole population is elite, which FREVO then never leaves, one cell
+    is mutated. FREVO's three fixed patterns of obstacles do not exist here.
+    """
+
+    kind: ClassVar[str] = "cea2d"
+    options_model = Cea2dOptions
+    options: Cea2dOptions
+    steady_state = True
+    keeps_members = True
+
+    def __init__(self, options: Cea2dOptions, representation: Representation, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self._genomes: Genomes = np.zeros((options.members, representation.genome_size), dtype=np.float32)
+        self._fitness: Fitness = np.full(options.members, np.nan)
+        self._cells: list[int] = []  # generational: where the genomes asked for last go
+        self._places: dict[int, int] = {}  # steady state: where candidates in flight go
+        self._cursor = 0
+
+    @property
+    def budget(self) -> int:
+        """Evaluations of the whole run at most: members that stay are not evaluated again."""
+        return self.options.members * self.options.generations
+
+    @property
+    def generation_size(self) -> int:
+        """Cells with members."""
+        return self.options.members
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Fitness of all members."""
+        return self._fitness.copy()
+
+    @cached_property
+    def neighbours(self) -> list[list[int]]:
+        """The neighbours of each member, by number; members are numbered column by column."""
+        width, height = self.options.width, self.options.height
+        if self.options.neighbourhood == "random":
+            drawn = [
+                self._fixed("neighbours", member).integers(self.options.members, _RANDOM_NEIGHBOURS)
+                for member in range(self.options.members)
+            ]
+            return [sorted(set(cells) - {member}) for member, cells in enumerate(drawn)]
+        cells = sorted(set(range(width * height)) - set(self._obstacles()))
+        member_of = {cell: member for member, cell in enumerate(cells)}
+        around = []
+        for cell in cells:
+            x, y = divmod(cell, height)
+            near = {
+                (x + dx) % width * height + (y + dy) % height for dx in (-1, 0, 1) for dy in (-1, 0, 1)
+            } - {cell}
+            around.append(sorted(member_of[other] for other in near if other in member_of))
+        return around
+
+    def _obstacles(self) -> list[int]:
+        """Return the empty cells: the first of a shuffled row of all."""
+        cells = list(range(self.options.width * self.options.height))
+        stream = self._fixed("obstacles", 0)
+        for place in range(self.options.obstacles):
+            other = place + stream.integer(len(cells) - place)
+            cells[place], cells[other] = cells[other], cells[place]
+        return cells[: self.options.obstacles]
+
+    def _fixed(self, purpose: str, candidate: int) -> Stream:
+        """Return random numbers for what is drawn once."""
+        return Stream(self.seed, f"cea2d.{purpose}", 0, candidate)
+
+    def _ask(self) -> Genomes:
+        members = range(self.options.members)
+        if self.generation == 0:
+            self._cells = list(members)
+            return self.initials(members)
+        self._cells = [cell for cell in members if not self._stays(cell)] or [self._last_resort()]
+        return self._children(self._cells, self.streams)
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        self._genomes[self._cells], self._fitness[self._cells] = genomes, fitness
+
+    def kept(self) -> Genomes:
+        """Return the members that stay in their cells; after `ask`."""
+        return self._genomes[self._staying()]
+
+    def _rescore(self, fitness: Fitness) -> None:
+        self._fitness[self._staying()] = fitness
+
+    def _staying(self) -> list[int]:
+        return sorted(set(range(self.options.members)) - set(self._cells))
+
+    def _next(self, index: int) -> Genome:
+        members = self.options.members
+        if index < members:
+            self._places[index] = index
+            return self.initial_of(index)
+        sweep = ((self._cursor + step) % members for step in range(members))
+        cell = next((cell for cell in sweep if not self._stays(cell)), self._cursor)
+        self._cursor = (cell + 1) % members
+        self._places[index] = cell
+        children = self._children([cell], lambda purpose, _: self.streams_of(purpose, index))
+        return np.asarray(children[0])
+
+    def _told(self, index: int, genome: Genome, fitness: float) -> None:
+        cell = self._places.pop(index)
+        self._genomes[cell], self._fitness[cell] = genome, fitness
+
+    def _elite(self, cell: int) -> list[int]:
+        """Return the members of a neighbourhood that stay, the best first; failed ones never do."""
+        size = 1 + len(self.neighbours[cell])
+        return self._worked(cell)[: round(size * self.options.elite)]
+
+    def _worked(self, cell: int) -> list[int]:
+        """Return the members of a neighbourhood that did not fail, the best first."""
+        around = (cell, *self.neighbours[cell])
+        worked = [member for member in around if not math.isnan(self._fitness[member])]
+        return sorted(worked, key=lambda member: (-self._fitness[member], -member))
+
+    def _stays(self, cell: int) -> bool:
+        return cell in self._elite(cell)
+
+    def _last_resort(self) -> int:
+        """Return the worst member's cell."""
+        return int(np.argmin(self._fitness))
+
+    def _children(self, cells: list[int], streams: Callable[[str, Sequence[int]], Streams]) -> Genomes:
+        """Return the members that come into cells; streams: random numbers by purpose and cells."""
+        drawn = streams("cea2d.choose", cells).units(2)
+        chosen = [self._choose(cell, *row) for cell, row in zip(cells, drawn.tolist(), strict=True)]
+        children = np.empty((len(cells), self.representation.genome_size), dtype=np.float32)
+        for way in {way for way, _ in chosen}:
+            rows = [row for row, (found, _) in enumerate(chosen) if found == way]
+            own, partners = [cells[row] for row in rows], [chosen[row][1] for row in rows]
+            if way == "renew":
+                children[rows] = self.representation.initials(streams("initial", own))
+            elif way == "crossover":
+                children[rows] = self.representation.crossovers(
+                    self._genomes[own], self._genomes[partners], streams("cea2d.crossover", own)
+                )
+            else:
+                children[rows] = self.representation.mutations(
+                    self._genomes[partners],
+                    streams("cea2d.mutate", own),
+                    severity=self.options.severity,
+                    probability=self.options.probability,
+                )
+        return children
+
+    def _choose(self, cell: int, ticket: float, place: float) -> tuple[str, int]:
+        """Return how the member that comes into a cell is made, and of whom; two numbers uniform in 0..1."""
+        options = self.options
+        share = ticket * (1 - options.elite)
+        elite, worked = self._elite(cell), self._worked(cell)
+        if not worked or share >= options.mutate + options.crossover:
+            return "renew", cell
+        # Without an elite FREVO crosses with any of the neighbourhood, and mutates a cell's own member.
+        parents = elite or worked
+        parent = parents[int(place * len(parents))]
+        if math.isnan(self._fitness[cell]):
+            return "mutate", parent
+        if share < options.mutate:
+            return "mutate", parent if elite else cell
+        return "crossover", parent

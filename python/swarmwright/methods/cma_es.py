@@ -1,0 +1,40 @@
+"""CMA-ES: evolution strategy with covariance matrix adaptation."""
+
+from typing import ClassVar, Literal
+
+from swarmwright.methods._cma import Cma, CmaOptions
+from swarmwright.representations._base import Representation
+
+_LARGEST = 5000
+
+
+class CmaEsOptions(CmaOptions):
+    """CMA-ES of the library `cma` with its defaults; it learns which genes must change together.
+
+    For up to 5000 genes.
+    """
+
+    kind: Literal["cma_es"] = "cma_es"
+
+
+class CmaEs(Cma):
+    """The standard for continuous search without gradients: learns a full covariance matrix.
+
+    Source: Hansen and Ostermeier, "Completely derandomized self-adaptation in evolution strategies",
+    Evolutionary Computation 9(2), 2001; Hansen, "The CMA evolution strategy: a tutorial" (arXiv:1604.00772);
+    library `cma` (doi:10.5281/zenodo.2559634).
+    """
+
+    kind: ClassVar[str] = "cma_es"
+    options_model = CmaEsOptions
+    diagonal = False
+
+    @classmethod
+    def unsuitable(cls, representation: Representation) -> str | None:
+        """Refuse what is discrete, and genomes for whose matrix there is no room."""
+        if representation.genome_size > _LARGEST:
+            return (
+                f"{representation.genome_size} genes need a covariance matrix of as many rows and columns; "
+                f"above {_LARGEST} take sep_cma_es or openai_es"
+            )
+        return super().unsuitable(representation)

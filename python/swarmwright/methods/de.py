@@ -1,0 +1,55 @@
+"""Differential evolution."""
+
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+
+from swarmwright.methods._pymoo import Pymoo, PymooOptions
+from swarmwright.representations._base import Genomes
+
+
+class DeOptions(PymooOptions):
+    """Differential evolution of the library `pymoo` with its defaults."""
+
+    kind: Literal["de"] = "de"
+    population: int = Field(default=100, ge=5, le=1_000_000)
+    """Members, each of which meets one challenger in each generation."""
+    base: Literal["best", "rand", "target-to-best"] = "best"
+    """What a difference is added to: the best member, a random one, or the member itself moved towards the
+    best."""
+    crossover: Literal["bin", "exp", "hypercube", "line"] = "bin"
+    """How member and mutant are mixed: gene by gene, in runs of genes, or in between the two."""
+    factor: float = Field(default=0.5, gt=0, le=2)
+    """F: how much of a difference is added."""
+    rate: float = Field(default=0.2, ge=0, le=1)
+    """CR: probability of a gene to come from the mutant."""
+    mutate: float = Field(default=0.1, ge=0, le=1)
+    """Probability of a polynomial mutation after that."""
+
+
+class De(Pymoo):
+    """Differences between members are steps: they shrink and turn with the population by themselves.
+
+    Each member meets a challenger, made of a base plus `factor` times the difference of two other members,
+    crossed with the member; the better one stays.
+
+    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997; library
+    `pymoo` (Blank and Deb, IEEE Access 8, 2020, doi:10.1109/ACCESS.2020.2990567), which adds the mutation.
+    """
+
+    kind: ClassVar[str] = "de"
+    options_model = DeOptions
+    options: DeOptions
+
+    def _new_algorithm(self, first: Genomes) -> Any:  # noqa: ANN401 - the library has no types
+        from pymoo.algorithms.soo.nonconvex.de import DE
+
+        options = self.options
+        return DE(
+            pop_size=options.population,
+            sampling=first.astype(float),
+            variant=f"DE/{options.base}/1/{options.crossover}",
+            F=options.factor,
+            CR=options.rate,
+            prob_mut=options.mutate,
+        )

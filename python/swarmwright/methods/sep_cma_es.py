@@ -1,0 +1,23 @@
+"""Separable CMA-ES: a step size of its own for each gene."""
+
+from typing import ClassVar, Literal
+
+from swarmwright.methods._cma import Cma, CmaOptions
+
+
+class SepCmaEsOptions(CmaOptions):
+    """Separable CMA-ES of the library `cma` with its defaults: cheap with very many genes."""
+
+    kind: Literal["sep_cma_es"] = "sep_cma_es"
+
+
+class SepCmaEs(Cma):
+    """CMA-ES whose covariance matrix is diagonal: time and memory grow with the number of genes alone.
+
+    Source: Ros and Hansen, "A simple modification in CMA-ES achieving linear time and space complexity",
+    PPSN 2008; library `cma`, option CMA_diagonal.
+    """
+
+    kind: ClassVar[str] = "sep_cma_es"
+    options_model = SepCmaEsOptions
+    diagonal = True

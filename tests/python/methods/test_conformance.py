@@ -1,0 +1,135 @@
+"""The checks for plug-in authors find what is wrong."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright.methods import METHODS, Method, MethodOptions
+from swarmwright.methods.cea2d import Cea2d
+from swarmwright.methods.cma_es import CmaEs
+from swarmwright.methods.nnga import Nnga
+from swarmwright.methods.random_search import RandomSearch
+from swarmwright.testing import check_method
+
+sample: Callable[[Any], Any] = RandomSearch._ask
+
+
+def of_shared_numbers(method: Any) -> Any:
+    return np.random.random((3, method.representation.genome_size)).astype(np.float32)  # noqa: NPY002
+
+
+def of_new_numbers(method: Any) -> Any:
+    return np.random.default_rng().random((3, method.representation.genome_size)).astype(np.float32)
+
+
+def of_the_clock(method: Any, shared: list[int] = []) -> Any:  # noqa: B006 - state outside of the method is the point
+    shared.append(0)
+    genomes = sample(method)
+    genomes[0, 0] = len(shared)
+    return genomes
+
+
+def beyond_bounds(method: Any) -> Any:
+    return sample(method) * np.float32(50)
+
+
+def wide(method: Any) -> Any:
+    return sample(method).astype(np.float64)
+
+
+def none(method: Any) -> Any:
+    return sample(method)[:0]
+
+
+def infinite(method: Any) -> Any:
+    return sample(method) * np.float32(np.inf)
+
+
+def by_sums(method: Any, _: Any, fitness: Any) -> None:
+    """Compute with sums that overflow."""
+    method._fitness = fitness - fitness.sum()
+    method._mean = float(np.mean(fitness**2))
+
+
+@pytest.mark.parametrize(
+    ("name", "broken", "words"),
+    [
+        ("_ask", of_shared_numbers, "whatever random numbers others draw"),
+        ("_ask", of_new_numbers, "whatever random numbers others draw"),
+        ("_ask", of_the_clock, "whatever random numbers others draw"),
+        ("_ask", beyond_bounds, "outside of bounds"),
+        ("_ask", wide, "ask returns float64, not float32"),
+        ("_ask", none, "nothing to evaluate"),
+        ("_ask", infinite, "not finite"),
+        ("_tell", by_sums, "overflow"),
+        ("budget", 1, "more was evaluated than budget says"),
+        ("steady_state", False, None),
+        ("generational_because", "", None),
+        ("generation_size", 7, "budget must be generations x generation_size"),
+    ],
+)
+def test_what_is_wrong_is_found(
+    name: str, broken: Callable[..., Any], words: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RandomSearch, name, broken)
+    if words is None:
+        check_method("random_search")
+        return
+    with pytest.raises((AssertionError, RuntimeWarning), match=words):
+        check_method("random_search")
+
+
+def test_a_method_that_computes_with_choices_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(CmaEs, "unsuitable", classmethod(lambda _, __: None))
+    with pytest.raises(AssertionError, match="vary them by its operators, or refuse it by `unsuitable`"):
+        check_method("cma_es")
+
+
+def test_a_refusal_that_does_not_refuse_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RandomSearch, "unsuitable", classmethod(lambda _, __: "for no reason"))
+    monkeypatch.setattr(RandomSearch, "problems", classmethod(lambda *_: {}))
+    with pytest.raises(AssertionError, match="is unsuitable, and takes it"):
+        check_method("random_search")
+
+
+def test_state_that_a_new_process_does_not_have_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def of_this_process(method: Method) -> Any:
+        return sample(method)[::-1]
+
+    class Elsewhere(RandomSearch):
+        _ask = of_this_process
+
+    # The new process imports the class by name and finds the method as it is written.
+    Elsewhere.__module__, Elsewhere.__qualname__ = RandomSearch.__module__, RandomSearch.__qualname__
+    monkeypatch.setitem(METHODS._loaded, "random_search", Elsewhere)
+    with pytest.raises(AssertionError, match="told again in a new process, generation 0 has other genomes"):
+        check_method("random_search")
+
+
+def test_a_window_that_learns_too_early_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def eager(method: Any, fitness: float) -> None:
+        method._told(method.evaluations, method._untold.popleft(), fitness)
+        method.evaluations += 1
+        method.done = method.evaluations >= method._last
+
+    monkeypatch.setattr(Cea2d, "tell_next", eager)
+    with pytest.raises(AssertionError, match="genomes depend on when they are asked for"):
+        check_method("cea2d")
+
+
+def test_members_that_are_kept_unsaid_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Nnga, "keeps_members", False)
+    with pytest.raises(AssertionError, match="keeps_members must say whether members are kept"):
+        check_method("nnga")
+
+
+def test_options_without_a_description_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Bare(MethodOptions):
+        kind: Any = "random_search"
+        population: int = 3
+
+    monkeypatch.setattr(RandomSearch, "options_model", Bare)
+    with pytest.raises(AssertionError, match="population has no description"):
+        check_method("random_search")

@@ -1,0 +1,96 @@
+"""OpenAI's evolution strategy: ranks, pairs, and that it climbs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from swarmwright.methods.openai_es import OpenaiEs, OpenaiEsOptions, centered_ranks
+from swarmwright.testing._samples import BoundedGenes
+from tests.python.methods.functions import conversation, new, rosenbrock, sphere, ten_genes
+
+
+def strategy(**options: Any) -> OpenaiEs:
+    method = new("openai_es", **options)
+    assert isinstance(method, OpenaiEs)
+    return method
+
+
+def test_ranks_are_centered_and_shared_by_equals() -> None:
+    assert centered_ranks(np.array([5.0, 1e300, -7.0])).tolist() == [0.0, 0.5, -0.5]
+    assert centered_ranks(np.full(6, 3.0)).tolist() == [0.0] * 6
+    assert centered_ranks(np.array([1.0, 1.0, 2.0, 3.0, 3.0])).tolist() == [-0.375, -0.375, 0.0, 0.375, 0.375]
+
+
+def test_failed_candidates_share_the_lowest_rank() -> None:
+    assert centered_ranks(np.array([np.nan, -1e300, np.nan])).tolist() == [-0.25, 0.5, -0.25]
+
+
+def test_candidates_are_pairs_around_the_center() -> None:
+    method = strategy(population=20, noise=0.3)
+    genomes = method.ask().astype(np.float64)
+    assert genomes[::2] + genomes[1::2] == pytest.approx(np.tile(2 * method.center, (10, 1)), abs=1e-5)
+    # 0.3 of half the initial range of +-3.
+    assert (genomes - method.center).std() == pytest.approx(0.9, rel=0.2)
+
+
+def test_the_first_step_of_adam_is_as_long_as_its_step_size() -> None:
+    # Adam's first step is the sign of the gradient times the step size, whatever the gradient's length.
+    method = strategy(step=0.05, decay=0.0, population=4000)
+    before = method.center
+    genomes = method.ask().astype(np.float64)
+    method.tell(genomes.sum(axis=1))
+    moved = method.center - before
+    assert np.abs(moved) == pytest.approx(np.full(10, 0.05 * 3.0), rel=1e-4)
+    assert (moved > 0).all()
+
+
+def test_it_climbs() -> None:
+    method = strategy(generations=200, noise=0.05, step=0.05)
+    asked = conversation(method, sphere, 200)
+    assert sphere(asked[0].astype(np.float64)).mean() > 10
+    assert sphere(method.center[np.newaxis])[0] < 0.05
+    curved = strategy(generations=200, noise=0.02, step=0.02)
+    conversation(curved, rosenbrock, 200)
+    assert rosenbrock(curved.center[np.newaxis])[0] < 20
+
+
+def test_a_plateau_pushes_nowhere_but_decay_pulls_to_the_middle() -> None:
+    still, pulled = strategy(decay=0.0), strategy(decay=0.5)
+    for method in (still, pulled):
+        start = np.abs(method.center)
+        for _ in range(20):
+            method.tell(np.zeros(len(method.ask())))
+        if method is still:
+            assert np.abs(method.center) == pytest.approx(start)
+    assert (np.abs(pulled.center) < np.abs(still.center)).all()
+
+
+def test_a_generation_that_failed_moves_nothing() -> None:
+    method = strategy(decay=0.5)
+    before = method.center
+    method.tell(np.full(len(method.ask()), np.nan))
+    assert np.array_equal(method.center, before)
+
+
+def test_genes_are_cut_to_their_bounds() -> None:
+    method = new("openai_es", subject=BoundedGenes(), step=1.0)
+    assert isinstance(method, OpenaiEs)
+    for _ in range(10):
+        method.tell(method.ask().sum(axis=1))
+    assert method.center[:9].tolist() == [1.0] * 9
+    assert method.ask()[:, :9].max() == 1.0
+
+
+def test_an_odd_population_is_refused() -> None:
+    with pytest.raises(ValidationError, match="multiple of 2"):
+        OpenaiEsOptions(population=11)
+
+
+def test_large_genomes_need_no_more_than_their_room() -> None:
+    subject = type(ten_genes())(ten_genes().options_model(hidden=[200, 200]), sensors=9, actuators=1)  # type: ignore[call-arg]
+    method = new("openai_es", subject=subject, population=4)
+    before = method.ask()
+    method.tell(np.array([1.0, 2.0, 3.0, 4.0]))
+    assert before.shape == method.ask().shape == (4, subject.genome_size)
