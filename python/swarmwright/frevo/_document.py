@@ -9,12 +9,12 @@ from swarmwright._suggest import did_you_mean
 from swarmwright.frevo._xml import Element, read
 
 SECTIONS = {
-    "problem": "emergencyexit.EmergencyExit",
-    "method": "nnga.NNGA",
-    "representation": "fullyMeshedNet.FullyMeshedNet",
-    "ranking": "AbsoluteRanking.AbsoluteRanking",
+    "problem": ("emergencyexit.EmergencyExit",),
+    "method": ("nnga.NNGA", "CEA2D.CEA2D"),
+    "representation": ("fullyMeshedNet.FullyMeshedNet",),
+    "ranking": ("AbsoluteRanking.AbsoluteRanking",),
 }
-"""Sections of a session, and the class of each that has a counterpart here."""
+"""Sections of a session, and the classes of each that have a counterpart here."""
 
 
 @dataclass
@@ -28,6 +28,11 @@ class Section:
     element: Element
     entries: dict[str, Element] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
+
+    @property
+    def class_name(self) -> str:
+        """FREVO's class."""
+        return self.element.attribute("class")
 
     def shown(self, key: str, default: str = "") -> str:
         """Return an entry's value as it stands in the file."""
@@ -135,10 +140,9 @@ def _section(root: Element, name: str, entry: str) -> Section:
     return section
 
 
-def _check_class(section: Section, known: str) -> None:
-    found = section.element.attribute("class")
-    if found != known:
+def _check_class(section: Section, known: tuple[str, ...]) -> None:
+    if section.class_name not in known:
         raise section.element.error(
-            f"the class {found!r} has no counterpart here{did_you_mean(found, [known])}; "
-            f"what can be taken over is {known}"
+            f"the class {section.class_name!r} has no counterpart here"
+            f"{did_you_mean(section.class_name, known)}; what can be taken over is {' or '.join(known)}"
         )

@@ -10,7 +10,7 @@ from swarmwright._errors import InputError
 from swarmwright._experiment import Experiment
 from swarmwright._validate import check
 from swarmwright._yaml import parse
-from swarmwright.frevo._document import SECTIONS, Section, Session, open_session
+from swarmwright.frevo._document import SECTIONS, Session, open_session
 from swarmwright.frevo._field import FieldFile, as_yaml
 from swarmwright.frevo._mapping import Line, Mapped, map_session, one_line
 
@@ -58,7 +58,7 @@ def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
         f"# Made of FREVO's session {one_line(session.path.name)} by `swarmwright import`.",
         "# Behind each line stands FREVO's name of the entry.",
         "",
-        f"simulation: emergency_exit  # {_class(problem)}",
+        f"simulation: emergency_exit  # {problem.class_name}",
         "",
         "parameters:",
         *_block(mapped.parameters),
@@ -66,18 +66,14 @@ def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
     if mapped.field_file is not None:
         lines += _field_lines(mapped.field_file, folder)
     lines += _left_out(mapped.not_parameters)
-    lines += ["", "controller:", *_block([Line("kind", "fully_meshed", _class(representation))])]
+    lines += ["", "controller:", *_block([Line("kind", "fully_meshed", representation.class_name)])]
     lines += [*_block(mapped.controller), *_left_out(mapped.not_controller)]
-    lines += ["", "method:", *_block([Line("kind", "nnga", _class(method))])]
+    lines += ["", "method:", *_block([Line("kind", mapped.method_kind, method.class_name)])]
     lines += [*_block(mapped.method), *_left_out(mapped.not_method)]
-    lines += ["", "ranking:", *_block([Line("kind", "absolute", _class(ranking))])]
+    lines += ["", "ranking:", *_block([Line("kind", "absolute", ranking.class_name)])]
     lines += [*_block(mapped.ranking), *_left_out(mapped.not_ranking)]
     lines += ["", *_block([mapped.seed], ""), *_left_out(mapped.not_config, "")]
     return "\n".join(line.rstrip() for line in lines) + "\n"
-
-
-def _class(section: Section) -> str:
-    return section.element.attribute("class")
 
 
 def _block(lines: list[Line], indent: str = "  ") -> list[str]:

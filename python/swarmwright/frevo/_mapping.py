@@ -45,6 +45,7 @@ class Mapped:
     """
 
     seed: Line
+    method_kind: str = "nnga"
     parameters: list[Line] = field(default_factory=list)
     controller: list[Line] = field(default_factory=list)
     method: list[Line] = field(default_factory=list)
@@ -170,6 +171,16 @@ def _map_problem(session: Session, field_file: Path | None, mapped: Mapped) -> N
 
 
 def _map_method(method: Section, mapped: Mapped) -> None:
+    from swarmwright.frevo._cea2d import map_cea2d
+
+    if method.class_name == "CEA2D.CEA2D":
+        mapped.method_kind = "cea2d"
+        map_cea2d(method, mapped)
+    else:
+        _map_nnga(method, mapped)
+
+
+def _map_nnga(method: Section, mapped: Mapped) -> None:
     add = mapped.method.append
     add(Line("population", method.take_integer("populationsize", 50, 2), "populationsize"))
     add(Line("generations", method.take_integer("generations", 200, 1), "generations"))

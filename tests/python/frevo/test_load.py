@@ -1,5 +1,6 @@
 """FREVO's sessions become experiments."""
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, frevo, optimize
+from swarmwright.methods.cea2d import Cea2dOptions
 from swarmwright.methods.nnga import NngaOptions
 
 Edited = Callable[..., Path]
@@ -43,6 +45,8 @@ def test_the_stadium_session(data: Path) -> None:
         "probability": 1.0,
         "partners": 11,
         "target": None,
+        "operation": "generational",
+        "in_flight": 16,
     }
     assert experiment.ranking.model_dump(exclude_defaults=True) == {}
     assert experiment.genome_size == 60
@@ -147,6 +151,61 @@ def test_several_populations_are_taken_over(edited: Edited) -> None:
     assert not any("population" in note for note in imported.notes)
 
 
+def cea2d(edited: Edited, *entries: tuple[str, object]) -> Path:
+    """A session with CEA2D and these entries instead of NNGA's."""
+    path = edited("emergency_exit_random.zse", ('class="nnga.NNGA"', 'class="CEA2D.CEA2D"'))
+    kept = [line for line in path.read_text().splitlines() if "<methodentry" not in line]
+    end = next(index for index, line in enumerate(kept) if "</method>" in line)
+    kept[end:end] = [f'<methodentry key="{key}" type="INT" value="{value}"/>' for key, value in entries]
+    path.write_text("\n".join(kept))
+    return path
+
+
+def test_cea2d_has_the_defaults_of_frevo(edited: Edited) -> None:
+    imported = frevo.load(cea2d(edited))
+    assert imported.experiment.method == Cea2dOptions()
+    assert imported.experiment.controller.mutation == "uniform"
+    assert re.search("  kind: cea2d +# CEA2D.CEA2D", imported.yaml)
+
+
+def test_entries_of_cea2d_become_keys(edited: Edited) -> None:
+    path = cea2d(
+        edited,
+        ("generations", 7),
+        ("populationsize_width", 6),
+        ("populationsize_height", 4),
+        ("neighbourhoodmode", 2),
+        ("random obstacles", 3),
+        ("obstacle-pattern", 4),
+        ("percentelite", 20),
+        ("percentmutateelite", 50),
+        ("percentxoverelite", 10),
+        ("mutationseverity", "0.1f"),
+        ("mutationprobability", 0.5),
+        ("saveinterval", 10),
+    )
+    imported = frevo.load(path)
+    assert imported.experiment.method == Cea2dOptions(
+        generations=7, width=6, height=4, neighbourhood="random", obstacles=3, elite=0.2, mutate=0.5,
+        crossover=0.1, renew=0.2, severity=0.1, probability=0.5,
+    )  # fmt: skip
+    assert "saveinterval = 10: the record" in imported.yaml
+
+
+def test_shares_of_cea2d_above_a_hundred_are_cut_as_in_frevo(edited: Edited) -> None:
+    imported = frevo.load(cea2d(edited, ("percentmutateelite", 80), ("percentxoverelite", 30)))
+    shares = imported.experiment.method.model_dump()
+    assert [shares[name] for name in ("elite", "mutate", "crossover", "renew")] == [0.11, 0.8, 0.09, 0.0]
+    assert "percentxoverelite = 30, of which FREVO takes what is left of 100" in imported.yaml
+
+
+def test_fixed_obstacles_of_cea2d_are_refused_where_frevo_has_them(edited: Edited) -> None:
+    with pytest.raises(InputError, match=r"method\.obstacle-pattern: 2 found; obstacles here are random"):
+        frevo.load(cea2d(edited, ("obstacle-pattern", 2)))
+    small = cea2d(edited, ("obstacle-pattern", 2), ("populationsize_width", 9), ("random obstacles", 5))
+    assert frevo.load(small).experiment.method.model_dump()["obstacles"] == 0
+
+
 def test_an_imported_experiment_evolves(edited: Edited, tmp_path: Path) -> None:
     path = edited(
         "emergency_exit_random.zse",
@@ -192,8 +251,8 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
     ("change", "answer"),
     [
         (
-            ('class="nnga.NNGA"', 'class="cea2d.CEA2D"'),
-            "the class 'cea2d.CEA2D' has no counterpart here; what can",
+            ('class="nnga.NNGA"', 'class="PSO.PSO"'),
+            "the class 'PSO.PSO' has no counterpart here; what can be taken over is nnga.NNGA or CEA2D.CEA2D",
         ),
         (
             ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'),
