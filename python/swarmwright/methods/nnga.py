@@ -11,8 +11,9 @@ from pydantic import Field, model_validator
 
 from swarmwright._random import Stream
 from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.rankings._base import Fitness, best_first
-from swarmwright.representations._base import Genomes, Representation
+from swarmwright.representations._base import Genome, Genomes, Representation
 
 _TRIALS = 100  # crossovers a generation may repeat because the child exists already
 _MOST_MEMBERS = 10_000_000
@@ -75,6 +76,8 @@ class NngaOptions(MethodOptions):
         total = math.fsum([self.elite, self.random, self.mutate, self.crossover, self.renew])
         if abs(total - 1) > 1e-6:
             raise ValueError(f"elite, random, mutate, crossover and renew must add up to 1, not {total:.6g}")
+        if self.operation == "steady_state" and self.populations > 1:
+            raise ValueError("in steady state there is one population; leave populations out")
         shares = self.shares()
         if shares.survivors < 1:
             raise ValueError("nobody stays: elite or random must be a larger share, or the population larger")
@@ -130,6 +133,9 @@ class Nnga(Method):
     Several populations evolve side by side, each ranked by itself; every now and then a crossover may take
     its father from another one.
 
+    In steady state, which FREVO does not have, there are no survivors: one child after the other takes the
+    place of the worst member, see `SteadyMembers`; the shares elite and random do not count.
+
     Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51). It differs in three points.
     FREVO draws the random survivors by a folded triangle distribution that it notes itself to be wrong: the
     worst member can never be drawn, the best remaining one only half as often as meant, and each draw moves
@@ -143,6 +149,7 @@ class Nnga(Method):
     kind: ClassVar[str] = "nnga"
     options_model = NngaOptions
     options: NngaOptions
+    steady_state = True
     keeps_members = True
 
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
@@ -152,17 +159,27 @@ class Nnga(Method):
         self._populations = [
             _Population(nobody, children=options.population) for _ in range(options.populations)
         ]
+        self._steady = SteadyMembers(options, representation)
 
     @property
     def budget(self) -> int:
         """Number of evaluations of the whole run, when nothing fails."""
+        if self.options.operation == "steady_state":
+            return self.options.population * self.options.generations
         new = self.options.population + (self.options.generations - 1) * self._shares.new
         return self.options.populations * new
 
     @property
     def population_fitness(self) -> Fitness:
         """Fitness of all members of all populations, survivors and new ones."""
+        if self.options.operation == "steady_state":
+            return self._steady.fitness.copy()
         return np.concatenate([population.fitness for population in self._populations])
+
+    @property
+    def generation_size(self) -> int:
+        """Members."""
+        return self.options.population
 
     def kept(self) -> Genomes:
         """Return the survivors of all populations."""
@@ -196,13 +213,22 @@ class Nnga(Method):
             population.join(genomes[first:end], fitness[first:end])
             first = end
 
+    def _next(self, index: int) -> Genome:
+        child = None
+        if index >= self.options.population:
+            child = self._steady.child(lambda purpose: self.streams_of(purpose, index))
+        return self.initial_of(index) if child is None else child
+
+    def _told(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no order
+        self._steady.join(genome, fitness)
+
     def _survivors(self, fitness: Fitness, stream: Stream) -> list[int]:
         """Return the indices of those that stay: elite, then random ones."""
         ranked: list[int] = best_first(fitness)[: int(np.isfinite(fitness).sum())].tolist()
         staying, others = ranked[: self._shares.elite], ranked[self._shares.elite :]
         for _ in range(min(self._shares.random, len(others))):
             staying.append(
-                others.pop(_triangular(stream.integer(len(others) * (len(others) + 1) // 2), len(others)))
+                others.pop(triangular(stream.integer(len(others) * (len(others) + 1) // 2), len(others)))
             )
         return staying
 
@@ -298,7 +324,7 @@ def _keys(genomes: Genomes) -> list[bytes]:
     return list(keys)
 
 
-def _triangular(ticket: int, members: int) -> int:
+def triangular(ticket: int, members: int) -> int:
     """Return k for a ticket in 0 .. members * (members + 1) / 2 - 1, of which k holds members - k."""
     # Tickets from the end: the last holds one, the last but one two, ... so k counts triangular numbers from
     # there.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarmwright.methods import METHODS
-from swarmwright.methods.nnga import Nnga, NngaOptions, Shares, _triangular
+from swarmwright.methods.nnga import Nnga, NngaOptions, Shares, triangular
 from swarmwright.representations import Genomes
 from swarmwright.testing._common import representation
 
@@ -70,7 +70,7 @@ def test_it_finds_what_random_search_does_not() -> None:
 @settings(max_examples=40)
 def test_random_survivors_are_drawn_by_falling_probability(members: int) -> None:
     tickets = members * (members + 1) // 2
-    drawn = np.bincount([_triangular(ticket, members) for ticket in range(tickets)], minlength=members)
+    drawn = np.bincount([triangular(ticket, members) for ticket in range(tickets)], minlength=members)
     assert drawn.tolist() == list(range(members, 0, -1))
 
 
@@ -245,3 +245,59 @@ def test_a_population_that_failed_as_a_whole_starts_anew() -> None:
     assert np.isfinite(asked).all()
     method.tell(np.zeros(87))
     assert len(method.population_fitness) == 100
+
+
+def steady(fitness: Any, **options: Any) -> Nnga:
+    """A method in steady state whose first members have this fitness."""
+    method = new(operation="steady_state", in_flight=1, population=len(fitness), **options)
+    for value in fitness:
+        method.ask_next()
+        method.tell_next(value)
+    return method
+
+
+def test_steady_state_replaces_the_worst_and_keeps_the_best() -> None:
+    method = steady([3.0, np.nan, 1.0, 2.0, 5.0, 4.0, 6.0, 7.0, 8.0, 9.0])
+    told = [0.5, np.nan, 2.5, -7.0, -8.0]
+    # The failed one goes first; the failed child is not let in; a bad child is the next to go.
+    left = [[0.5, 1, 2], [0.5, 1, 2], [1, 2, 2.5], [-7, 2, 2.5], [-8, 2, 2.5]]
+    for value, lowest in zip(told, left, strict=True):
+        method.ask_next()
+        method.tell_next(value)
+        assert sorted(method.population_fitness)[:3] == sorted(lowest)
+    assert method.population_fitness.max() == 9
+
+
+def test_steady_state_makes_children_in_the_ratio_of_the_shares() -> None:
+    made = {"mutations": 0, "crossover": 0, "initials": 0}
+    method = steady(range(50), generations=20)
+    for name in made:
+        original = getattr(method.representation, name)
+
+        def counting(*arguments: Any, name: str = name, original: Any = original, **given: Any) -> Any:
+            made[name] += 1
+            return original(*arguments, **given)
+
+        setattr(method.representation, name, counting)
+    while not method.done:
+        method.ask_next()
+        method.tell_next(0.0)
+    total = sum(made.values())
+    for name, share in (("mutations", 40 / 75), ("crossover", 30 / 75), ("initials", 5 / 75)):
+        assert made[name] / total == pytest.approx(share, abs=0.05)
+
+
+def test_steady_state_gets_better() -> None:
+    method = new(operation="steady_state", generations=40)
+    best = []
+    while not method.done:
+        _, genome = method.ask_next()
+        method.tell_next(-float(((genome.astype(np.float64) - 0.5) ** 2).sum()))
+        best.append(np.nanmax(method.population_fitness))
+    assert best == sorted(best)
+    assert best[-1] > best[49] / 4
+
+
+def test_steady_state_has_one_population() -> None:
+    with pytest.raises(ValidationError, match="in steady state there is one population"):
+        NngaOptions(operation="steady_state", populations=2)
