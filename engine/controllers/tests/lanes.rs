@@ -4,16 +4,17 @@
 use proptest::prelude::*;
 use serde_json::json;
 use swarmwright_controllers::{Controller, LaneController, Specification};
-use swarmwright_lanes::{Kernel, Lanes, Level};
+use swarmwright_lanes::{Int, Kernel, Lanes, Level};
 
-/// Steps every lane's controller through the sensors of its lane; the outputs lane by lane.
-struct Steps<'a> {
+/// Steps every lane's controller through the sensors of its lane, `S` numbers and `B` bits; the outputs lane by
+/// lane.
+struct Steps<'a, const S: usize, const B: usize> {
     specifications: &'a [Specification],
     /// By step, then lane.
     sensors: &'a [Vec<Vec<f32>>],
 }
 
-impl Kernel for Steps<'_> {
+impl<const S: usize, const B: usize> Kernel for Steps<'_, S, B> {
     type Output = Vec<Vec<f32>>;
 
     #[inline(always)]
@@ -28,16 +29,28 @@ impl Kernel for Steps<'_> {
             let mut actuators = vec![L::splat(0.0); architecture.actuators()];
             let first = block * L::WIDTH;
             for step in self.sensors {
-                let sensors: Vec<L> = (0..architecture.sensors())
-                    .map(|sensor| {
-                        L::load(
-                            &(0..L::WIDTH)
-                                .map(|lane| step[first + lane][sensor])
-                                .collect::<Vec<_>>(),
-                        )
-                    })
-                    .collect();
-                controllers.step(&mut state, &sensors, &mut actuators);
+                let sensor = |sensor: usize| {
+                    let lanes = (0..L::WIDTH).map(|lane| step[first + lane][sensor]);
+                    L::load(&lanes.collect::<Vec<_>>())
+                };
+                let numbers: [L; S] = std::array::from_fn(sensor);
+                // Other bits do not count.
+                let mut bits = L::Int::splat(!((1 << B) - 1) << 3);
+                for bit in 0..B {
+                    let is_zero = sensor(S + bit).le(L::splat(0.0));
+                    let bit = L::Int::splat(8 << bit);
+                    bits = bits.or(bit.select(L::Int::splat(0), is_zero));
+                }
+                let order = std::array::from_fn::<u32, B, _>(|bit| bit as u32 + 3);
+                if B == 0 {
+                    controllers.step(&mut state, numbers, &mut actuators);
+                } else {
+                    controllers.step_with_bits(&mut state, numbers, (bits, order), &mut actuators);
+                    for actuator in &mut actuators {
+                        let known = L::splat(0.0).select(*actuator, actuator.is_nan());
+                        *actuator = known.at_most(L::splat(1.0)).at_least(L::splat(-1.0));
+                    }
+                }
                 for actuator in &actuators {
                     let mut lanes = vec![0.0; L::WIDTH];
                     actuator.store(&mut lanes);
@@ -51,7 +64,28 @@ impl Kernel for Steps<'_> {
     }
 }
 
-fn architecture() -> impl Strategy<Value = serde_json::Value> {
+/// How many sensors are numbers, how many are bits.
+const SENSORS: [(usize, usize); 5] = [(1, 0), (5, 0), (3, 2), (2, 8), (0, 3)];
+
+/// The outputs in lanes of an instruction set, lane by lane.
+fn outputs(
+    (numbers, bits): (usize, usize),
+    level: Level,
+    specifications: &[Specification],
+    sensors: &[Vec<Vec<f32>>],
+) -> Vec<Vec<f32>> {
+    macro_rules! run {
+        ($($s:literal, $c:literal);*) => {
+            match (numbers, bits) {
+                $(($s, $c) => level.run(Steps::<'_, $s, $c> { specifications, sensors }),)*
+                other => panic!("{other:?} is not among those that were compiled"),
+            }
+        };
+    }
+    run!(1, 0; 5, 0; 3, 2; 2, 8; 0, 3)
+}
+
+fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
     let range = prop::sample::select(vec![[-1.0, 1.0], [0.0, 1.0], [-3.0, 2.5]]);
     let layered = (
         prop::collection::vec(1usize..6, 0..3),
@@ -70,20 +104,21 @@ fn architecture() -> impl Strategy<Value = serde_json::Value> {
     let machine = (1usize..5, prop::collection::vec(thresholds(), 5)).prop_map(
         |(states, thresholds)| json!({"kind": "mealy_fsm", "states": states, "thresholds": thresholds}),
     );
-    (
-        prop_oneof![2 => network, 1 => machine],
-        1usize..6,
-        1usize..4,
-    )
-        .prop_map(|(mut specification, sensors, actuators)| {
+    (prop_oneof![2 => network, 1 => machine], 1usize..4).prop_map(
+        move |(mut specification, actuators)| {
             specification["version"] = json!(1);
             specification["sensors"] = json!(sensors);
             specification["actuators"] = json!(actuators);
             if let Some(thresholds) = specification.get_mut("thresholds") {
-                thresholds.as_array_mut().unwrap().truncate(sensors);
+                // Those behind the fifth are not looked at.
+                thresholds
+                    .as_array_mut()
+                    .unwrap()
+                    .resize(sensors, json!([]));
             }
             specification
-        })
+        },
+    )
 }
 
 /// At most three, whole multiples of a half, so that readings meet them exactly.
@@ -110,7 +145,8 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
     fn lanes_agree_with_single_controllers(
-        architecture in architecture(),
+        (split, architecture) in prop::sample::select(SENSORS.to_vec())
+            .prop_flat_map(|split| (Just(split), architecture(split.0 + split.1))),
         weights in prop::collection::vec(weight(), 2000),
         readings in prop::collection::vec(reading(), 500),
     ) {
@@ -125,8 +161,14 @@ proptest! {
             .collect();
         let width = specifications[0].architecture().sensors();
         let mut read = readings.iter().cycle();
-        let sensors: Vec<Vec<Vec<f32>>> =
-            (0..4).map(|_| (0..16).map(|_| read.by_ref().take(width).copied().collect()).collect()).collect();
+        let mut reading = || -> Vec<f32> {
+            let mut sensors: Vec<f32> = read.by_ref().take(width).copied().collect();
+            for bit in &mut sensors[split.0..] {
+                *bit = f32::from(u8::from(*bit > 0.0));
+            }
+            sensors
+        };
+        let sensors: Vec<Vec<Vec<f32>>> = (0..4).map(|_| (0..16).map(|_| reading()).collect()).collect();
         let expected: Vec<Vec<u32>> = specifications
             .iter()
             .enumerate()
@@ -143,8 +185,7 @@ proptest! {
             })
             .collect();
         for level in Level::available() {
-            let found: Vec<Vec<u32>> = level
-                .run(Steps { specifications: &specifications, sensors: &sensors })
+            let found: Vec<Vec<u32>> = outputs(split, level, &specifications, &sensors)
                 .into_iter()
                 .map(|lane| lane.into_iter().map(f32::to_bits).collect())
                 .collect();

@@ -55,6 +55,12 @@ pub trait Lanes: Copy {
     fn store(self, to: &mut [f32]);
     /// self + other
     fn add(self, other: Self) -> Self;
+    /// self + other where the condition holds, else self: self + other * (1 or 0) without the product.
+    #[inline(always)]
+    fn add_where(self, other: Self, condition: Self::Mask) -> Self {
+        // Whatever is added to -0 stays what it is, to the sign of zeros.
+        self.add(other.select(Self::splat(-0.0), condition))
+    }
     /// self - other
     fn sub(self, other: Self) -> Self;
     /// self * other
@@ -139,12 +145,16 @@ pub trait Int: Copy {
     fn shl(self, other: Self) -> Self;
     /// self shifted right by the other, 0 to 31, zeros coming in.
     fn shr(self, other: Self) -> Self;
+    /// self shifted right by the other, 0 to 31, copies of the sign coming in.
+    fn shr_signed(self, other: Self) -> Self;
     /// self == other
     fn eq(self, other: Self) -> Self::Mask;
     /// self < other, signed.
     fn lt(self, other: Self) -> Self::Mask;
     /// self where the condition holds, else other.
     fn select(self, other: Self, condition: Self::Mask) -> Self;
+    /// `table[self & 7]` per lane, without a look at memory.
+    fn lookup_eight(self, table: &[i32; 8]) -> Self;
     /// `table[self]` per lane. Panics when a lane lies outside of the table.
     fn lookup(self, table: &[i32]) -> Self;
     /// The four bytes from `bytes[self]` on, the first one lowest, per lane. Panics when one of them lies outside.

@@ -78,6 +78,13 @@ impl<L: Lanes> Lanes for Pair<L> {
         )
     }
     #[inline(always)]
+    fn add_where(self, other: Self, condition: PairMask<L>) -> Self {
+        Self(
+            self.0.add_where(other.0, condition.0),
+            self.1.add_where(other.1, condition.1),
+        )
+    }
+    #[inline(always)]
     fn floor(self) -> PairInt<L> {
         PairInt(self.0.floor(), self.1.floor())
     }
@@ -147,6 +154,7 @@ impl<L: Lanes> Int for PairInt<L> {
         xor(other);
         shl(other);
         shr(other);
+        shr_signed(other);
     }
     compare! {
         eq(other);
@@ -158,6 +166,10 @@ impl<L: Lanes> Int for PairInt<L> {
             self.0.select(other.0, condition.0),
             self.1.select(other.1, condition.1),
         )
+    }
+    #[inline(always)]
+    fn lookup_eight(self, table: &[i32; 8]) -> Self {
+        Self(self.0.lookup_eight(table), self.1.lookup_eight(table))
     }
     #[inline(always)]
     fn lookup(self, table: &[i32]) -> Self {

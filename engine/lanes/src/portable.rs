@@ -186,6 +186,10 @@ impl Int for I32s {
         Self(each(self.0, other.0, |a, b| (a as u32 >> (b & 31)) as i32))
     }
     #[inline(always)]
+    fn shr_signed(self, other: Self) -> Self {
+        Self(each(self.0, other.0, |a, b| a >> (b & 31)))
+    }
+    #[inline(always)]
     fn eq(self, other: Self) -> Conditions {
         Conditions(each(self.0, other.0, |a, b| a == b))
     }
@@ -196,6 +200,11 @@ impl Int for I32s {
     #[inline(always)]
     fn select(self, other: Self, condition: Conditions) -> Self {
         Self(choose(self.0, other.0, condition))
+    }
+    #[inline(always)]
+    #[expect(clippy::cast_sign_loss, reason = "three bits")]
+    fn lookup_eight(self, table: &[i32; 8]) -> Self {
+        Self(self.0.map(|index| table[(index & 7) as usize]))
     }
     #[inline(always)]
     #[expect(

@@ -6,6 +6,7 @@ use swarmwright_lanes::{Int, Kernel, Lanes, Level, Mask, Pair};
 /// Conditions of 32 lanes.
 const CONDITIONS: u32 = 0xA65C_3B91;
 const COLUMNS: usize = 20;
+const EIGHT: [i32; 8] = [5, -1, 0, i32::MAX, i32::MIN, 77, -8, 3];
 const BYTES: [u8; 7] = [1, 0x80, 0xFF, 0, 7, 0x55, 0xAA];
 
 /// Applies every operation to two slices of 32, with single vectors or pairs, and collects the bits.
@@ -63,6 +64,7 @@ impl All<'_> {
                     b,
                     <L::Mask as Mask>::from_bits(u64::from(CONDITIONS >> start)),
                 ),
+                a.add_where(b, i.lt(j)),
             ];
             let ints = [
                 i.add(j),
@@ -73,11 +75,13 @@ impl All<'_> {
                 i.xor(j),
                 i.shl(j.and(L::Int::splat(31))),
                 i.shr(j.and(L::Int::splat(31))),
+                i.shr_signed(j.and(L::Int::splat(31))),
                 i.select(j, i.eq(j)),
                 i.select(j, i.lt(j)),
                 small.floor(),
                 i.and(L::Int::splat(3)).lookup(&[7, -5, 1 << 30, 0]),
                 i.and(L::Int::splat(3)).lookup_bytes(&BYTES),
+                i.lookup_eight(&EIGHT),
             ];
             let mut lanes = vec![0.0; L::WIDTH];
             for value in floats {
@@ -133,7 +137,7 @@ fn number_in_table(row: usize, column: usize) -> f32 {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 29 + COLUMNS];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 32 + COLUMNS];
     for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -157,6 +161,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             choose(a < b || i < j),
             choose(a < b && i >= j),
             choose(CONDITIONS >> lane & 1 == 1),
+            if i < j { a + b } else { a },
         ];
         let ints = [
             i.wrapping_add(j),
@@ -167,11 +172,13 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             i ^ j,
             i << (j & 31),
             ((i as u32) >> (j & 31)) as i32,
+            i >> (j & 31),
             if i == j { i } else { j },
             if i < j { i } else { j },
             small.floor() as i32,
             [7, -5, 1 << 30, 0][(i & 3) as usize],
             i32::from_le_bytes(std::array::from_fn(|byte| BYTES[(i & 3) as usize + byte])),
+            EIGHT[(i & 7) as usize],
         ];
         let column = floats
             .map(|value| {

@@ -10,7 +10,7 @@ use swarmwright_worlds::{self as worlds, Block, Means, RolloutError};
 
 use crate::errors::{input, object};
 use crate::genomes::rows;
-use crate::worlds::create;
+use crate::worlds::known;
 
 /// Work between two looks at Ctrl-C.
 const PART: Duration = Duration::from_millis(30);
@@ -67,7 +67,7 @@ pub fn evaluate<'py>(
     level: &str,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    create(title)?;
+    known(title)?;
     let means = means(level, threads)?;
     let parameters = object("parameters", parameters)?;
     let rows = rows(architecture, &genomes)?;

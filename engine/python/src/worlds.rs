@@ -18,6 +18,15 @@ pub fn create(title: &str) -> PyResult<Box<dyn Simulation>> {
     worlds::create(title).ok_or_else(|| unknown(title))
 }
 
+/// Refuses titles of simulations that are not built in.
+pub fn known(title: &str) -> PyResult<()> {
+    if worlds::titles().contains(&title) {
+        Ok(())
+    } else {
+        Err(unknown(title))
+    }
+}
+
 fn unknown(title: &str) -> PyErr {
     input(format!(
         "simulation: unknown simulation '{title}'; built in: {}",

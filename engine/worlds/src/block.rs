@@ -169,10 +169,24 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, fi
     }
 }
 
-/// Runs `work` over parts of the fitness, in threads.
+/// Places of the fitness that one thread works on at a time, where vectors side by side have `wide` lanes.
+fn part(places: usize, wide: usize, workers: usize) -> usize {
+    if workers == 1 {
+        // Whole vectors as long as there are, and one remainder.
+        places
+    } else if places <= workers * wide {
+        // A share for everybody, in a time that hardly depends on how many lanes are used.
+        places.div_ceil(workers)
+    } else {
+        // Several parts per thread, so that a thread that was held up does not hold up the others.
+        places.div_ceil(workers * 4).next_multiple_of(wide)
+    }
+}
+
+/// Runs `work` over parts of the fitness, in threads; `wide`: places whose episodes are computed side by side.
 fn in_parts(
     fitness: &mut [f64],
-    width: usize,
+    wide: usize,
     threads: usize,
     work: impl Fn(Range<usize>, &mut [f64]) + Sync,
 ) {
@@ -181,17 +195,12 @@ fn in_parts(
     } else {
         threads
     };
-    // Several parts per thread, so that a thread that was held up does not hold up the others.
-    let part = fitness
-        .len()
-        .div_ceil(workers * 4)
-        .next_multiple_of(width)
-        .max(width);
+    let part = part(fitness.len(), wide, workers).max(1);
     let each = |(index, fitness): (usize, &mut [f64])| {
         let first = index * part;
         work(first..first + fitness.len(), fitness);
     };
-    if workers == 1 || fitness.len() <= part {
+    if fitness.len() <= part {
         fitness.chunks_mut(part).enumerate().for_each(each);
     } else {
         fitness.par_chunks_mut(part).enumerate().for_each(each);
@@ -209,7 +218,7 @@ pub(crate) fn evaluate<W: LaneWorld>(
     if let (Some(level), Some(world)) = (means.level, &world) {
         in_parts(
             &mut fitness,
-            level.width(),
+            level.width() * world.vectors(),
             means.threads,
             |range, fitness| {
                 level.run(Part {

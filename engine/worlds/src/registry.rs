@@ -4,8 +4,9 @@ use crate::block::{self, Block, Means};
 use crate::emergency_exit::EmergencyExitLanes;
 use crate::minisim::MinisimLanes;
 use crate::rollout::{RolloutError, check_sizes};
-use crate::{EmergencyExit, Minisim, Simulation};
+use crate::{Description, EmergencyExit, Minisim, Simulation};
 use serde_json::{Map, Value, json};
+use std::sync::LazyLock;
 
 type Create = fn() -> Box<dyn Simulation>;
 type Evaluate = fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>;
@@ -24,11 +25,13 @@ const SIMULATIONS: [(&str, Create, Evaluate); 2] = [
     ),
 ];
 
-fn find(title: &str) -> Option<(Create, Evaluate)> {
-    let (_, create, evaluate) = SIMULATIONS
-        .into_iter()
-        .find(|(known, ..)| *known == title)?;
-    Some((create, evaluate))
+/// What they say of themselves, in the same order: asked once, since it takes a simulation to ask.
+static DESCRIPTIONS: LazyLock<[Description; SIMULATIONS.len()]> =
+    LazyLock::new(|| SIMULATIONS.map(|(_, create, _)| create().description()));
+
+/// The index of a simulation.
+fn find(title: &str) -> Option<usize> {
+    SIMULATIONS.iter().position(|(known, ..)| *known == title)
 }
 
 /// Titles of the built-in simulations, sorted.
@@ -38,7 +41,7 @@ pub fn titles() -> Vec<&'static str> {
 
 /// A simulation at the start of an episode with default parameters; None for an unknown title.
 pub fn create(title: &str) -> Option<Box<dyn Simulation>> {
-    find(title).map(|(create, _)| create())
+    find(title).map(|index| SIMULATIONS[index].1())
 }
 
 /// Evaluates a block of controllers in this process: the fitness of every candidate in every episode, row-major
@@ -51,10 +54,11 @@ pub fn evaluate(
     block: &Block<'_>,
     means: Means,
 ) -> Option<Result<Vec<f64>, RolloutError>> {
-    let (create, evaluate) = find(title)?;
+    let index = find(title)?;
+    let (_, create, evaluate) = SIMULATIONS[index];
     let architecture = block.architecture;
     let fits = check_sizes(
-        &create().description(),
+        &DESCRIPTIONS[index],
         architecture.sensors(),
         architecture.actuators(),
     );

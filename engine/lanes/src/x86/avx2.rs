@@ -179,6 +179,10 @@ impl Int for I32s {
         Self(simd!(_mm256_srlv_epi32(self.0, other.0)))
     }
     #[inline(always)]
+    fn shr_signed(self, other: Self) -> Self {
+        Self(simd!(_mm256_srav_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
     fn eq(self, other: Self) -> Conditions {
         Conditions(simd!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(
             self.0, other.0
@@ -194,6 +198,13 @@ impl Int for I32s {
     fn select(self, other: Self, condition: Conditions) -> Self {
         let mask = simd!(_mm256_castps_si256(condition.0));
         Self(simd!(_mm256_blendv_epi8(other.0, self.0, mask)))
+    }
+    #[inline(always)]
+    fn lookup_eight(self, table: &[i32; 8]) -> Self {
+        Self(simd!(_mm256_permutevar8x32_epi32(
+            _mm256_loadu_si256(table.as_ptr().cast()),
+            self.0
+        )))
     }
     #[inline(always)]
     #[expect(

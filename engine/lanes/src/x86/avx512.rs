@@ -47,6 +47,15 @@ impl Lanes for F32s {
         Self(simd!(_mm512_add_ps(self.0, other.0)))
     }
     #[inline(always)]
+    fn add_where(self, other: Self, condition: Conditions) -> Self {
+        Self(simd!(_mm512_mask_add_ps(
+            self.0,
+            condition.0,
+            self.0,
+            other.0
+        )))
+    }
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         Self(simd!(_mm512_sub_ps(self.0, other.0)))
     }
@@ -154,6 +163,23 @@ fn transposed(rows: [__m512; WIDTH]) -> [__m512; WIDTH] {
     columns
 }
 
+/// Two gathers of eight lanes take half the time of one of sixteen (AMD Zen 5).
+impl I32s {
+    #[inline(always)]
+    fn halves(self) -> (__m256i, __m256i) {
+        (
+            simd!(_mm512_castsi512_si256(self.0)),
+            simd!(_mm512_extracti64x4_epi64::<1>(self.0)),
+        )
+    }
+
+    #[inline(always)]
+    fn of_halves(low: __m256i, high: __m256i) -> Self {
+        let low = simd!(_mm512_castsi256_si512(low));
+        Self(simd!(_mm512_inserti64x4::<1>(low, high)))
+    }
+}
+
 impl Mask for Conditions {
     #[inline(always)]
     fn bits(self) -> u64 {
@@ -228,6 +254,10 @@ impl Int for I32s {
         Self(simd!(_mm512_srlv_epi32(self.0, other.0)))
     }
     #[inline(always)]
+    fn shr_signed(self, other: Self) -> Self {
+        Self(simd!(_mm512_srav_epi32(self.0, other.0)))
+    }
+    #[inline(always)]
     fn eq(self, other: Self) -> Conditions {
         Conditions(simd!(_mm512_cmpeq_epi32_mask(self.0, other.0)))
     }
@@ -240,19 +270,41 @@ impl Int for I32s {
         Self(simd!(_mm512_mask_blend_epi32(condition.0, other.0, self.0)))
     }
     #[inline(always)]
+    fn lookup_eight(self, table: &[i32; 8]) -> Self {
+        // Four bits count in a table of sixteen.
+        let table = simd!(_mm512_broadcast_i32x8(_mm256_loadu_si256(
+            table.as_ptr().cast()
+        )));
+        Self(simd!(_mm512_permutexvar_epi32(self.0, table)))
+    }
+    #[inline(always)]
     fn lookup(self, table: &[i32]) -> Self {
         let length = i32::try_from(table.len()).unwrap_or(i32::MAX);
         let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
         assert!(inside == u16::MAX, "an index lies outside of the table");
+        let (low, high) = self.halves();
         // SAFETY: every lane's index lies within the table, as asserted.
-        Self(unsafe { _mm512_i32gather_epi32::<4>(self.0, table.as_ptr()) })
+        let (low, high) = unsafe {
+            (
+                _mm256_i32gather_epi32::<4>(table.as_ptr(), low),
+                _mm256_i32gather_epi32::<4>(table.as_ptr(), high),
+            )
+        };
+        Self::of_halves(low, high)
     }
     #[inline(always)]
     fn lookup_bytes(self, bytes: &[u8]) -> Self {
         let length = i32::try_from(bytes.len().saturating_sub(3)).unwrap_or(i32::MAX);
         let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
         assert!(inside == u16::MAX, "an index lies outside of the bytes");
+        let (low, high) = self.halves();
         // SAFETY: every lane's four bytes lie within, as asserted.
-        Self(unsafe { _mm512_i32gather_epi32::<1>(self.0, bytes.as_ptr().cast()) })
+        let (low, high) = unsafe {
+            (
+                _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), low),
+                _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), high),
+            )
+        };
+        Self::of_halves(low, high)
     }
 }

@@ -193,7 +193,7 @@ impl LaneWorld for MinisimLanes {
                     ];
                     let mut heading = [zero];
                     let state = &mut room.states[index * state_length..][..state_length];
-                    controllers.step(state, &sensors, &mut heading);
+                    controllers.step(state, sensors, &mut heading);
                     let x = agent.at.x.add(speed.mul(cos_pi(heading[0])));
                     let y = agent.at.y.add(speed.mul(sin_pi(heading[0])));
                     let moved = Points {

@@ -1,0 +1,117 @@
+//! What is made of the parameters before the first step. It is kept for the next block, since an evolution evaluates one
+//! generation after the other on the same field.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::super::settings::{self, Settings};
+use super::MOST_LANES;
+use super::terrain::{Layout, Terrain};
+use crate::block::Block;
+use crate::{ParameterError, Parameters};
+
+/// More stacks than this in all grids of a group of lanes, and memory rather than arithmetic sets the pace.
+const MOST_STACKS: usize = 1 << 25;
+/// Up to here something is worth keeping: 4 MB.
+const KEPT_PLACES: usize = 1 << 20;
+
+/// Fields, and whatever else all episodes of a block have in common.
+pub(crate) struct Prepared {
+    pub(super) settings: Settings,
+    pub(super) layout: Layout,
+    /// `Layout::corrections`
+    pub(super) corrections: [i32; 8],
+    pub(super) agents: usize,
+    /// One for each episode, or one for all.
+    pub(super) terrains: Vec<Terrain>,
+    /// `Terrain::ways` of all terrains, one after another.
+    pub(super) ways: Vec<i32>,
+    /// Whether the parameters give the field; else each episode draws its own.
+    given: bool,
+}
+
+/// What was prepared last, and for what.
+struct Kept {
+    parameters: Parameters,
+    /// Seeds of the fields; none where the field was given.
+    seeds: Vec<u64>,
+    prepared: Arc<Prepared>,
+}
+
+static LAST: Mutex<Option<Kept>> = Mutex::new(None);
+
+fn last() -> MutexGuard<'static, Option<Kept>> {
+    LAST.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Prepared {
+    /// Checks the parameters of every episode; none where lanes do not pay or are not possible.
+    pub(super) fn of(block: &Block<'_>) -> Result<Option<Arc<Self>>, ParameterError> {
+        if block.seeds.is_empty() {
+            return Ok(None);
+        }
+        let given = block.parameters.contains_key("field");
+        let seeds: &[u64] = if given { &[] } else { block.seeds };
+        if let Some(kept) = &*last()
+            && kept.seeds == seeds
+            && kept.parameters == *block.parameters
+        {
+            return Ok(Some(Arc::clone(&kept.prepared)));
+        }
+        let Some(prepared) = Self::new(block, given)?.map(Arc::new) else {
+            return Ok(None);
+        };
+        *last() = (prepared.ways.len() <= KEPT_PLACES).then(|| Kept {
+            parameters: block.parameters.clone(),
+            seeds: seeds.to_vec(),
+            prepared: Arc::clone(&prepared),
+        });
+        Ok(Some(prepared))
+    }
+
+    fn new(block: &Block<'_>, given: bool) -> Result<Option<Self>, ParameterError> {
+        let mut fields = Vec::new();
+        let mut settings = None;
+        for episode in 0..if given { 1 } else { block.seeds.len() } {
+            let parameters = block.parameters_of(episode);
+            if settings.is_none() {
+                settings = Some(Settings::read(&parameters)?);
+            }
+            fields.extend(settings::read_field(&parameters, None)?.map(|(_, field)| field));
+        }
+        let (Some(settings), Some(field)) = (settings, fields.first()) else {
+            return Ok(None);
+        };
+        let layout = Layout::new(field.width, field.height);
+        // Rows below the last one are a case of their own, see `Field::rows`.
+        if fields.iter().any(|field| field.rows != field.height)
+            || layout.stacks * (MOST_LANES + fields.len()) > MOST_STACKS
+        {
+            return Ok(None);
+        }
+        let agents = field.agents.len();
+        let mut terrains: Vec<Terrain> = fields.iter().map(Terrain::new).collect();
+        let mut ways = std::mem::take(&mut terrains[0].ways);
+        for terrain in &mut terrains[1..] {
+            ways.append(&mut terrain.ways);
+        }
+        Ok(Some(Self {
+            settings,
+            layout,
+            corrections: layout.corrections(),
+            agents,
+            terrains,
+            ways,
+            given,
+        }))
+    }
+
+    /// The index of an episode's terrain.
+    pub(super) fn terrain_of(&self, episode: usize) -> usize {
+        if self.given { 0 } else { episode }
+    }
+
+    /// Places of a terrain.
+    pub(super) fn places(&self) -> usize {
+        8 * self.layout.stacks
+    }
+}

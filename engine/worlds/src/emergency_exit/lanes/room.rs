@@ -1,0 +1,286 @@
+//! The state of as many episodes as there are lanes, and a step of all of them.
+
+use swarmwright_controllers::LaneController;
+use swarmwright_lanes::{Int, Lanes, Mask};
+
+use super::super::settings::Update;
+use super::super::{ACTUATORS, SENSORS};
+use super::MOST_LANES;
+use super::prepared::Prepared;
+use super::terrain::{AROUND, NOWHERE, OWN};
+
+pub(crate) struct Room<L: Lanes> {
+    /// By lane, then stack: the cells that are not free now.
+    taken: Vec<u8>,
+    /// By lane: index in `taken` of the stack before its first one.
+    stacks: L::Int,
+    /// By lane: index in `Prepared::ways` of its terrain's first one.
+    terrains: L::Int,
+    /// By agent: its place in each lane.
+    places: Vec<L::Int>,
+    /// By agent: `Terrain::ways` of its place in each lane.
+    ways: Vec<L::Int>,
+    /// By agent: the lanes in which it is inside.
+    inside: Vec<u64>,
+    /// State of the agents' controllers, one after another.
+    states: Vec<L>,
+    /// By agent, for a simultaneous step: what it wants to do.
+    wishes: Vec<Move<L>>,
+}
+
+/// The surroundings of an agent in each lane.
+#[derive(Clone, Copy)]
+struct Window<L: Lanes> {
+    /// Index of the first of its stacks.
+    stack: L::Int,
+    /// Which cell of the stack the agent is in.
+    row: L::Int,
+    /// The cells that are not free, as if it were the uppermost one.
+    taken: L::Int,
+}
+
+/// What an agent does in each lane.
+#[derive(Clone, Copy)]
+struct Move<L: Lanes> {
+    /// What to add to its place: 8 for each column, 1 for each row.
+    step: L::Int,
+    /// The bit in `Window::taken` of the cell where it wants to go.
+    target: L::Int,
+}
+
+impl<L: Lanes> Window<L> {
+    /// Whether the cell of a bit is free.
+    #[inline(always)]
+    fn is_free(self, cell: L::Int) -> L::Mask {
+        self.taken.and(cell).eq(L::Int::splat(0))
+    }
+}
+
+/// dx and dy of a way.
+#[inline(always)]
+fn numbers<L: Lanes>(way: L::Int) -> [L; SENSORS - AROUND.len()] {
+    let half = L::Int::splat(16);
+    [
+        L::from_int(way.shl(half).shr_signed(half)),
+        L::from_int(way.shr_signed(half)),
+    ]
+}
+
+impl<L: Lanes> Move<L> {
+    #[inline(always)]
+    fn new(actuators: [L; ACTUATORS]) -> Self {
+        let step = velocity(actuators[0], 8).add(velocity(actuators[1], 1));
+        Self {
+            step,
+            target: L::Int::splat(1).shl(step.add(L::Int::splat(OWN))),
+        }
+    }
+}
+
+/// `unit` forward, backward or not at all; not at all for NaN, which stands for 0.
+#[inline(always)]
+fn velocity<L: Lanes>(actuator: L, unit: i32) -> L::Int {
+    let forward = L::Int::splat(unit).select(L::Int::splat(0), L::splat(0.5).le(actuator));
+    L::Int::splat(-unit).select(forward, actuator.lt(L::splat(-0.5)))
+}
+
+impl<L: Lanes> Room<L> {
+    #[inline(always)]
+    pub(super) fn new(world: &Prepared, controllers: &LaneController<'_, L>) -> Self {
+        let nothing = Move {
+            step: L::Int::splat(0),
+            target: L::Int::splat(0),
+        };
+        let simultaneous = world.settings.update == Update::Simultaneous;
+        let mut stacks = [0; MOST_LANES];
+        for (lane, stack) in stacks.iter_mut().enumerate() {
+            *stack = (lane * world.layout.stacks) as i32 - 1;
+        }
+        Self {
+            taken: vec![0; world.layout.stacks * L::WIDTH],
+            stacks: L::Int::load(&stacks),
+            terrains: L::Int::splat(0),
+            places: vec![L::Int::splat(0); world.agents],
+            ways: vec![L::Int::splat(0); world.agents],
+            inside: vec![0; world.agents],
+            states: vec![L::splat(0.0); world.agents * controllers.state_length()],
+            wishes: vec![nothing; if simultaneous { world.agents } else { 0 }],
+        }
+    }
+
+    /// Puts everybody where the terrains of the lanes say; `terrains`: the index of each lane's one.
+    #[inline(always)]
+    pub(super) fn start(&mut self, world: &Prepared, terrains: &[usize; MOST_LANES]) {
+        for (lane, taken) in self.taken.chunks_exact_mut(world.layout.stacks).enumerate() {
+            taken.copy_from_slice(&world.terrains[terrains[lane]].taken);
+        }
+        let mut bases = [0; MOST_LANES];
+        for (base, terrain) in bases.iter_mut().zip(terrains) {
+            *base = (terrain * world.places()) as i32;
+        }
+        self.terrains = L::Int::load(&bases);
+        for agent in 0..world.agents {
+            let mut places = [0; MOST_LANES];
+            for (place, terrain) in places.iter_mut().zip(terrains) {
+                *place = world.terrains[*terrain].places[agent];
+            }
+            self.places[agent] = L::Int::load(&places);
+            self.ways[agent] = self.places[agent].add(self.terrains).lookup(&world.ways);
+        }
+        self.inside.fill(u64::MAX >> (64 - L::WIDTH));
+        self.states.fill(L::splat(0.0));
+    }
+
+    /// The lanes in which somebody is inside.
+    #[inline(always)]
+    pub(super) fn step(
+        &mut self,
+        world: &Prepared,
+        controllers: &mut LaneController<'_, L>,
+    ) -> u64 {
+        match world.settings.update {
+            Update::Sequential => self.step_in_turn(world, controllers),
+            Update::Simultaneous => self.step_together(world, controllers),
+        }
+    }
+
+    /// One after another.
+    #[inline(always)]
+    fn step_in_turn(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
+        let mut any = 0;
+        for agent in 0..world.agents {
+            if self.inside[agent] == 0 {
+                continue;
+            }
+            let window = self.look(agent);
+            let wish = self.decide(agent, window, controllers);
+            let moved = window.is_free(wish.target);
+            let bits = moved.bits();
+            if bits != 0 {
+                let cells = wish.target.or(L::Int::splat(1 << OWN));
+                self.flip(world, window, cells, bits);
+                self.go(agent, world, wish.step, moved);
+            }
+            any |= self.leave(agent, world);
+        }
+        any
+    }
+
+    /// All sense, then all move: no cell that somebody stood on at the start of the step is free in it.
+    #[inline(always)]
+    fn step_together(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
+        for agent in 0..world.agents {
+            if self.inside[agent] != 0 {
+                self.wishes[agent] = self.decide(agent, self.look(agent), controllers);
+            }
+        }
+        // Cells are entered but not left.
+        for agent in 0..world.agents {
+            if self.inside[agent] == 0 {
+                continue;
+            }
+            let wish = &mut self.wishes[agent];
+            let target = wish.target;
+            let window = self.look(agent);
+            let moved = window.is_free(target);
+            self.wishes[agent].target = L::Int::splat(1 << OWN).select(L::Int::splat(0), moved);
+            self.flip(world, window, target, moved.bits());
+        }
+        // Now they are left.
+        let mut any = 0;
+        for agent in 0..world.agents {
+            if self.inside[agent] == 0 {
+                continue;
+            }
+            let wish = self.wishes[agent];
+            let moved = wish.target.eq(L::Int::splat(1 << OWN));
+            self.flip(world, self.look(agent), wish.target, moved.bits());
+            self.go(agent, world, wish.step, moved);
+            any |= self.leave(agent, world);
+        }
+        any
+    }
+
+    /// What lies around an agent.
+    #[inline(always)]
+    fn look(&self, agent: usize) -> Window<L> {
+        let place = self.places[agent];
+        let stack = place.shr(L::Int::splat(3)).add(self.stacks);
+        let row = place.and(L::Int::splat(7));
+        Window {
+            stack,
+            row,
+            taken: stack.lookup_bytes(&self.taken).shr(row),
+        }
+    }
+
+    /// What an agent wants to do.
+    #[inline(always)]
+    fn decide(
+        &mut self,
+        agent: usize,
+        window: Window<L>,
+        controllers: &mut LaneController<'_, L>,
+    ) -> Move<L> {
+        let numbers = numbers(self.ways[agent]);
+        let mut actuators = [L::splat(0.0); ACTUATORS];
+        let length = controllers.state_length();
+        let state = &mut self.states[agent * length..][..length];
+        controllers.step_with_bits(state, numbers, (window.taken, AROUND), &mut actuators);
+        Move::new(actuators)
+    }
+
+    /// Changes cells of a window in some lanes, from free to not free or back.
+    #[inline(always)]
+    fn flip(&mut self, world: &Prepared, window: Window<L>, cells: L::Int, lanes: u64) {
+        let (mut stacks, mut flipped) = ([0; MOST_LANES], [0; MOST_LANES]);
+        window.stack.store(&mut stacks);
+        cells.shl(window.row).store(&mut flipped);
+        let mut rest = lanes;
+        // Few agents move: most are in each other's way.
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            let (stack, cells) = (stacks[lane] as usize, flipped[lane] as u32);
+            world.layout.flip(&mut self.taken, stack, cells);
+        }
+    }
+
+    /// The agent is where its step leads to, in the lanes where it moved.
+    #[inline(always)]
+    fn go(&mut self, agent: usize, world: &Prepared, step: L::Int, moved: L::Mask) {
+        let place = self.places[agent];
+        let there = place.add(step);
+        let there = there
+            .add(there.lookup_eight(&world.corrections))
+            .select(place, moved);
+        self.places[agent] = there;
+        self.ways[agent] = there.add(self.terrains).lookup(&world.ways);
+    }
+
+    /// Takes those who stand on an exit out. Returns the lanes in which the agent is still inside.
+    #[inline(always)]
+    fn leave(&mut self, agent: usize, world: &Prepared) -> u64 {
+        let on_exit = self.ways[agent].eq(L::Int::splat(0));
+        let out = on_exit.bits() & self.inside[agent];
+        if out != 0 {
+            self.inside[agent] &= !out;
+            self.flip(world, self.look(agent), L::Int::splat(1 << OWN), out);
+            self.places[agent] = L::Int::splat(NOWHERE).select(self.places[agent], on_exit);
+        }
+        self.inside[agent]
+    }
+
+    /// The sum of all agents' distances to the nearest exit is taken off what `fitness` holds for each lane.
+    #[inline(always)]
+    pub(super) fn subtract_distances(&self, fitness: &mut [f64]) {
+        for ways in &self.ways {
+            let mut lanes = [0; MOST_LANES];
+            ways.store(&mut lanes);
+            for (fitness, way) in fitness.iter_mut().zip(lanes) {
+                let [dx, dy] = [i32::from(way as i16), way >> 16];
+                *fitness -= f64::from(dx * dx + dy * dy).sqrt();
+            }
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! A field as lanes read it: what an agent sees around it in four bytes, wherever it stands.
+//!
+//! A byte, a *stack*, holds six cells that lie one above another, and between copies of the cell above them (the lowest
+//! bit) and of the one below. A bit is set where no agent could go. The stacks of six rows lie side by side; so three of
+//! them in a row hold the surroundings of a cell of the middle one. The border is never free: a column on the right,
+//! which is also the one on the left of the next rows, and a row of stacks above and below.
+//!
+//! An agent's *place* is 8 times the index of its stack, plus which of the six cells it is.
+
+use super::super::field::{Cell, Field};
+use super::super::grid::Grid;
+
+/// Cells in a stack.
+const ROWS: usize = 6;
+/// A byte before the first stack, so that there is something to the left of it.
+const FIRST: usize = 1;
+/// Bytes read at once.
+pub(super) const WINDOW: usize = 4;
+/// A place where nothing is free around and nobody comes by: the top left corner of the border.
+pub(super) const NOWHERE: i32 = 8 * FIRST as i32;
+/// The bit of the own cell among three stacks in a row, for the uppermost cell.
+pub(super) const OWN: i32 = 9;
+/// The bits around it, from north clockwise as the sensors are.
+pub(super) const AROUND: [u32; 8] = [8, 16, 17, 18, 10, 2, 1, 0];
+
+/// How the cells of a field are laid out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Layout {
+    /// From a stack to the one below.
+    pub stride: usize,
+    /// Stacks, the border and what is read in vain included.
+    pub stacks: usize,
+}
+
+/// What a field is like at the start.
+pub(super) struct Terrain {
+    /// By place: rows (upper half) and columns to the nearest exit; 0 is an exit.
+    pub ways: Vec<i32>,
+    /// By stack: the cells that are not free.
+    pub taken: Vec<u8>,
+    /// Places of the agents.
+    pub places: Vec<i32>,
+}
+
+impl Layout {
+    pub(super) fn new(width: u32, height: u32) -> Self {
+        let stride = width as usize + 1;
+        Self {
+            stride,
+            stacks: FIRST + stride * ((height as usize).div_ceil(ROWS) + 2) + WINDOW,
+        }
+    }
+
+    fn place(self, [x, y]: Cell) -> usize {
+        let (x, y) = (x as usize, y as usize);
+        8 * (FIRST + self.stride * (1 + y / ROWS) + x) + y % ROWS
+    }
+
+    /// By the lowest bits of a place after a step up or down: what is to be added where the step led out of the stack.
+    pub(super) fn corrections(self) -> [i32; 8] {
+        let mut corrections = [0; 8];
+        corrections[ROWS] = (8 * self.stride - ROWS) as i32;
+        // One up from the uppermost cell is the last bit of the stack before.
+        corrections[7] = -corrections[ROWS];
+        corrections
+    }
+
+    /// Changes cells from free to not free or back: those of `cells` in the four stacks from `stack` on, and their copies
+    /// above and below.
+    #[inline(always)]
+    pub(super) fn flip(self, taken: &mut [u8], stack: usize, cells: u32) {
+        flip_four(taken, stack, cells);
+        flip_four(taken, stack - self.stride, (cells & 0x0303_0303) << ROWS);
+        flip_four(taken, stack + self.stride, cells >> ROWS & 0x0303_0303);
+    }
+}
+
+#[inline(always)]
+fn flip_four(taken: &mut [u8], stack: usize, cells: u32) {
+    debug_assert!(stack + WINDOW <= taken.len());
+    // SAFETY: agents never leave their field, since the cells around it are never free, and around these stacks there
+    // are others.
+    #[allow(unsafe_code)]
+    unsafe {
+        let four = taken.as_mut_ptr().add(stack).cast::<u32>();
+        four.write_unaligned(four.read_unaligned() ^ cells.to_le());
+    }
+}
+
+impl Terrain {
+    pub(super) fn new(field: &Field) -> Self {
+        let layout = Layout::new(field.width, field.height);
+        let grid = Grid::new(field);
+        let mut terrain = Self {
+            ways: vec![0; 8 * layout.stacks],
+            taken: vec![0xFF; layout.stacks],
+            places: field
+                .agents
+                .iter()
+                .map(|cell| layout.place(*cell) as i32)
+                .collect(),
+        };
+        for y in 0..field.height {
+            for x in 0..field.width {
+                let [dx, dy] = grid.to_exit(grid.index([x, y]));
+                terrain.ways[layout.place([x, y])] = i32::from(dy) << 16 | i32::from(dx) & 0xFFFF;
+                terrain.turn(layout, [x, y]);
+            }
+        }
+        for cell in field.blockades.iter().chain(&field.agents) {
+            terrain.turn(layout, *cell);
+        }
+        terrain
+    }
+
+    /// Makes a cell free, or not.
+    fn turn(&mut self, layout: Layout, cell: Cell) {
+        let place = layout.place(cell);
+        layout.flip(&mut self.taken, place / 8 - 1, 1 << OWN << (place % 8));
+    }
+}
