@@ -50,17 +50,17 @@ MINISIM = {
 """engine/worlds/src/minisim/lanes.rs with a 4-8-1 tanh network, one agent and one defender."""
 
 EMERGENCY_EXIT = {
-    # Two indices and a shift of what lies around (4), eight neighbours (8), two halves of the way (5); each lane
-    # reads its four bytes of the grid.
+    # Two indices and a shift of what lies around (4), eight neighbours (8), two halves of the way (5); each
+    # lane reads its four bytes of the grid.
     "sensors": Count(vector=17, scalar_load=16),
-    # 4 nodes of 2 products and sums and of 8 sums where a neighbour is free; twice 4 nodes of 4 products and sums,
-    # a bias and 2 limits; the range of 2 outputs.
+    # 4 nodes of 2 products and sums, and of 8 sums where a neighbour is free; twice 4 nodes of 4 products and
+    # sums, a bias and 2 limits; the range of 2 outputs.
     "network": Count(vector=4 * 4 + 32 + 88 + 4),
-    # 4 comparisons, the step they make (5), its cell (2), whether it is free and of whom (2), who is out (1).
-    "move": Count(vector=14),
+    # 4 comparisons, the step they make (5), its cell (2), whether that is free, who is out.
+    "move": Count(vector=13),
 }
-"""engine/worlds/src/emergency_exit/lanes with 2 hidden nodes, 2 iterations, clamped, in 16 lanes. What agents need
-that do move is left out, since most are in each other's way; so the bound is rather too low."""
+"""engine/worlds/src/emergency_exit/lanes with 2 hidden nodes, 2 iterations, clamped, in 16 lanes. What else
+agents need that do move is left out, since most are in each other's way; so the bound is rather too low."""
 
 
 def build() -> None:

@@ -87,8 +87,8 @@ impl<'a, L: Lanes> LaneController<'a, L> {
         match self.architecture {
             Architecture::Layered(net) => {
                 // A copy for networks that go through sensors in a loop, so that for others they may stay in registers.
-                let numbers = numbers;
-                let sensors = Inputs::new(&numbers, bits, &order);
+                let copy = numbers;
+                let sensors = Inputs::new(&copy, bits, &order);
                 layered(net, weights, scratch, sensors, actuators);
             }
             Architecture::FullyMeshed(net) => {
@@ -97,8 +97,8 @@ impl<'a, L: Lanes> LaneController<'a, L> {
                     3 => small::<L, 3>(net, weights, state, Inputs::new(&numbers, bits, &order)),
                     4 => small::<L, 4>(net, weights, state, Inputs::new(&numbers, bits, &order)),
                     _ => {
-                        let numbers = numbers;
-                        let sensors = Inputs::new(&numbers, bits, &order);
+                        let copy = numbers;
+                        let sensors = Inputs::new(&copy, bits, &order);
                         large(net, weights, state, scratch, sensors);
                     }
                 }
@@ -199,13 +199,13 @@ fn add_rows<L: Lanes, const N: usize>(
     for node in 0..N {
         cut[node] = &rows[node][..inputs.len()];
     }
-    for j in 0..numbers {
+    for (j, input) in inputs.numbers.iter().enumerate() {
         for node in 0..N {
-            sums[node] = sums[node].add(cut[node][j].mul(inputs.numbers[j]));
+            sums[node] = sums[node].add(cut[node][j].mul(*input));
         }
     }
-    for j in 0..inputs.order.len() {
-        let is_one = is_one::<L>(inputs.bits, inputs.order[j]);
+    for (j, bit) in inputs.order.iter().enumerate() {
+        let is_one = is_one::<L>(inputs.bits, *bit);
         for node in 0..N {
             sums[node] = sums[node].add_where(cut[node][numbers + j], is_one);
         }

@@ -190,3 +190,71 @@ fn blocks_of_any_size_are_filled_and_none_is_empty() {
         }
     }
 }
+
+/// A fully meshed network for Emergency Exit, and genomes for it.
+fn meshed(candidates: usize) -> (Value, Vec<f32>) {
+    let network = json!({"version": 1, "kind": "fully_meshed", "sensors": 10, "actuators": 2, "hidden": 2,
+        "iterations": 2, "activation": "clamp", "output_range": [0, 1]});
+    let genomes = (0..candidates * 60)
+        .map(|index| 2.0 * (index as f32 * 0.7).sin())
+        .collect();
+    (network, genomes)
+}
+
+#[test]
+fn fields_of_any_shape_hold_their_agents() {
+    let (network, genomes) = meshed(20);
+    for (width, height) in [(1, 1), (1, 13), (2, 6), (3, 7), (13, 1), (31, 12)] {
+        let cells: Vec<[u32; 2]> = (0..height)
+            .flat_map(|y| (0..width).map(move |x| [x, y]))
+            .collect();
+        let every = |n: usize| cells.iter().step_by(n).collect::<Vec<_>>();
+        for update in ["sequential", "simultaneous"] {
+            let field =
+                json!({"width": width, "height": height, "agents": every(3), "exits": every(7)});
+            let parameters = json!({"field": field, "steps": 15, "update": update});
+            check("emergency_exit", &network, &parameters, &genomes, &[0]);
+        }
+    }
+}
+
+#[test]
+fn a_crowd_walks_as_one_by_one() {
+    let (network, genomes) = meshed(18);
+    let agents: Vec<[u32; 2]> = (0..70)
+        .flat_map(|y| (0..70).map(move |x| [x, y]))
+        .filter(|[x, y]| (x + 2 * y) % 8 != 0)
+        .collect();
+    // So many that vectors do not lie side by side.
+    assert!(agents.len() > 4096);
+    let field = json!({"width": 70, "height": 70, "agents": agents, "exits": [[3, 60], [69, 0]]});
+    let parameters = json!({"field": field, "steps": 4});
+    check("emergency_exit", &network, &parameters, &genomes, &[0]);
+}
+
+#[test]
+fn what_was_prepared_for_one_block_is_not_used_for_another() {
+    let (network, genomes) = meshed(3);
+    let small = json!({"width": 9, "height": 9, "numAgents": 5, "numBlockades": 9, "steps": 20});
+    let mut short = small.clone();
+    short["steps"] = json!(1);
+    let field = json!({"width": 4, "height": 3, "agents": [[0, 0], [1, 1]], "exits": [[3, 2]]});
+    let given = json!({"field": field});
+    let mut seen = Vec::new();
+    for parameters in [&small, &short, &given, &small, &given] {
+        for seeds in [[1, 2], [7, 8]] {
+            seen.push(check(
+                "emergency_exit",
+                &network,
+                parameters,
+                &genomes,
+                &seeds,
+            ));
+        }
+    }
+    assert_ne!(seen[0], seen[1]);
+    assert_ne!(seen[0], seen[2]);
+    assert_eq!(seen[0], seen[6]);
+    assert_eq!(seen[1], seen[7]);
+    assert_eq!(seen[4], seen[9]);
+}
