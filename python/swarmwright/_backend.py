@@ -103,7 +103,7 @@ def open_backend(
         yield LocalBackend(experiment)
         return
     with ExitStack() as stack:
-        address, local = _open_broker(stack, experiment, broker, wanted, started=servers, visual=visual)
+        address, local = open_servers(stack, experiment, broker, wanted, started=servers, visual=visual)
         with engine_errors():
             pool = _pool(experiment, address, visual=visual)
         stack.callback(pool.close)
@@ -119,18 +119,27 @@ def _in_process_is_better(experiment: Experiment) -> bool:
     return "ipykernel" in sys.modules and not asked
 
 
-def _open_broker(
+def open_servers(
     stack: ExitStack,
     experiment: Experiment,
     broker: str | None,
     wanted: Servers,
     *,
     started: Servers | None,
-    visual: bool,
+    visual: bool = False,
 ) -> tuple[str, LocalServers | None]:
-    """Start the embedded broker and servers as far as they are needed.
+    """Start the embedded broker and servers as far as they are needed; they end with the stack.
 
-    Return the broker's address and the servers.
+    Args:
+        stack: ends what is started.
+        experiment: whose simulation the servers offer.
+        broker: of somebody else; servers are started on it when `started` is a number.
+        wanted: how many servers.
+        started: what the caller asked for, instead of the experiment.
+        visual: let the servers draw.
+
+    Returns:
+        The broker's address, and the servers; None when none were started.
     """
     if broker is not None and not isinstance(started, int):
         return broker, None

@@ -1,7 +1,7 @@
 """Which runs belong together: those whose experiments differ in nothing but the seed."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,7 @@ def group(runs: Sequence[Run]) -> tuple[list[Kin], list[str]]:
         # An option that a kind does not have is left out; a parameter may have been left out by its author.
         differs = {key: values.get(key) for key in keys if key in values or key.startswith("parameters.")}
         found.setdefault(json.dumps(differs, sort_keys=True, default=str), (differs, []))[1].append(run)
-    kins = [Kin(_label(differs), differs, tuple(members)) for differs, members in found.values()]
+    kins = [Kin(label_of(differs), differs, tuple(members)) for differs, members in found.values()]
     if len(kins) == 1:
         kins = [Kin(_name(kept[0].experiment), {}, kins[0].runs)]
     return kins, notes
@@ -117,7 +117,8 @@ def _values(key: str, flat: Sequence[dict[str, Any]]) -> dict[Any, set[str]]:
     return found
 
 
-def _label(differs: dict[str, Any]) -> str:
+def label_of(differs: Mapping[str, Any]) -> str:
+    """Return values that keys of an experiment have as words: kinds alone, others with their names."""
     words = []
     for key, value in differs.items():
         if key == "simulation" or key.endswith(".kind"):
@@ -135,7 +136,7 @@ def _label(differs: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def _shortest(key: str, differs: dict[str, Any]) -> str:
+def _shortest(key: str, differs: Mapping[str, Any]) -> str:
     """Return the last part of a key, unless another one ends alike."""
     last = key.rpartition(".")[2]
     return last if sum(other.rpartition(".")[2] == last for other in differs) == 1 else key

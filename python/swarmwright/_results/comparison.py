@@ -172,7 +172,10 @@ def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
     found = []
     few = [one for one in groups if len(one.runs) < FEW]
     if few and len(groups) > 1:
+        least = min(len(one.runs) for one in few)
         counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
+        if len(few) > 3:
+            counts = f"{len(few)} groups have {least} or more"
         found.append(f"with fewer than {FEW} runs in a group ({counts}) a test says little")
     shortest = min(one.evaluations[0] for one in groups)
     longest = max(one.evaluations[1] for one in groups)

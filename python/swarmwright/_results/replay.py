@@ -80,7 +80,7 @@ class Replay:
     @property
     def title(self) -> str:
         """What is played, in a line."""
-        return f"{self.run.experiment.simulation}: {self._who}, {self._which}"
+        return f"{self.run.experiment.simulation}: {self._who}{self._which}"
 
     @property
     def _who(self) -> str:
@@ -91,8 +91,8 @@ class Replay:
     @property
     def _which(self) -> str:
         if self.number is None:
-            return f"simulation seed {self.seed}"
-        return f"episode {self.number} of {self._episodes}"
+            return f", simulation seed {self.seed}"
+        return f", episode {self.number} ({self._episodes} in all)" if self._episodes > 1 else ""
 
     @property
     def _episodes(self) -> int:

@@ -12,6 +12,7 @@ from swarmwright._suggest import unknown
 COMMANDS = (
     "optimize",
     "resume",
+    "sweep",
     "evaluate",
     "simulate",
     "replay",

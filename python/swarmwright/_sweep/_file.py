@@ -1,0 +1,189 @@
+"""Sweep files: which variants of an experiment, with which seeds, where the results go."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from swarmwright._errors import InputError
+from swarmwright._experiment import Experiment
+from swarmwright._folders import RUNS
+from swarmwright._problems import shown
+from swarmwright._registry import Registry
+from swarmwright._results._groups import label_of
+from swarmwright._suggest import did_you_mean
+from swarmwright._validate import REGISTRIES
+from swarmwright._yaml import Source, read
+
+_KEYS = ("experiment", "grid", "seeds", "out")
+_SEEDS = 5
+_MOST_RUNS = 100_000
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One variant of the experiment."""
+
+    label: str
+    """What sets it apart, in words."""
+    folder: str
+    """The label as part of a file name, no other variant's."""
+    experiment: Experiment
+    """With the seed of the file; each run has its own."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep file says, checked: every variant can be run."""
+
+    variants: tuple[Variant, ...]
+    seeds: tuple[int, ...]
+    out: Path
+
+    @classmethod
+    def load(cls, path: str | Path, *, out: Path | None = None) -> Self:
+        """Read a sweep file (YAML).
+
+        Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
+        keys of the experiment (`method.population`) to lists of values, of which every combination is a
+        variant, or a list of such mappings; `seeds`, how many (1, 2, ..), or a list, default 5; `out`, a
+        folder, relative to where the program is started, default runs/<name of the file>.
+
+        Where a variant has another kind of method, controller or ranking than the experiment, the options
+        that the other kind knows as well are kept.
+
+        Args:
+            path: of the file.
+            out: instead of the file's.
+
+        Raises:
+            InputError: the file or a variant is wrong; the message says where.
+        """
+        file = Path(path)
+        source = read(file)
+        if source.problems:
+            raise InputError("\n".join(f"{file}:{line}: {what}" for _, line, what in source.problems))
+        values = source.values
+        if not isinstance(values, Mapping):
+            raise InputError(f"{file}: is no sweep; a sweep begins like 'experiment: minisim.yaml'")
+        for key in values:
+            if key not in _KEYS:
+                raise InputError(f"{source.place((str(key),))}unknown key{did_you_mean(str(key), _KEYS)}")
+        experiment = _experiment(source, file)
+        seeds = _seeds(source)
+        variants = _variants(source, experiment)
+        if len(variants) * len(seeds) > _MOST_RUNS:
+            raise InputError(
+                f"{file}: {len(variants)} variants with {len(seeds)} seeds each are too many runs, at most "
+                f"{_MOST_RUNS} are possible"
+            )
+        return cls(variants, seeds, out or _out(source, file))
+
+
+def _experiment(source: Source, file: Path) -> Experiment:
+    name = source.values.get("experiment")
+    if not isinstance(name, str):
+        raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
+    return Experiment.load(file.parent / name)
+
+
+def _seeds(source: Source) -> tuple[int, ...]:
+    seeds = source.values.get("seeds", _SEEDS)
+    if _whole(seeds) and 1 <= seeds <= _MOST_RUNS:
+        return tuple(range(1, seeds + 1))
+    if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
+        return tuple(dict.fromkeys(seeds))
+    raise InputError(
+        f"{source.place(('seeds',))}must be a number of seeds, or a list of seeds, not {shown(seeds)}"
+    )
+
+
+def _whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _out(source: Source, file: Path) -> Path:
+    out = source.values.get("out")
+    if out is None:
+        return RUNS / file.stem
+    if not isinstance(out, str) or not out:
+        raise InputError(f"{source.place(('out',))}must be the path of a folder, not {shown(out)}")
+    return Path(out)
+
+
+def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
+    grid = source.values.get("grid")
+    grids = grid if isinstance(grid, list) and grid else [grid]
+    found: list[Variant] = []
+    names: set[str] = set()
+    for index, one in enumerate(grids):
+        at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
+        for changes in _combinations(source, one, at):
+            label = label_of(changes)
+            try:
+                experiment = _changed(base, changes)
+            except InputError as error:
+                raise InputError(f"{source.place(at)}with {label}: {error}") from error
+            if any(experiment == other.experiment for other in found):
+                continue  # grids may overlap
+            folder = _unique(_file_name(label), names)
+            found.append(Variant(label, folder, experiment))
+    return tuple(found)
+
+
+def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
+    """Return every combination of a grid's values."""
+    if not isinstance(grid, Mapping) or not grid:
+        raise InputError(
+            f"{source.place(at)}must be a mapping from keys of the experiment to lists of values, such as "
+            "method.population: [20, 50]"
+        )
+    for key, values in grid.items():
+        if not isinstance(values, list) or not values:
+            raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
+        if key == "seed":
+            raise InputError(f"{source.place((*at, key))}seeds are no part of the grid; see the key 'seeds'")
+    return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+
+
+def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
+    """Return the experiment with changed keys; kinds first, for other keys may be theirs."""
+    merged: dict[str, Any] = {}
+    for key in sorted(changes, key=lambda key: not key.endswith(".kind")):
+        value = changes[key]
+        section, _, option = key.partition(".")
+        if not option:
+            merged[section] = value
+            continue
+        if section not in merged:
+            merged[section] = {}
+        if option == "kind" and section in REGISTRIES:
+            merged[section].update(_kept(base, section, REGISTRIES[section], value))
+        merged[section][option] = value
+    return base.replace(**merged)
+
+
+def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return the options of the experiment that another kind knows as well."""
+    old = getattr(base, section).model_dump(exclude_none=True)
+    if not isinstance(kind, str) or kind == old["kind"]:
+        return {}
+    known = registry.get(kind).options_model.model_fields
+    return {name: value for name, value in old.items() if name in known and name != "kind"}
+
+
+def _file_name(label: str) -> str:
+    safe = "".join(sign if sign.isalnum() or sign in "-.+" else "_" for sign in label)
+    while "__" in safe:
+        safe = safe.replace("__", "_")
+    return safe.strip("_.")[:80] or "variant"
+
+
+def _unique(name: str, names: set[str]) -> str:
+    found, number = name, 1
+    while found in names:
+        number += 1
+        found = f"{name}_{number}"
+    names.add(found)
+    return found

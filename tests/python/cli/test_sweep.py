@@ -1,0 +1,108 @@
+"""A sweep as a program: run, interrupted, gone on with, on shared servers."""
+
+import contextlib
+import json
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import InputError, Run
+
+BASE = """\
+simulation: minisim
+parameters: {maxSteps: 5}
+method: {kind: nnga, population: 6, generations: 3}
+servers: SERVERS
+"""
+SWEEP = "experiment: base.yaml\ngrid: {method.kind: [nnga, random_search]}\nseeds: 2\nout: results\n"
+
+
+def write(folder: Path, servers: str = "local", sweep: str = SWEEP) -> None:
+    (folder / "base.yaml").write_text(BASE.replace("SERVERS", servers))
+    (folder / "sweep.yaml").write_text(sweep)
+
+
+def records(folder: Path) -> dict[str, str]:
+    return {run.name: Run.open(run).digest for run in sorted(folder.iterdir()) if run.is_dir()}
+
+
+def test_variants_are_run_and_compared_once(program: Any, tmp_path: Path) -> None:
+    write(tmp_path)
+    result = program("sweep", "sweep.yaml")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert result.stdout.startswith(
+        "2 variants with 2 seeds each: 4 runs in results\n[1/4] nnga, seed 1: best"
+    )
+    assert "against second" in result.stdout
+    assert result.stdout.endswith("The figure is in results/comparison.png\n")
+    assert (tmp_path / "results" / "comparison.png").stat().st_size > 10_000
+    before = records(tmp_path / "results")
+    assert sorted(before) == ["nnga-1", "nnga-2", "random_search-1", "random_search-2"]
+    again = program("sweep", "sweep.yaml", "--json")
+    *runs, last = [json.loads(line) for line in again.stdout.splitlines()]
+    assert [(run["variant"], run["seed"]) for run in runs] == [
+        ("nnga", 1), ("random_search", 1), ("nnga", 2), ("random_search", 2),
+    ]  # fmt: skip
+    assert [group["label"] for group in last["comparison"]["groups"]] == ["nnga", "random_search"]
+    assert program("sweep", "sweep.yaml").stdout.count("was finished before") == 4
+    assert records(tmp_path / "results") == before
+
+
+def begun(store: Path) -> bool:
+    """Whether the run has some generations."""
+    with contextlib.suppress(InputError):  # it is just being created
+        return store.exists() and Run.open(store.parent).generations > 2
+    return False
+
+
+@pytest.mark.parametrize("servers", ["1", "local"])
+def test_interrupted_it_goes_on(program: Any, start: Any, tmp_path: Path, servers: str) -> None:
+    long = SWEEP.replace("grid: {", "grid: {method.generations: [400], ")
+    write(tmp_path, servers, long)
+    process = start("sweep", "sweep.yaml")
+    store = tmp_path / "results" / "generations_400_nnga-1" / "run.sqlite"
+    deadline = time.monotonic() + 30
+    while not begun(store):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    said, complaint = process.communicate(timeout=30)
+    assert process.returncode == 130, complaint
+    assert "the same command goes on" in said
+    result = program("sweep", "sweep.yaml")
+    assert result.returncode == 0, result.stderr
+    alone = program("sweep", "sweep.yaml", "--out", "alone", "--servers", "local")
+    assert alone.returncode == 0, alone.stderr
+    assert records(tmp_path / "results") == records(tmp_path / "alone")
+
+
+def test_all_runs_share_the_servers(program: Any, tmp_path: Path) -> None:
+    write(tmp_path, "2")
+    assert program("sweep", "sweep.yaml").returncode == 0
+    hosts = {
+        attempt.server
+        for run in records(tmp_path / "results")
+        for attempt in Run.open(tmp_path / "results" / run).attempts()
+    }
+    assert hosts <= {1, 2}
+    local = program("sweep", "sweep.yaml", "--out", "local", "--servers", "local")
+    assert local.returncode == 0, local.stderr
+    assert records(tmp_path / "results") == records(tmp_path / "local")
+
+
+def test_results_of_another_experiment_are_left_alone(program: Any, tmp_path: Path) -> None:
+    write(tmp_path)
+    assert program("sweep", "sweep.yaml").returncode == 0
+    before = records(tmp_path / "results")
+    (tmp_path / "base.yaml").write_text(
+        BASE.replace("SERVERS", "local").replace("maxSteps: 5", "maxSteps: 6")
+    )
+    result = program("sweep", "sweep.yaml")
+    assert result.returncode == 2
+    assert "results/nnga-1: holds a run of another experiment" in result.stderr
+    assert records(tmp_path / "results") == before
