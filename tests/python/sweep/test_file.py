@@ -54,8 +54,8 @@ def test_another_kind_keeps_the_options_that_it_knows(tmp_path: Path) -> None:
 def test_several_grids_may_overlap(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
-        "experiment: base.yaml\nout: there\ngrid:\n- method.severity: [0.1, 0.2]\n- {method.kind: [random_search]}\n"
-        "- method.generations: [3, 4]\n",
+        "experiment: base.yaml\nout: there\n"
+        "grid:\n- method.severity: [0.1, 0.2]\n- {method.kind: [random_search]}\n- method.generations: [3, 4]\n",
     )
     assert [one.label for one in found.variants] == [
         "severity 0.1",
