@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _LABEL = 34
 """Characters in a line of the legend."""
+_CLEAR = 3
+"""Groups up to which the worst and best runs are shaded as well; of more, one would see nothing."""
 
 
 def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
@@ -25,7 +27,7 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     figure = new_figure(max(10.0, 8.6 + 0.42 * len(groups)), 5.4)
     left, right = figure.subplots(1, 2, width_ratios=[2.4, max(1.0, 0.32 * len(groups))])
     for index, one in enumerate(groups):
-        _course(left, one, index, x)
+        _course(left, one, index, x, extremes=len(groups) <= _CLEAR)
         _final(right, one, index)
     dress(left, x=x, y="best fitness so far (more is better)")
     thousands(left.xaxis)
@@ -71,18 +73,20 @@ def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)
-    meaning = "line: median of the runs · dark: middle half · light: all"
+    shades = "dark: middle half · light: all" if len(groups) <= _CLEAR else "shaded: middle half"
+    meaning = f"line: median of the runs · {shades}"
     if any(len(one.runs) > 1 for one in groups):
         axes.set_title(meaning, loc="left", fontsize=10, color=SOFT)
 
 
-def _course(axes: "Axes", one: "Group", index: int, x: str) -> None:
+def _course(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> None:
     color, dashes = look(index)
     places, values, shortest = together(one.runs, x)
     low, lower, middle, upper, high = bands(values)
     if len(one.runs) > 1:
         steps: dict[str, Any] = {"step": "post", "color": color, "linewidth": 0}
-        axes.fill_between(places, low, high, alpha=0.10, **steps)
+        if extremes:
+            axes.fill_between(places, low, high, alpha=0.10, **steps)
         axes.fill_between(places, lower, upper, alpha=0.22, **steps)
     marker = "o" if np.count_nonzero(~np.isnan(middle)) == 1 else None
     sure = places <= shortest

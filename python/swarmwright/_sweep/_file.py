@@ -4,7 +4,10 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
 
 from swarmwright._errors import InputError
 from swarmwright._experiment import Experiment
@@ -51,7 +54,7 @@ class Sweep:
         folder, relative to where the program is started, default runs/<name of the file>.
 
         Where a variant has another kind of method, controller or ranking than the experiment, the options
-        that the other kind knows as well are kept.
+        that the other kind can have as well are kept.
 
         Args:
             path: of the file.
@@ -165,12 +168,28 @@ def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
 
 
 def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Return the options of the experiment that another kind knows as well."""
+    """Return the options of the experiment that another kind can have as well."""
     old = getattr(base, section).model_dump(exclude_none=True)
     if not isinstance(kind, str) or kind == old["kind"]:
         return {}
     known = registry.get(kind).options_model.model_fields
-    return {name: value for name, value in old.items() if name in known and name != "kind"}
+    return {
+        name: value
+        for name, value in old.items()
+        if name in known and name != "kind" and _fits(known[name], value)
+    }
+
+
+def _fits(field: FieldInfo, value: Any) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether an option of the same name can have this value: `hidden` is a number here, a list there."""
+    wanted: Any = field.annotation
+    for constraint in field.metadata:
+        wanted = Annotated[wanted, constraint]
+    try:
+        TypeAdapter(wanted).validate_python(value)
+    except ValidationError:
+        return False
+    return True
 
 
 def _file_name(label: str) -> str:

@@ -51,11 +51,22 @@ def test_another_kind_keeps_the_options_that_it_knows(tmp_path: Path) -> None:
     assert found.seeds == (3, 1)
 
 
+def test_options_of_the_same_name_but_of_another_sort_are_not_kept(tmp_path: Path) -> None:
+    found = sweep(
+        tmp_path,
+        "experiment: base.yaml\n"
+        "grid: {controller.kind: [fully_meshed], controller.activation: [tanh, sigmoid]}\n",
+    )
+    one, other = (variant.experiment.controller for variant in found.variants)
+    assert (one.kind, one.hidden, one.activation) == ("fully_meshed", 2, "tanh"), "a list of layers there"
+    assert other.activation == "sigmoid"
+
+
 def test_several_grids_may_overlap(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
-        "experiment: base.yaml\nout: there\n"
-        "grid:\n- method.severity: [0.1, 0.2]\n- {method.kind: [random_search]}\n- method.generations: [3, 4]\n",
+        "experiment: base.yaml\nout: there\ngrid:\n- method.severity: [0.1, 0.2]\n"
+        "- {method.kind: [random_search]}\n- method.generations: [3, 4]\n",
     )
     assert [one.label for one in found.variants] == [
         "severity 0.1",
