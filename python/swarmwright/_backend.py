@@ -105,7 +105,7 @@ def open_backend(
     with ExitStack() as stack:
         address, local = open_servers(stack, experiment, broker, wanted, started=servers, visual=visual)
         with engine_errors():
-            pool = _pool(experiment, address, visual=visual)
+            pool = _pool(experiment, address, visual=visual, alone=broker is None)
         stack.callback(pool.close)
         yield BrokerBackend(experiment, pool, local, address)
 
@@ -160,13 +160,14 @@ def open_servers(
             "id": first + index,
             "prefix": experiment.prefix,
             "step_timeout": experiment.timeouts.step,
+            "alone": broker is None,
         }
         for index in range(count)
     ]
     return address, stack.enter_context(LocalServers(settings, visual=visual))
 
 
-def _pool(experiment: Experiment, address: str, *, visual: bool) -> _engine.Pool:
+def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) -> _engine.Pool:
     return _engine.Pool(
         address,
         simulation=experiment.simulation,
@@ -180,6 +181,7 @@ def _pool(experiment: Experiment, address: str, *, visual: bool) -> _engine.Pool
         visual=visual,
         discovery_timeout=experiment.timeouts.discovery,
         step_timeout=experiment.timeouts.step,
+        alone=alone,
     )
 
 

@@ -224,9 +224,12 @@ def serve(
     prefix: str = "",
     step_timeout: float = 60.0,
     display: bool = True,
+    alone: bool = False,
     on_event: Callable[[str], None] | None = None,
 ) -> None:
     """Offer a built-in simulation on the broker until interrupted (KeyboardInterrupt) or the process ends.
+
+    alone: no other server can have this id; without, it listens 0.1 s for one before it begins.
 
     on_event gets JSON lines {"event": "ready"|"busy"|"warning"|"lost", ...}. Raises EngineError: no broker, refused, id taken.
     """
@@ -255,11 +258,13 @@ class Pool:
         step_timeout: float = 60.0,
         attempts: int = 3,
         largest: int | None = None,
+        alone: bool = False,
     ) -> Pool:
         """Connects and discovers. Raises EngineError (no broker, refused) or InputError.
 
         mode: "auto" (each server in the fastest way that it offers), "stepwise", "batched" or "offloaded". largest: most
-        evaluations in one request, None for no limit. visual: servers show their runs, which are stepwise then.
+        evaluations in one request, None for no limit. visual: servers show their runs, which are stepwise then. alone: all servers on
+        the broker are this process's own; without, a moment is waited in case two of them have one id.
         """
     def wait_for_server(self) -> tuple[int, int]:
         """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found."""

@@ -13,7 +13,7 @@ pub(crate) const FIRST_ROUND: Duration = Duration::from_millis(100);
 pub(crate) const LATER_ROUND: Duration = Duration::from_secs(2);
 /// Rounds whose answers are still understood.
 const ROUNDS: usize = 16;
-/// How long a server that is new waits for its first work.
+/// How long a server that is new waits for its first work, where two may have one id.
 pub(crate) const PROBATION: Duration = Duration::from_millis(30);
 
 impl Machine {
@@ -28,7 +28,7 @@ impl Machine {
         let (id, round) = (message.server, *round);
         match self.offers.answered(message, round, &self.config.demand) {
             // Were there another server with this id, its answer would come now: two that step one episode spoil it.
-            Answer::Welcome => self.offers.introduce(id, now + PROBATION),
+            Answer::Welcome => self.offers.introduce(id, now + self.config.probation),
             Answer::Known => self.beaten(id, round, now),
             Answer::Unfit(None) => {}
             Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),

@@ -9,7 +9,10 @@ use crate::offers::Slot;
 /// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
 const BLOCK: f64 = 0.020;
 /// Less than this is not worth a message of its own.
-const LEAST: f64 = 0.001;
+const LEAST: f64 = 0.0003;
+/// A server's share is not divided when it takes no longer: a block that waits is there so that the server need not, and
+/// half a share may fill half of the server's lanes.
+const WHOLE: f64 = 0.004;
 /// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
 /// the speed of 4 MiB and more).
 const NUMBERS: usize = 1 << 17;
@@ -87,8 +90,13 @@ impl Machine {
             Way::Batched(batch) => batch.min(count(self.share(slot))),
             // A first one tells how fast the server is.
             Way::Offloaded => slot.rate.map_or(1, |rate| {
-                let share = (self.share(slot) / number(IN_FLIGHT)).max(rate * LEAST);
-                count(share.min(rate * BLOCK))
+                let share = self.share(slot);
+                let part = if share <= rate * WHOLE {
+                    share
+                } else {
+                    share / number(IN_FLIGHT)
+                };
+                count(part.max(rate * LEAST).min(rate * BLOCK))
             }),
         };
         let Some(work) = &self.ledger.work else {

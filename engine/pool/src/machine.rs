@@ -58,6 +58,8 @@ pub struct Config {
     pub attempts: u32,
     /// Most evaluations in one request.
     pub largest: usize,
+    /// How long a server that is new waits for its first work; zero where no two can have one id.
+    pub probation: Duration,
     /// The first instance number; random, so that no two tools use the same hashes.
     pub first_instance: u64,
 }

@@ -27,7 +27,7 @@ fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3, largest=None))]
+        mode="auto", visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3, largest=None, alone=false))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -45,6 +45,7 @@ impl PyPool {
         step_timeout: f64,
         attempts: u32,
         largest: Option<usize>,
+        alone: bool,
     ) -> PyResult<Self> {
         let requirements = Requirements::decode(requirements.as_bytes())
             .map_err(|error| input(format!("requirements: {error}")))?;
@@ -66,6 +67,7 @@ impl PyPool {
             step_timeout: seconds("step_timeout", step_timeout)?,
             attempts,
             largest: largest.unwrap_or(usize::MAX),
+            alone,
         };
         py.detach(|| Pool::connect(options))
             .map(|pool| Self(Some(pool)))

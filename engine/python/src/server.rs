@@ -14,7 +14,7 @@ use crate::worlds::create;
 
 /// Offers a built-in simulation until interrupted.
 #[pyfunction]
-#[pyo3(signature = (title, broker, *, id, prefix="", step_timeout=60.0, display=true, on_event=None))]
+#[pyo3(signature = (title, broker, *, id, prefix="", step_timeout=60.0, display=true, alone=false, on_event=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn serve(
     py: Python<'_>,
@@ -24,6 +24,7 @@ pub fn serve(
     prefix: &str,
     step_timeout: f64,
     display: bool,
+    alone: bool,
     on_event: Option<Py<PyAny>>,
 ) -> PyResult<()> {
     let simulation = create(title)?;
@@ -33,6 +34,7 @@ pub fn serve(
         prefix: prefix.to_owned(),
         step_timeout: seconds("step_timeout", step_timeout)?,
         threads: 1,
+        alone,
         on_frame: display.then(|| Box::new(draw) as Box<dyn FnMut(&Scene) + Send>),
     };
     let mut failure: Option<PyErr> = None;

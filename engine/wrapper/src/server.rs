@@ -35,6 +35,9 @@ pub struct Options {
     /// Threads of an offloaded evaluation; 0 for one per processor. One by default: several servers on a machine are
     /// the unit of parallelism.
     pub threads: usize,
+    /// Whether no other server can have this id, so that it need not listen for one before it begins: on a broker of
+    /// the optimization tool's own.
+    pub alone: bool,
     /// Called with every frame of a run that is to be shown.
     pub on_frame: Option<FrameHandler>,
 }
@@ -51,6 +54,7 @@ impl Options {
             prefix: String::new(),
             step_timeout: Duration::from_secs(60),
             threads: 1,
+            alone: false,
             on_frame: None,
         })
     }
@@ -143,14 +147,17 @@ impl SimulationServer {
             },
         ];
         let mut connection = Connection::open(settings, subscriptions)?;
-        let early = match find_rival(&mut connection, &topics, &identity) {
-            Ok(early) => early,
-            Err(error) => {
-                // A good-bye, or the last will would declare the rightful owner of the id lost.
-                connection.close(Duration::from_secs(1));
-                return Err(error);
-            }
-        };
+        let mut early = Vec::new();
+        if !options.alone {
+            early = match find_rival(&mut connection, &topics, &identity) {
+                Ok(early) => early,
+                Err(error) => {
+                    // A good-bye, or the last will would declare the rightful owner of the id lost.
+                    connection.close(Duration::from_secs(1));
+                    return Err(error);
+                }
+            };
+        }
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,

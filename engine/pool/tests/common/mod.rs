@@ -185,6 +185,7 @@ pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -
             step_timeout: Duration::from_secs(10),
             attempts: 3,
             largest: usize::MAX,
+            probation: Duration::from_millis(30),
             first_instance,
         },
         now,
