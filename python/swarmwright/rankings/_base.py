@@ -1,5 +1,6 @@
 """What every ranking does."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Literal
@@ -48,7 +49,7 @@ class Ranking(ABC):
 
     def __init__(self, options: RankingOptions) -> None:
         self.options = options
-        self._past: dict[bytes, NDArray[np.float64]] = {}
+        self._past: dict[bytes, list[float]] = {}
 
     def seeds(self, first: int, generation: int = 0) -> list[int]:
         """Return the simulation seed of each episode; `first` is the experiment's parameters.seed."""
@@ -65,26 +66,22 @@ class Ranking(ABC):
             episodes: results, (candidates, episodes).
             genomes: (candidates, genome_size); needed with `reevaluate` only.
         """
-        rows: list[NDArray[np.float64]] = list(episodes)
+        # Plain lists: for a few episodes NumPy's calls take longer than the numbers.
+        rows: list[list[float]] = episodes.tolist()
         if self.options.reevaluate and genomes is not None:
             rows = self._with_past(rows, genomes)
         scores = np.full(len(rows), np.nan)
-        worked = [index for index, row in enumerate(rows) if np.isfinite(row).all()]
+        worked = [index for index, row in enumerate(rows) if all(map(math.isfinite, row))]
         if worked:
             # Adding 0.0 turns -0.0 into 0.0: "the goal is reached" has one spelling.
-            scores[worked] = self._score([rows[index].tolist() for index in worked]) + 0.0
+            scores[worked] = self._score([rows[index] for index in worked]) + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores
 
-    def _with_past(
-        self, rows: list[NDArray[np.float64]], genomes: NDArray[np.float32]
-    ) -> list[NDArray[np.float64]]:
+    def _with_past(self, rows: list[list[float]], genomes: NDArray[np.float32]) -> list[list[float]]:
         """Return all episodes of each genome: of one that was there before, the past, too."""
         keys = [genome.tobytes() for genome in genomes]
-        whole = [
-            np.concatenate([self._past[key], row]) if key in self._past else row
-            for key, row in zip(keys, rows, strict=True)
-        ]
+        whole = [[*self._past.get(key, ()), *row] for key, row in zip(keys, rows, strict=True)]
         self._past = dict(zip(keys, whole, strict=True))
         return whole
 
