@@ -107,6 +107,7 @@ class Pymoo(Method):
         Evaluator().eval(StaticProblem(self._problem, F=values), self._points)
         for point, value in zip(self._points, fitness.tolist(), strict=True):
             point.set("fitness", value)  # costs of very large values are not the fitness any more
-        with one_thread():
+        # The swarm's state is a quotient of distances, which overflows where all particles are equally far.
+        with one_thread(), np.errstate(over="ignore"):
             self._algorithm.tell(infills=self._points)
         self._members = np.array([point.get("fitness") for point in self._algorithm.pop])

@@ -12,7 +12,7 @@ class PsoOptions(PymooOptions):
     """Particle swarm optimization of the library `pymoo` with its defaults."""
 
     kind: Literal["pso"] = "pso"
-    population: int = Field(default=25, ge=2, le=1_000_000)
+    population: int = Field(default=25, ge=3, le=1_000_000)
     """Particles."""
     inertia: float = Field(default=0.9, ge=0, le=2)
     """w: share of a particle's velocity that it keeps."""
