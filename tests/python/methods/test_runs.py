@@ -1,5 +1,7 @@
 """Every method in a whole run, from an experiment to its record."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -24,3 +26,18 @@ def test_a_run_with_every_method(kind: str, tmp_path: Path) -> None:
     last = runs[0].history[-1]
     assert last.evaluations == runs[0].evaluations
     assert last.best_so_far == one.fitness.max()
+
+
+def test_libraries_are_imported_when_they_are_used() -> None:
+    code = """if True:
+        import sys
+        from swarmwright import Experiment
+        Experiment.json_schema()
+        for kind in ("cma_es", "de", "pso", "sep_cma_es"):
+            values = {"simulation": "minisim", "method": {"kind": kind}}
+            experiment = Experiment.from_mapping(values)
+            experiment.new_method(experiment.representation())
+        print(sorted({"cma", "pymoo", "scipy", "matplotlib", "autograd"} & set(sys.modules)))
+    """
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
