@@ -82,7 +82,7 @@ class Episode:
         """Seconds between two frames when shown."""
     def step(self) -> None: ...
     def scene(self) -> str:
-        """JSON: {"width", "height", "step", "message", "bodies": [{"kind", "x", "y", "state", "radius"}]}; y points up, metres or cells."""
+        """JSON: {"width", "height", "step", "message", "grid", "bodies": [{"kind", "x", "y", "state", "radius"}]}; y points up, metres or cells."""
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
