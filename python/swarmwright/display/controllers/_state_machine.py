@@ -17,10 +17,12 @@ _MOST_STATES = 16
 """On a circle; beyond, a matrix says who leads to whom."""
 _MOST_LINES = 44
 """Lines of the list, what is below is left out."""
+_LONGEST = 4
+"""Sensors in an example of a condition; one with more says little."""
 _WIDTH = 78
 """Characters in a line of the list."""
 _R = 0.17  # of a state, where the circle of states has 1
-_LINE = 0.2  # inches
+_LINE = 0.18  # inches
 
 
 def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure":
@@ -165,8 +167,8 @@ def _words(one: Transition, names: Names) -> list[str]:
     elif one.exact:
         when = f"when {one.condition}"
     else:
-        among = f" of those with {one.condition}" if one.condition else ""
-        when = f"in {one.rows} of {one.of} cases{f',{among[3:]}' if among else ''}"
+        short = one.condition.count(",") < _LONGEST
+        when = f"in {one.rows} of {one.of} cases" + (f", such as {one.condition}" if short else "")
     does = ", ".join(
         f"{name} {low:.2g}" if low == high else f"{name} {low:.2g} to {high:.2g}"
         for name, low, high in zip(names.actuators, one.lowest, one.highest, strict=True)

@@ -2,19 +2,22 @@
 
 import logging
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 from PIL import Image
 
 from swarmwright import InputError
 from swarmwright._results._style import save
-from swarmwright.display.controllers import figure
+from swarmwright.display.controllers import Names, figure
+from swarmwright.display.controllers._transitions import transitions
 
 Specification = dict[str, Any]
 
@@ -139,15 +142,47 @@ def test_a_machines_transitions_are_told(tmp_path: Path, caplog: pytest.LogCaptu
     written(drawn, tmp_path, caplog)
 
 
-def test_what_cases_have_in_common() -> None:
+def test_conditions_are_said_in_few_parts() -> None:
     # Two sensors in two intervals each: to 1 when exactly one of them is above 0.
-    rows = [[0, 0], [1, 0], [1, 0], [0, 0]] * 2
+    rows = [(0, 0), (1, 0), (1, 0), (0, 0)] * 2
     text = said(figure(machine(2, [[0], [0]], rows)))
-    assert "→ 1  in 2 of 4 cases: " in text
-    # Three of the four with the first above 0.
-    rows = [[0, 0]] * 4 + [[1, 0], [1, 0], [1, 0], [0, 0]]
-    text = said(figure(machine(2, [[0], [0], [0]], rows * 2)))
-    assert "→ 1  in 3 of 8 cases, those with sensor 0 > 0: " in text
+    assert "→ 1  when sensor 0 ≤ 0, sensor 1 > 0; or sensor 0 > 0, sensor 1 ≤ 0: " in text
+    # To 1 when either is above 0: parts may overlap.
+    rows = [(0, 0), (1, 0), (1, 0), (1, 0)] * 2
+    text = said(figure(machine(2, [[0], [0]], rows)))
+    assert (
+        "→ 1  when sensor 1 > 0; or sensor 0 > 0: " in text
+        or "→ 1  when sensor 0 > 0; or sensor 1 > 0: " in text
+    )
+    assert "→ 0  when sensor 0 ≤ 0, sensor 1 ≤ 0: " in text
+    # A checkerboard has too many parts.
+    rows = [(index.bit_count() % 2, 0) for index in range(16)] * 2
+    text = said(figure(machine(2, [[0]] * 4, rows)))
+    assert "→ 1  in 8 of 16 cases, such as sensor 0 ≤ 0, sensor 1 ≤ 0," in text
+
+
+@given(st.lists(st.integers(0, 2), min_size=24, max_size=24))
+def test_exact_conditions_hold_for_their_rows_alone(targets: list[int]) -> None:
+    thresholds = [[0.0], [-0.5, 0.5], [-1.0, 0.0, 1.0]]
+    specification = machine(3, thresholds, [(target, 0) for target in targets] * 3)
+    values = [[-1.0, 1.0], [-1.0, 0.0, 1.0], [-2.0, -0.5, 0.5, 2.0]]  # one within each interval
+    for one in transitions(specification, Names.of(specification, None)):
+        for index, sensed in enumerate(product(*values)):
+            holds = any(
+                all(_holds(part, sensed) for part in box.split(", ") if part)
+                for box in one.condition.split("; or ")
+            )
+            if one.exact:
+                assert holds == (targets[index] == one.target)
+            elif holds:
+                assert targets[index] == one.target
+
+
+def _holds(words: str, sensed: tuple[float, ...]) -> bool:
+    number = words.index("sensor ") + len("sensor ")
+    value = sensed[int(words[number])]
+    condition = words.replace(f"sensor {words[number]}", repr(value)).replace("≤", "<=")
+    return bool(eval(condition))  # `-0.5 < 0.0 <= 0.5`
 
 
 @pytest.mark.parametrize("states", [1, 2, 16, 17, 300])
