@@ -231,7 +231,7 @@ class BrokerBackend:
         )
         try:
             with engine_errors():
-                self.sensors, self.actuators = pool.wait_for_server()
+                self.sensors, self.actuators = pool.wait_for_server(sizes=experiment.steers)
         except RunError as error:
             self._check_servers()
             known = _simulations.titles()

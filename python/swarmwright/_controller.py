@@ -14,12 +14,13 @@ from swarmwright._files import write_text
 
 
 class Controller:
-    """Sensors in, actuators out, for one agent or a swarm.
+    """Sensors in, actuators out, for one agent or a swarm; or parameters of the simulation.
 
     Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
     float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every
     simulation server. Each agent (row) keeps a state of its own between calls, where the representation has
-    one; `reset` begins a new episode.
+    one; `reset` begins a new episode. A parameter set steers nobody: it has `parameters` and cannot be
+    called.
 
     Args:
         specification: mapping or JSON text, see protocol/schemas/controller.schema.json.
@@ -86,13 +87,19 @@ class Controller:
         return self._text
 
     @property
+    def parameters(self) -> dict[str, Any]:
+        """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
+        values: dict[str, Any] = json.loads(self._agents[0].parameters)
+        return values
+
+    @property
     def sensors(self) -> int:
-        """Numbers that an agent senses."""
+        """Numbers that an agent senses; 0 for a parameter set."""
         return self._agents[0].sensors
 
     @property
     def actuators(self) -> int:
-        """Numbers that an agent is steered by."""
+        """Numbers that an agent is steered by; 0 for a parameter set."""
         return self._agents[0].actuators
 
     def reset(self) -> None:
@@ -104,9 +111,13 @@ class Controller:
     def __call__(self, sensors: ArrayLike) -> NDArray[np.float32]:
         """Return the actuators for the sensors of one agent or of a swarm, see the class.
 
-        Raises InputError for another shape, a number that is not finite, or another number of agents than in
-        the call before (then `reset` first: rows would take over each other's state).
+        Raises InputError for another shape, a number that is not finite, another number of agents than in
+        the call before (then `reset` first: rows would take over each other's state), or a parameter set.
         """
+        if not self.sensors:
+            raise InputError(
+                "controller: is a parameter set, which steers nobody; see its `parameters`, or use `simulate`"
+            )
         try:
             values = np.asarray(sensors, dtype=np.float32)
         except (TypeError, ValueError) as error:
@@ -136,4 +147,6 @@ class Controller:
     def __repr__(self) -> str:
         """Name the kind and the sizes."""
         kind = self.specification.get("kind")
+        if self.parameters:
+            return f"<Controller {kind}: {self.parameters}>"
         return f"<Controller {kind}: {self.sensors} sensors, {self.actuators} actuators>"

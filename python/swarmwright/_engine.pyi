@@ -27,6 +27,7 @@ __all__ = [
     "serve",
     "servers",
     "simulations",
+    "steers_itself",
 ]
 
 __version__: str
@@ -49,6 +50,12 @@ def describe(title: str) -> str:
 def check_parameters(title: str, parameters: str) -> None:
     """Raise InputError (naming the parameter) unless the JSON object `parameters` configures the built-in simulation `title`."""
 
+def steers_itself(title: str, parameters: str) -> bool:
+    """Whether agents of a built-in simulation steer themselves with these parameters (JSON object).
+
+    Raises InputError for an unknown title and for parameters that the simulation refuses.
+    """
+
 @final
 class Controller:
     """Inference of one controller, sensors in, actuators out, in the arithmetic of DESIGN.md section 5.
@@ -61,6 +68,10 @@ class Controller:
     def sensors(self) -> int: ...
     @property
     def actuators(self) -> int: ...
+    @property
+    def parameters(self) -> str:
+        """JSON object: values of a parameter set, by name; empty for what steers agents."""
+
     def reset(self) -> None: ...
     def step(self, sensors: NDArray[np.float32]) -> NDArray[np.float32]:
         """(sensors,) float32 -> (actuators,) float32 in -1..1. Raises InputError for another length or a NaN."""
@@ -266,7 +277,7 @@ class Pool:
         evaluations in one request, None for no limit. visual: servers show their runs, which are stepwise then. alone: all servers on
         the broker are this process's own; without, a moment is waited in case two of them have one id.
         """
-    def wait_for_server(self) -> tuple[int, int]:
+    def wait_for_server(self, *, sizes: bool = True) -> tuple[int, int]:
         """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found."""
     def evaluate(
         self,

@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmwright import _simulations
 from swarmwright._backend import Crews, Progress, Servers, open_backend
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
+from swarmwright._evolved import unknown
 from swarmwright._experiment import Experiment
 from swarmwright._random import Stream
 
@@ -111,6 +113,11 @@ def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:
 
 
 def _check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
+    if controller.parameters:
+        if simulation in _simulations.titles():
+            for name, message in unknown(simulation, controller.parameters):
+                raise InputError(f"controller: {name}: {message}")
+        return
     if (controller.sensors, controller.actuators) != (sensors, actuators):
         raise InputError(
             f"controller: has {controller.sensors} sensors and {controller.actuators} actuators; "

@@ -131,6 +131,11 @@ class Experiment:
         return self.representation().genome_size
 
     @property
+    def steers(self) -> bool:
+        """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
+        return REPRESENTATIONS.get(self.controller.kind).steers
+
+    @property
     def generations(self) -> int:
         """Generations of the whole run."""
         return self.method.generations
@@ -142,6 +147,8 @@ class Experiment:
         """
         sensors = self.sensors if sensors is None else sensors
         actuators = self.actuators if actuators is None else actuators
+        if not self.steers:
+            sensors, actuators = sensors or 0, actuators or 0
         if sensors is None or actuators is None:
             missing = "sensors" if sensors is None else "actuators"
             raise InputError(

@@ -61,7 +61,10 @@ def optimize(
     _ = experiment.first_seed  # complain before anything is started
     with open_backend(experiment, broker=broker, servers=servers) as backend:
         folder = default_folder(experiment) if out is None else Path(out)
-        resolved = dataclasses.replace(experiment, sensors=backend.sensors, actuators=backend.actuators)
+        # They are 0 where nobody said them and nobody needs to know.
+        resolved = dataclasses.replace(
+            experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
+        )
         with StoreWriter.create(folder, resolved, metrics=()) as store:
             _run(resolved, store, None, backend, on_generation, on_progress)
     return _finished(folder)

@@ -8,6 +8,8 @@ from pydantic import BaseModel, ValidationError
 from swarmwright._suggest import did_you_mean
 from swarmwright._yaml import Path_
 
+MISSING = "is missing"
+"""What is said of a key that is not there."""
 _WANTED = {
     "int_type": "an integer",
     "int_from_float": "an integer",
@@ -51,7 +53,7 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     context: dict[str, Any] = found.get("ctx", {})
     value = found.get("input")
     if kind == "missing":
-        return "is missing"
+        return MISSING
     if kind == "extra_forbidden":
         return _unknown_key(str(found["loc"][-1]), _model_at(model, found["loc"][:-1]))
     if kind in _WANTED:
@@ -71,6 +73,13 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return f"must have at least {context['min_length']} item(s)"
     if kind == "too_long":
         return f"must have at most {context['max_length']} item(s)"
+    if kind == "union_tag_not_found":
+        return f"{str(context['discriminator']).strip(chr(39))} is missing"
+    if kind == "union_tag_invalid":
+        choices = str(context["expected_tags"]).replace("'", "").split(", ")
+        hint = did_you_mean(str(context["tag"]), choices)
+        key = str(context["discriminator"]).strip("'")
+        return f"{key} must be one of {', '.join(choices)}, not {shown(context['tag'])}{hint}"
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
     return f"{found['msg']} (given: {shown(value)})"

@@ -41,7 +41,7 @@ def reference() -> str:
             lines += ["", f"### {name}: {{kind: {kind}}}{' (default)' if kind == default else ''}", ""]
             lines += [variant["description"], ""]
             options = {key: value for key, value in variant["properties"].items() if key != "kind"}
-            lines += _table(options, set(), schema)
+            lines += _table(options, set(variant.get("required", [])), schema)
     for title in _simulations.titles():
         lines += ["", *_simulation(title)]
     return "\n".join(lines).rstrip() + "\n"

@@ -29,6 +29,22 @@ def description(title: str) -> dict[str, Any]:
     return described
 
 
+def parameter_names(title: str) -> list[str]:
+    """Return the names of a built-in simulation's parameters, the seed among them."""
+    return list(dict.fromkeys([*description(title)["parameters"], "seed"]))
+
+
+def steers_itself(title: str, parameters: dict[str, Any]) -> bool:
+    """Return whether the agents of a built-in simulation steer themselves with these parameters.
+
+    Raises InputError for parameters that the simulation refuses.
+    """
+    from swarmwright import _engine
+
+    with engine_errors():
+        return _engine.steers_itself(title, json.dumps(parameters, allow_nan=False))
+
+
 def parameters_problem(title: str, parameters: dict[str, Any]) -> str | None:
     """Return what is wrong with the parameters of a built-in simulation, None when nothing is."""
     from swarmwright import _engine

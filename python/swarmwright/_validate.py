@@ -12,9 +12,8 @@ from swarmwright._document import DEFAULT_KINDS, Document, Requirements
 from swarmwright._errors import InputError
 from swarmwright._options import Options
 from swarmwright._parameter_files import resolve
-from swarmwright._problems import problems_of, shown
+from swarmwright._problems import MISSING, problems_of, shown
 from swarmwright._registry import Registry
-from swarmwright._suggest import did_you_mean
 from swarmwright._yaml import Path_, Source
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.rankings import RANKINGS, RankingOptions
@@ -110,6 +109,7 @@ def _check_values(values: dict[str, Any], report: Report) -> Checked:
         _fill_in(checked, report)
         representation = _check_representation(checked, report)
         _check_method(checked, representation, report)
+        _check_evolved(checked, report)
     return checked
 
 
@@ -129,7 +129,7 @@ def _check_section(
         return model.model_validate(section)
     except ValidationError as error:
         for path, message in problems_of(error, model, (name,)):
-            report(path, message)
+            report(_as_written(path, message, {name: section}), message)
         return None
 
 
@@ -151,12 +151,34 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
             )
 
 
+def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
+    """Return a path without the parts that stand nowhere in the file: names of variants that were tried."""
+    written: list[str | int] = []
+    for index, part in enumerate(path):
+        if _holds(values, part):
+            written.append(part)
+            values = values[part]
+        elif index == len(path) - 1 and message == MISSING:
+            written.append(part)
+    return tuple(written)
+
+
+def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - any values of a file
+    if isinstance(values, Mapping):
+        return part in values
+    return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
+
+
 def _check_representation(checked: Checked, report: Report) -> Representation | None:
     """Check that the controller's options fit the sensors and actuators; return it, None if not known yet."""
     options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
-    if options is None or sensors is None or actuators is None:
+    if options is None:
         return None
     component = REGISTRIES["controller"].get(options.kind)
+    if not component.steers:
+        sensors, actuators = sensors or 0, actuators or 0
+    if sensors is None or actuators is None:
+        return None
     try:
         made: Representation = component(options, sensors=sensors, actuators=actuators)
     except InputError as error:
@@ -179,6 +201,17 @@ def _check_method(checked: Checked, representation: Representation | None, repor
             report(("method", name), reason)
 
 
+def _check_evolved(checked: Checked, report: Report) -> None:
+    """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
+    from swarmwright._evolved import problems
+    from swarmwright.representations.parameter_set import ParameterSetOptions
+
+    options = checked.get("controller")
+    if isinstance(options, ParameterSetOptions):
+        for path, message in problems(checked["simulation"], checked["parameters"], options.parameters):
+            report(path, message)
+
+
 def _check_parameters(simulation: str, parameters: dict[str, Any], report: Report) -> None:
     from swarmwright import _simulations
 
@@ -187,12 +220,12 @@ def _check_parameters(simulation: str, parameters: dict[str, Any], report: Repor
         return
     if simulation not in _simulations.titles():
         return
-    known = [*_simulations.description(simulation)["parameters"], "seed"]
-    unknown = [key for key in parameters if key not in known]
-    for key in unknown:
-        hint = did_you_mean(key, known) or f"; known parameters: {', '.join(known)}"
-        report(("parameters", key), f"unknown parameter of {simulation}{hint}")
-    given = {key: value for key, value in parameters.items() if key not in unknown}
+    from swarmwright._evolved import unknown
+
+    known = _simulations.parameter_names(simulation)
+    for key, problem in unknown(simulation, parameters):
+        report(("parameters", key), problem)
+    given = {key: value for key, value in parameters.items() if key in known}
     wrong = _simulations.parameters_problem(simulation, given)
     if wrong is not None:
         place, _, reason = wrong.removeprefix("parameter ").partition(": ")

@@ -143,3 +143,18 @@ class Controller:
         following = max(following, ZERO)
         self.state = int(min(following, last))
         return [_within(output, -ONE, ONE) for output in outputs]
+
+
+def merged(parameters: Json, specification: Json) -> Json:
+    """The parameters of an episode: the experiment's, and the values of a parameter set, which count more."""
+    result = dict(parameters)
+    for parameter, number in zip(specification["parameters"], specification["weights"], strict=True):
+        weight = Single(number)
+        if parameter["type"] == "real":
+            value: Any = float(str(weight))
+        else:
+            value = int(np.floor(weight))
+        if parameter["type"] == "categorical":
+            value = parameter["choices"][max(0, min(value, len(parameter["choices"]) - 1))]
+        result[parameter["name"]] = value
+    return result

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.protocol.conftest import vectors
-from tests.protocol.controllers import FUNCTIONS, Controller
+from tests.protocol.controllers import FUNCTIONS, Controller, merged
 
 Json = dict[str, Any]
 VECTORS: Json = vectors("controllers.json")
@@ -43,6 +43,14 @@ def test_controllers(case: Json) -> None:
                 controller.reset()
             found = controller.step(numbers(step, "sensor"))
             assert list(map(bits, found)) == list(map(bits, numbers(step, "actuator")))
+
+
+@pytest.mark.parametrize("case", VECTORS["parameter_sets"], ids=lambda case: case["name"])
+def test_parameter_sets(case: Json) -> None:
+    found = merged(case["parameters"], case["specification"])
+    assert found == case["merged"]
+    kinds = {name: type(value) for name, value in found.items()}
+    assert kinds == {name: type(value) for name, value in case["merged"].items()}
 
 
 @pytest.mark.parametrize("kind", ["layered", "fully_meshed", "mealy_fsm"])

@@ -131,19 +131,31 @@ MACHINE = {
     "weights": [0.5] * 12,
 }
 
+SET = {
+    "version": 1,
+    "kind": "parameter_set",
+    "parameters": [
+        {"name": "avoidance", "type": "real"},
+        {"name": "hops", "type": "integer"},
+        {"name": "strategy", "type": "categorical", "choices": ["a", "b"]},
+    ],
+    "weights": [0.5, 3, 1],
+}
+
 
 @pytest.mark.parametrize(
     "specification",
-    [CONTROLLER, {**CONTROLLER, "hidden": []}, MESHED, {**MESHED, "hidden": 0}, MACHINE],
+    [CONTROLLER, {**CONTROLLER, "hidden": []}, MESHED, {**MESHED, "hidden": 0}, MACHINE, SET],
 )
 def test_controller_is_accepted(specification: dict[str, Any], validators: Validators) -> None:
     validators("controller").validate(specification)
 
 
 def test_controllers_of_the_vectors_are_accepted(validators: Validators) -> None:
-    vectors = load(PROTOCOL / "vectors" / "controllers.json")["controllers"]
+    file = load(PROTOCOL / "vectors" / "controllers.json")
+    vectors = [*file["controllers"], *file["parameter_sets"]]
     kinds = {vector["specification"]["kind"] for vector in vectors}
-    assert kinds == {"layered", "fully_meshed", "mealy_fsm"}
+    assert kinds == {"layered", "fully_meshed", "mealy_fsm", "parameter_set"}
     for vector in vectors:
         validators("controller").validate(vector["specification"])
 
@@ -173,6 +185,13 @@ def test_controllers_of_the_vectors_are_accepted(validators: Validators) -> None
         (MACHINE, {"thresholds": [0]}),
         (MACHINE, {"thresholds": [["0"]]}),
         (MACHINE, {"hidden": 2}),
+        (SET, {"parameters": []}),
+        (SET, {"parameters": [{"name": "avoidance"}]}),
+        (SET, {"parameters": [{"name": "seed", "type": "real"}]}),
+        (SET, {"parameters": [{"name": "", "type": "real"}]}),
+        (SET, {"parameters": [{"name": "a", "type": "categorical"}]}),
+        (SET, {"parameters": [{"name": "a", "type": "real", "choices": ["b"]}]}),
+        (SET, {"sensors": 4}),
     ],
     ids=lambda value: None if len(value) > 1 else str(value),
 )

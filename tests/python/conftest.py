@@ -21,7 +21,8 @@ class ForeignServer:
     """Offers `title`: 2 sensors, 1 actuator, an agent on a line that should stop at 1 after `steps` steps.
 
     It never heard of Swarmwright's extensions. `trouble` may change or withhold what it publishes; `noise` is
-    published before every message, on the same topic.
+    published before every message, on the same topic. With `runs_itself` it asks nobody: the agent moves
+    `speed` in each of `steps` steps, to the `turn`, all of them parameters.
     """
 
     def __init__(
@@ -31,7 +32,9 @@ class ForeignServer:
         server: int = 77,
         trouble: Callable[[str, Message], Message | str | None] = lambda _, message: message,
         noise: Sequence[str] = (),
+        runs_itself: bool = False,
     ) -> None:
+        self.runs_itself = runs_itself
         self.title, self.steps, self.server, self.trouble, self.noise = title, steps, server, trouble, noise
         self.parameters: list[Message] = []
         self.episodes = 0
@@ -62,15 +65,28 @@ class ForeignServer:
             self.parameters.append(message)
         elif received.topic == "control" and message["server"] == self.server and message.get("run", True):
             self._hash, self._position, self._left = message["simulation_hash"], 0.0, self.steps
-            self._sense()
+            if self.runs_itself:
+                self._run(self.parameters[-1])
+            else:
+                self._sense()
         elif received.topic == "actuator" and message["simulation_hash"] == self._hash and self._left:
             self._position += message["actuator"][0]
             self._left -= 1
             if self._left:
                 self._sense()
             else:
-                self.episodes += 1
-                self.publish("fitness", {"simulation_hash": self._hash, "fitness": -abs(self._position - 1)})
+                self._end()
+
+    def _run(self, parameters: Message) -> None:
+        assert parameters["simulation_hash"] == self._hash
+        way = 1 if parameters["turn"] == "right" else -1
+        self._position = parameters["speed"] * parameters["steps"] * way
+        self._left = 0
+        self._end()
+
+    def _end(self) -> None:
+        self.episodes += 1
+        self.publish("fitness", {"simulation_hash": self._hash, "fitness": -abs(self._position - 1)})
 
     def _sense(self) -> None:
         self.publish(

@@ -1,11 +1,19 @@
 //! A specification at work, for one agent.
 
 use crate::{Architecture, Specification};
+use serde_json::{Map, Value};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Why a controller did not step; its state is then unchanged.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ControllerError {
+    /// A parameter set was asked to steer.
+    #[error(
+        "an agent is to be steered, but a parameter set steers nobody: the simulation must do that itself \
+         (Minisim does with the parameter steering: rule), or the controller must be of another kind, such as layered"
+    )]
+    SteersNobody,
     /// A sensor reading of the wrong length.
     #[error("sensors: {found} numbers, but this controller takes {expected}")]
     SensorCount {
@@ -89,6 +97,7 @@ impl Controller {
             Architecture::Layered(net) => (0, net.scratch_length()),
             Architecture::FullyMeshed(net) => (net.nodes(), net.nodes()),
             Architecture::MealyFsm(_) => (1, 0),
+            Architecture::ParameterSet(_) => (0, 0),
         };
         Self {
             architecture,
@@ -98,12 +107,36 @@ impl Controller {
         }
     }
 
-    /// Numbers in.
+    /// Whether it steers agents; a parameter set does not.
+    pub fn steers(&self) -> bool {
+        self.architecture.steers()
+    }
+
+    /// Values of parameters of the simulation, by name; none but those of a parameter set.
+    pub fn parameters(&self) -> Map<String, Value> {
+        match &*self.architecture {
+            Architecture::ParameterSet(set) => set.values(&self.weights),
+            _ => Map::new(),
+        }
+    }
+
+    /// The parameters of an episode: those given, and those of a parameter set, which count where both have one.
+    pub fn merged<'a>(&self, parameters: &'a Map<String, Value>) -> Cow<'a, Map<String, Value>> {
+        let values = self.parameters();
+        if values.is_empty() {
+            return Cow::Borrowed(parameters);
+        }
+        let mut merged = parameters.clone();
+        merged.extend(values);
+        Cow::Owned(merged)
+    }
+
+    /// Numbers in; 0 for a parameter set.
     pub fn sensors(&self) -> usize {
         self.architecture.sensors()
     }
 
-    /// Numbers out.
+    /// Numbers out; 0 for a parameter set.
     pub fn actuators(&self) -> usize {
         self.architecture.actuators()
     }
@@ -118,8 +151,11 @@ impl Controller {
     /// An overflow inside the network that ends in a NaN gives the actuator 0.
     ///
     /// # Errors
-    /// Slices of the wrong length, a sensor that is NaN or infinite.
+    /// Slices of the wrong length, a sensor that is NaN or infinite, a parameter set.
     pub fn step(&mut self, sensors: &[f32], actuators: &mut [f32]) -> Result<(), ControllerError> {
+        if !self.steers() {
+            return Err(ControllerError::SteersNobody);
+        }
         if sensors.len() != self.sensors() {
             return Err(ControllerError::SensorCount {
                 expected: self.sensors(),
@@ -151,6 +187,7 @@ impl Controller {
             Architecture::MealyFsm(machine) => {
                 machine.step(&self.weights, &mut self.state[0], sensors, actuators);
             }
+            Architecture::ParameterSet(_) => {}
         }
         Ok(())
     }

@@ -31,6 +31,7 @@ impl<'a, L: Lanes> LaneController<'a, L> {
             Architecture::Layered(net) => (count, net.scratch_length()),
             Architecture::FullyMeshed(net) => (count, 2 * (net.hidden + net.actuators)),
             Architecture::MealyFsm(machine) => (0, machine.sensors),
+            Architecture::ParameterSet(_) => (0, 0),
         };
         Self {
             architecture,
@@ -43,7 +44,7 @@ impl<'a, L: Lanes> LaneController<'a, L> {
     /// Gives each lane the weights of a genome; `genomes` holds one per lane, each as long as the weight count.
     #[inline(always)]
     pub fn load(&mut self, genomes: &[&'a [f32]]) {
-        if let Architecture::MealyFsm(_) = self.architecture {
+        if self.weights.is_empty() {
             self.genomes.clear();
             self.genomes.extend_from_slice(genomes);
         } else {
@@ -55,7 +56,7 @@ impl<'a, L: Lanes> LaneController<'a, L> {
     #[inline(always)]
     pub fn state_length(&self) -> usize {
         match self.architecture {
-            Architecture::Layered(_) => 0,
+            Architecture::Layered(_) | Architecture::ParameterSet(_) => 0,
             Architecture::FullyMeshed(net) => net.hidden + net.actuators,
             Architecture::MealyFsm(_) => 1,
         }
@@ -115,6 +116,8 @@ impl<'a, L: Lanes> LaneController<'a, L> {
                 }
                 mealy_fsm(machine, &self.genomes, &mut state[0], scratch, actuators);
             }
+            // Parameters differ from lane to lane, so that no simulation runs parameter sets in lanes.
+            Architecture::ParameterSet(_) => {}
         }
     }
 }

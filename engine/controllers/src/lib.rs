@@ -12,6 +12,7 @@ mod lanes;
 mod layered;
 mod mealy_fsm;
 mod output_range;
+mod parameter_set;
 mod reader;
 mod specification;
 
@@ -22,4 +23,5 @@ pub use lanes::LaneController;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
 pub use output_range::OutputRange;
+pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
 pub use specification::{Architecture, MAX_WEIGHTS, Specification, SpecificationError, VERSION};

@@ -1,10 +1,11 @@
 //! Reads the fields of a specification one by one, so that every complaint names its field.
 
-use crate::{Activation, OutputRange, SpecificationError};
+use crate::{Activation, OutputRange, Parameter, ParameterKind, SpecificationError};
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_json::value::RawValue;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 type Fields<'a> = BTreeMap<String, &'a RawValue>;
 
@@ -167,6 +168,29 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// At least one parameter: a name that no other has, a type, and the choices where there are any.
+    pub(crate) fn parameters(&mut self, most: usize) -> Result<Vec<Parameter>, SpecificationError> {
+        let expected = "a list of parameters such as {\"name\": \"range\", \"type\": \"real\"}";
+        let items: Vec<Value> = self.read("parameters", expected)?;
+        if items.is_empty() || items.len() > most {
+            return Err(wrong(
+                "parameters",
+                format!("{} found, expected 1 to {most}", items.len()),
+            ));
+        }
+        let mut parameters: Vec<Parameter> = Vec::with_capacity(items.len());
+        let mut names = BTreeSet::new();
+        for (i, item) in items.iter().enumerate() {
+            let complain = |reason: String| wrong(&format!("parameters[{i}]"), reason);
+            let parameter = parameter(item).map_err(complain)?;
+            if !names.insert(parameter.name.clone()) {
+                return Err(complain(format!("{:?} stands twice", parameter.name)));
+            }
+            parameters.push(parameter);
+        }
+        Ok(parameters)
+    }
+
     /// Finite binary32 numbers.
     pub(crate) fn weights(&mut self, count: usize) -> Result<Vec<f32>, SpecificationError> {
         let expected = format!("a list of {count} numbers");
@@ -206,6 +230,43 @@ impl<'a> Reader<'a> {
             )),
         }
     }
+}
+
+/// Keys of a parameters message that are no parameters, and the one that every episode has its own of.
+const RESERVED: [&str; 4] = ["server", "simulation", "simulation_hash", "seed"];
+
+/// A parameter of a parameter set, or what is wrong with it.
+fn parameter(item: &Value) -> Result<Parameter, String> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Item {
+        name: String,
+        r#type: String,
+        choices: Option<Vec<String>>,
+    }
+    let Item {
+        name,
+        r#type,
+        choices,
+    } = serde_json::from_value(item.clone()).map_err(|error| error.to_string())?;
+    if name.is_empty() || RESERVED.contains(&name.as_str()) {
+        return Err(format!("{name:?} is no name of a parameter to be set"));
+    }
+    let kind = match (r#type.as_str(), choices) {
+        ("real", None) => ParameterKind::Real,
+        ("integer", None) => ParameterKind::Integer,
+        ("categorical", Some(choices)) if !choices.is_empty() => {
+            ParameterKind::Categorical { choices }
+        }
+        ("categorical", _) => return Err("choices: expected a list of texts".to_owned()),
+        ("real" | "integer", Some(_)) => return Err("choices: only for categorical".to_owned()),
+        _ => {
+            return Err(format!(
+                "type: {type:?} found, expected one of real, integer, categorical"
+            ));
+        }
+    };
+    Ok(Parameter { name, kind })
 }
 
 fn whole(value: &Value, low: usize, high: usize) -> Option<usize> {

@@ -1,7 +1,7 @@
 //! What a controller is made of, as JSON.
 
 use crate::reader::{Reader, wrong};
-use crate::{Activation, FullyMeshed, Layered, MealyFsm};
+use crate::{Activation, FullyMeshed, Layered, MealyFsm, ParameterSet};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::value::RawValue;
 use std::str::FromStr;
@@ -42,6 +42,7 @@ const MEALY_FSM: [&str; 7] = [
     "thresholds",
     "weights",
 ];
+const PARAMETER_SET: [&str; 4] = ["version", "kind", "parameters", "weights"];
 const MESHED_ACTIVATIONS: [Activation; 4] = [
     Activation::Clamp,
     Activation::Sigmoid,
@@ -88,6 +89,8 @@ pub enum Architecture {
     FullyMeshed(FullyMeshed),
     /// A finite-state machine.
     MealyFsm(MealyFsm),
+    /// No controller at all: parameters of a simulation that steers its agents itself.
+    ParameterSet(ParameterSet),
 }
 
 impl Architecture {
@@ -105,7 +108,7 @@ impl Architecture {
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         reader.count("version", VERSION as usize, VERSION as usize)?;
-        let expected = "\"layered\", \"fully_meshed\" or \"mealy_fsm\"";
+        let expected = "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"";
         let kind = reader.text("kind", expected)?;
         let architecture = match kind.as_str() {
             "layered" => Self::Layered(Layered {
@@ -133,6 +136,9 @@ impl Architecture {
                     thresholds: reader.thresholds(sensors)?,
                 })
             }
+            "parameter_set" => Self::ParameterSet(ParameterSet {
+                parameters: reader.parameters(MAX_WEIGHTS)?,
+            }),
             other => {
                 return Err(wrong(
                     "kind",
@@ -162,6 +168,7 @@ impl Architecture {
             Self::Layered(_) => &LAYERED,
             Self::FullyMeshed(_) => &FULLY_MESHED,
             Self::MealyFsm(_) => &MEALY_FSM,
+            Self::ParameterSet(_) => &PARAMETER_SET,
         }
     }
 
@@ -170,6 +177,7 @@ impl Architecture {
             Self::Layered(net) => net.weight_count(),
             Self::FullyMeshed(net) => net.weight_count(),
             Self::MealyFsm(machine) => machine.weight_count(),
+            Self::ParameterSet(set) => Some(set.parameters.len()),
         }
     }
 
@@ -178,21 +186,28 @@ impl Architecture {
         self.checked_weight_count().unwrap_or(usize::MAX)
     }
 
-    /// Numbers in.
+    /// Whether agents are steered: not by a parameter set, which fits any simulation.
+    pub fn steers(&self) -> bool {
+        !matches!(self, Self::ParameterSet(_))
+    }
+
+    /// Numbers in; 0 where no agent is steered.
     pub fn sensors(&self) -> usize {
         match self {
             Self::Layered(net) => net.sensors,
             Self::FullyMeshed(net) => net.sensors,
             Self::MealyFsm(machine) => machine.sensors,
+            Self::ParameterSet(_) => 0,
         }
     }
 
-    /// Numbers out.
+    /// Numbers out; 0 where no agent is steered.
     pub fn actuators(&self) -> usize {
         match self {
             Self::Layered(net) => net.actuators,
             Self::FullyMeshed(net) => net.actuators,
             Self::MealyFsm(machine) => machine.actuators,
+            Self::ParameterSet(_) => 0,
         }
     }
 }

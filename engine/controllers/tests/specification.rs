@@ -73,7 +73,7 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\", \"fully_meshed\" or \"mealy_fsm\"",
+                "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"",
             ],
         ),
         (

@@ -1,7 +1,7 @@
 //! A batch of episodes on one server, seen from the optimization tool: a controller with its own state for every agent
 //! of every episode, all answered in one message a step.
 
-use swarmwright_controllers::Controller;
+use swarmwright_controllers::{Controller, ControllerError};
 use swarmwright_protocol::BatchSensors;
 
 use crate::run::MOST_AGENTS;
@@ -53,6 +53,11 @@ impl Batch {
         }
     }
 
+    /// Whether controllers steer agents.
+    pub fn steers(&self) -> bool {
+        self.actuators > 0
+    }
+
     /// Steps that have been answered.
     pub fn steps(&self) -> u64 {
         self.step
@@ -79,6 +84,9 @@ impl Batch {
             progress.failed.push((episode, failure.reason.clone()));
         }
         let rows = message.episodes.0.len();
+        if rows > 0 && self.actuators == 0 {
+            return Err(ControllerError::SteersNobody.to_string());
+        }
         if message.sensors.0.len() != rows * self.sensors {
             return Err(format!(
                 "{} sensors for {rows} agents, expected {} each",

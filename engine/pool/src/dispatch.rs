@@ -102,6 +102,11 @@ impl Machine {
         let Some(work) = &self.ledger.work else {
             return most;
         };
+        // A batch has one set of parameters.
+        let most = match slot.way {
+            Way::Batched(_) if !work.architecture().steers() => most.min(work.episodes()),
+            _ => most,
+        };
         let candidates = (NUMBERS / work.architecture().weight_count()).max(1);
         most.min(candidates.saturating_mul(work.episodes()))
             .min(NUMBERS / 2)

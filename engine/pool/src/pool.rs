@@ -171,13 +171,15 @@ impl Pool {
         })
     }
 
-    /// Waits until a fitting server is there and returns its numbers of sensors and actuators. As long as one that
-    /// fits serves somebody else, waits on; `on_wait`, called ten times a second, hears of it and may stop the wait.
+    /// Waits until a fitting server is there and returns its numbers of sensors and actuators, 0 where nobody says them and
+    /// none are `needed`. As long as one that fits serves somebody else, waits on; `on_wait`, called ten times a second,
+    /// hears of it and may stop the wait.
     ///
     /// # Errors
     /// No server fits within the discovery time-out; the servers do not announce sizes; stopped.
     pub fn wait_for_server(
         &mut self,
+        needed: bool,
         mut on_wait: impl FnMut(&str) -> bool,
     ) -> Result<(usize, usize), PoolError> {
         let start = Instant::now();
@@ -193,7 +195,10 @@ impl Pool {
                 }
             }
             if self.machine.has_server() {
-                return self.machine.sizes().ok_or(PoolError::NoSizes);
+                return match self.machine.sizes() {
+                    None if needed => Err(PoolError::NoSizes),
+                    sizes => Ok(sizes.unwrap_or_default()),
+                };
             }
             let waited = start.elapsed();
             let busy = self.machine.busy_elsewhere();

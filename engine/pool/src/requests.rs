@@ -120,7 +120,11 @@ impl Machine {
             tool: self.config.tool.clone(),
             reply: self.reply.clone(),
             simulation: self.config.demand.simulation.clone(),
-            parameters: self.config.parameters.clone(),
+            // Of a parameter set all episodes of a batch have the same values, see `most`.
+            parameters: match controllers.first() {
+                Some(controller) => controller.merged(&self.config.parameters).into_owned(),
+                None => self.config.parameters.clone(),
+            },
             seeds: U64s(
                 seeds
                     .map(|evaluation| work.seeds()[evaluation % episodes])
@@ -261,6 +265,11 @@ impl Machine {
             Ok(None) => {
                 self.requests.insert(number, request);
                 return;
+            }
+            Err(reason) if !batch.steers() => {
+                self.requests.insert(number, request);
+                self.let_go(server);
+                return self.not_for(server, &reason, now);
             }
             Err(reason) => {
                 self.requests.insert(number, request);

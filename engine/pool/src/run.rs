@@ -93,6 +93,11 @@ impl Run {
         self.answered.iter().copied().max().unwrap_or(0)
     }
 
+    /// Whether the controller steers agents; else nothing is heard of the episode before its fitness.
+    pub fn steers(&self) -> bool {
+        self.prototype.steers()
+    }
+
     /// Whether the server has begun.
     pub fn begun(&self) -> bool {
         self.steps() > 0
@@ -101,6 +106,12 @@ impl Run {
     /// What is waited for, in words.
     pub fn waiting_for(&self, now: Instant) -> String {
         let seconds = now.saturating_duration_since(self.heard).as_secs_f64();
+        if !self.steers() {
+            return format!(
+                "server {} has not sent the fitness of its episode for {seconds:.1} s",
+                self.server
+            );
+        }
         if !self.begun() {
             return format!(
                 "server {} has not begun its episode for {seconds:.1} s",

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    Fitness, MAX_PAYLOAD, ParametersMessage, ReadingWriter, SensorReading, Topic,
+    EpisodeHasher, Fitness, MAX_PAYLOAD, ParametersMessage, ReadingWriter, SensorReading, Topic,
 };
 
 use crate::ledger::Piece;
@@ -29,12 +29,17 @@ impl Machine {
             Err(_) => return self.give_up(&piece),
         };
         let (parameters, hasher) = &self.episodes[episodes.start];
-        let hash = hasher.hash(self.instance);
+        let parameters = prototype.merged(parameters).into_owned();
+        let hash = if prototype.steers() {
+            hasher.hash(self.instance)
+        } else {
+            EpisodeHasher::new(&self.config.demand.simulation, &parameters).hash(self.instance)
+        };
         self.instance += 1;
         let message = ParametersMessage {
             server,
             simulation_hash: hash.clone(),
-            parameters: parameters.clone(),
+            parameters,
         };
         self.publish(Topic::Parameters, message.encode());
         let control = self.control(server, hash.clone(), true);
@@ -56,6 +61,11 @@ impl Machine {
         };
         match run.answer(sensor, now) {
             Ok(actuator) => self.publish(Topic::Actuator, actuator),
+            Err(reason) if !run.steers() => {
+                let server = run.server;
+                self.end_run(server, &sensor.simulation_hash);
+                self.not_for(server, &reason, now);
+            }
             Err(reason) => {
                 let server = run.server;
                 run.refused = Some((now, reason.clone()));
@@ -64,6 +74,14 @@ impl Machine {
                 ));
             }
         }
+    }
+
+    /// The work cannot be done by a server, however often it is tried; others may be able to.
+    pub(crate) fn not_for(&mut self, server: u64, reason: &str, now: Instant) {
+        self.refused_at = Some(now);
+        self.warn(format!("server {server} is not used: {reason}"));
+        let jobs = self.offers.refuse(server, reason);
+        self.fail_jobs(jobs, reason, false, now);
     }
 
     pub(crate) fn fitness(&mut self, message: &Fitness, now: Instant) {

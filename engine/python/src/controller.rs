@@ -2,6 +2,7 @@
 
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
+use serde_json::Value;
 use swarmwright_controllers::{Architecture, Controller, Specification};
 
 use crate::errors::input;
@@ -27,6 +28,12 @@ impl PyController {
     #[getter]
     fn actuators(&self) -> usize {
         self.0.actuators()
+    }
+
+    /// Values of a parameter set, as a JSON object.
+    #[getter]
+    fn parameters(&self) -> String {
+        Value::from(self.0.parameters()).to_string()
     }
 
     fn reset(&mut self) {

@@ -74,11 +74,12 @@ impl PyPool {
             .map_err(|failed| error(&failed))
     }
 
-    fn wait_for_server(&mut self, py: Python<'_>) -> PyResult<(usize, usize)> {
+    #[pyo3(signature = (*, sizes=true))]
+    fn wait_for_server(&mut self, py: Python<'_>, sizes: bool) -> PyResult<(usize, usize)> {
         let pool = self.pool()?;
         let mut raised = None;
         let result = py.detach(|| {
-            pool.wait_for_server(|_| {
+            pool.wait_for_server(sizes, |_| {
                 Python::attach(|py| py.check_signals())
                     .map_err(|error| raised = Some(error))
                     .is_ok()

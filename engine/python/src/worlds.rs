@@ -50,6 +50,16 @@ pub fn check_parameters(title: &str, parameters: &str) -> PyResult<()> {
         .map_err(input)
 }
 
+/// Whether a built-in simulation steers its agents itself, with these parameters.
+#[pyfunction]
+pub fn steers_itself(title: &str, parameters: &str) -> PyResult<bool> {
+    let mut simulation = create(title)?;
+    simulation
+        .reset(&object("parameters", parameters)?)
+        .map_err(input)?;
+    Ok(simulation.acting().is_empty() && !simulation.done())
+}
+
 fn controller(text: &str) -> PyResult<Controller> {
     Specification::from_json(text)
         .map(|specification| Controller::new(&specification))

@@ -57,6 +57,9 @@ pub fn evaluate(
     let index = find(title)?;
     let (_, create, evaluate) = SIMULATIONS[index];
     let architecture = block.architecture;
+    if !architecture.steers() {
+        return Some(block::one_by_one(block, means, create));
+    }
     let fits = check_sizes(
         &DESCRIPTIONS[index],
         architecture.sensors(),

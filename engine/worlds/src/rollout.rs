@@ -32,6 +32,16 @@ pub enum RolloutError {
         /// What the controller says.
         source: ControllerError,
     },
+    /// A simulation asks for the actuators of an agent, but a parameter set steers none.
+    #[error("simulation {simulation}, agent {agent}: {source}")]
+    NotSteered {
+        /// Title of the simulation.
+        simulation: String,
+        /// Which agent.
+        agent: u32,
+        /// What the controller says.
+        source: ControllerError,
+    },
     /// The simulation gave a sensor reading that the controller refuses.
     #[error("agent {agent}: {source}")]
     Controller {
@@ -77,7 +87,9 @@ pub(crate) fn check_sizes(
 impl Crew {
     fn new(simulation: &dyn Simulation, controller: &Controller) -> Result<Self, RolloutError> {
         let description = simulation.description();
-        check_sizes(&description, controller.sensors(), controller.actuators())?;
+        if controller.steers() {
+            check_sizes(&description, controller.sensors(), controller.actuators())?;
+        }
         let mut prototype = controller.clone();
         prototype.reset();
         let sensors = vec![0.0; description.sensors];
@@ -92,6 +104,13 @@ impl Crew {
     /// All acting agents sense, then all controllers compute, then the simulation steps.
     fn step(&mut self, simulation: &mut dyn Simulation) -> Result<(), RolloutError> {
         let acting = simulation.acting();
+        if let (Some(agent), false) = (acting.first(), self.prototype.steers()) {
+            return Err(RolloutError::NotSteered {
+                simulation: simulation.description().title,
+                agent: *agent,
+                source: ControllerError::SteersNobody,
+            });
+        }
         if let Some(last) = acting.last() {
             let agents = *last as usize + 1;
             if self.controllers.len() < agents {
@@ -100,7 +119,10 @@ impl Crew {
         }
         let width = self.prototype.actuators();
         self.actuators.resize(acting.len() * width, 0.0);
-        for (agent, row) in acting.iter().zip(self.actuators.chunks_exact_mut(width)) {
+        for (agent, row) in acting
+            .iter()
+            .zip(self.actuators.chunks_exact_mut(width.max(1)))
+        {
             simulation.sense(*agent, &mut self.sensors);
             self.controllers[*agent as usize]
                 .step(&self.sensors, row)
@@ -115,17 +137,19 @@ impl Crew {
 }
 
 /// Computes one episode and returns its fitness. `controller` gives the weights; every agent gets a state of its own.
+/// The values of a parameter set are put among the parameters.
 ///
 /// # Errors
-/// A parameter that the simulation refuses, a controller with other numbers of sensors or actuators.
+/// A parameter that the simulation refuses, a controller with other numbers of sensors or actuators, a parameter set where
+/// agents are to be steered.
 pub fn rollout(
     simulation: &mut dyn Simulation,
     parameters: &Parameters,
     controller: &Controller,
 ) -> Result<f64, RolloutError> {
-    simulation.reset(parameters)?;
+    simulation.reset(&controller.merged(parameters))?;
     let mut crew = Crew::new(simulation, controller)?;
-    while !simulation.acting().is_empty() {
+    while !simulation.done() {
         crew.step(simulation)?;
     }
     Ok(simulation.fitness())
@@ -147,14 +171,14 @@ impl Episode {
         parameters: &Parameters,
         controller: &Controller,
     ) -> Result<Self, RolloutError> {
-        simulation.reset(parameters)?;
+        simulation.reset(&controller.merged(parameters))?;
         let crew = Crew::new(simulation.as_ref(), controller)?;
         Ok(Self { simulation, crew })
     }
 
     /// Whether the episode has ended.
     pub fn done(&self) -> bool {
-        self.simulation.acting().is_empty()
+        self.simulation.done()
     }
 
     /// One step, of all agents where they act in turn; nothing happens once the episode has ended.

@@ -64,8 +64,15 @@ pub trait Simulation: Send {
     /// A parameter of the wrong type or out of range; the simulation is then not to be stepped.
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError>;
 
-    /// The agents whose actuators the next step needs, ascending; none when the episode has ended.
+    /// The agents whose actuators the next step needs, ascending; none when the episode has ended, and none as long as
+    /// all agents are steered by the simulation itself.
     fn acting(&self) -> &[u32];
+
+    /// Whether the episode has ended. While it has not and nobody acts, the simulation goes on by itself: it is stepped
+    /// without actuators.
+    fn done(&self) -> bool {
+        self.acting().is_empty()
+    }
 
     /// Writes the sensors of one acting agent.
     fn sense(&self, agent: u32, sensors: &mut [f32]);

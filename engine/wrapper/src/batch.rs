@@ -28,6 +28,8 @@ pub(crate) struct Batch {
     pub waiting_since: Instant,
     /// Whether somebody was told of the waiting.
     pub told: bool,
+    /// Whether an episode goes on by itself, so that nobody's actuators are waited for.
+    pub goes_on: bool,
     step: u64,
     sensors: usize,
     actuators: usize,
@@ -61,6 +63,7 @@ impl Batch {
             simulation,
             waiting_since: now,
             told: false,
+            goes_on: false,
             step: 0,
             sensors: description.sensors,
             actuators: description.actuators,
@@ -103,6 +106,25 @@ impl Batch {
     /// Whether all episodes have ended, or failed.
     pub fn is_over(&self) -> bool {
         self.episodes.iter().all(|episode| episode.rows.is_none())
+    }
+
+    /// Makes a step of every episode whose simulation goes on by itself. Whether there is one.
+    pub fn go_on(&mut self, now: Instant) -> bool {
+        self.waiting_since = now;
+        self.goes_on = false;
+        for (index, episode) in self.episodes.iter_mut().enumerate() {
+            if episode.rows.is_none() {
+                continue;
+            }
+            match guarded(|| episode.step_by_itself()) {
+                Ok(stepped) => self.goes_on |= stepped,
+                Err(reason) => {
+                    episode.rows = None;
+                    self.failed.push(failure(index, reason));
+                }
+            }
+        }
+        self.goes_on
     }
 
     /// The message of the step that begins.
@@ -215,6 +237,15 @@ impl Batch {
 }
 
 impl Episode {
+    /// Steps a simulation that has not ended and asks for nobody's actuators.
+    fn step_by_itself(&mut self) -> bool {
+        let alone = self.simulation.acting().is_empty() && !self.simulation.done();
+        if alone {
+            self.simulation.step(&[]);
+        }
+        alone
+    }
+
     /// Appends agents and sensors; how many rows.
     fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<usize, String> {
         let acting = self.simulation.acting();

@@ -37,7 +37,7 @@ impl Identity {
             swarmwright: Some(Announcement {
                 version: 1,
                 modes: texts(&["stepwise", "batched", "offloaded"]),
-                controllers: texts(&["layered", "fully_meshed", "mealy_fsm"]),
+                controllers: texts(&["layered", "fully_meshed", "mealy_fsm", "parameter_set"]),
                 batch: Some(batch),
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),

@@ -156,9 +156,7 @@ fn evaluate_part(
             }
             Ok(())
         }
-        Ok(Some(Err(error @ (RolloutError::Parameter(_) | RolloutError::Mismatch { .. })))) => {
-            Err(invalid(error.to_string()))
-        }
+        Ok(Some(Err(error))) if is_refusal(&error) => Err(invalid(error.to_string())),
         // It leaves that to us; or something failed, and one by one it can be seen what.
         _ => one_by_one(simulation, block, abort, first, evaluation),
     }
@@ -187,7 +185,7 @@ fn one_by_one(
             }
             let result = match guarded(|| rollout(simulation, parameters, &controller)) {
                 Ok(Ok(fitness)) => finite(fitness),
-                Ok(Err(error @ (RolloutError::Parameter(_) | RolloutError::Mismatch { .. }))) => {
+                Ok(Err(error)) if is_refusal(&error) => {
                     return Err(invalid(error.to_string()));
                 }
                 Ok(Err(error)) => Err(error.to_string()),
@@ -214,6 +212,16 @@ impl Evaluation {
             }
         });
     }
+}
+
+/// Whether a whole request is at fault, not one of its evaluations.
+fn is_refusal(error: &RolloutError) -> bool {
+    matches!(
+        error,
+        RolloutError::Parameter(_)
+            | RolloutError::Mismatch { .. }
+            | RolloutError::NotSteered { .. }
+    )
 }
 
 /// A request that this server cannot serve.

@@ -265,6 +265,7 @@ impl Machine {
     pub fn next_tick(&self) -> Option<Instant> {
         let own = match &self.state {
             State::Free | State::Working(_) => None,
+            State::Stepping(batch) if batch.goes_on => Some(batch.waiting_since),
             State::Stepping(batch) => Some(self.deadline(batch.waiting_since, batch.told)),
             State::Configured { until } | State::Held { until, .. } => Some(*until),
             State::Running(run) => run
@@ -307,6 +308,7 @@ impl Machine {
                 ));
                 self.enter(State::Free, now);
             }
+            State::Stepping(batch) if batch.goes_on => self.sense_batch(now),
             State::Stepping(batch) => {
                 let waited = now.saturating_duration_since(batch.waiting_since);
                 let words = batch.waiting_for(now);

@@ -25,7 +25,7 @@ pub(crate) struct Run {
     pub waiting_since: Instant,
     /// Whether somebody was told of the waiting.
     pub told: bool,
-    /// When the sensors go out, if the run is being shown.
+    /// When the run goes on, if nobody's actuators are waited for: it is being shown, or the simulation steers itself.
     pub resume_at: Option<Instant>,
     acting: Vec<u32>,
     arrived: Vec<bool>,
@@ -42,6 +42,8 @@ pub(crate) enum Outcome {
     Wait,
     /// The simulation has moved on and waits for new actuators.
     Stepped,
+    /// The simulation has moved on by itself and will again.
+    WentOn,
     /// The episode has ended.
     Finished(Fitness),
     /// The simulation failed; the reason.
@@ -93,7 +95,8 @@ impl Run {
         }
     }
 
-    /// Sends the sensors of all acting agents, or ends the episode when there are none.
+    /// Sends the sensors of all acting agents, or ends the episode when it is done. A simulation that goes on by itself
+    /// makes a step, and one more when the run is resumed: in between the server looks at its messages.
     pub fn sense(
         &mut self,
         simulation: &mut dyn Simulation,
@@ -107,6 +110,11 @@ impl Run {
             return Outcome::Failed(reason);
         }
         if self.acting.is_empty() {
+            match guarded(|| simulation.done()) {
+                Ok(true) => {}
+                Ok(false) => return self.step_by_itself(simulation, now),
+                Err(reason) => return Outcome::Failed(reason),
+            }
             return match guarded(|| simulation.fitness()).and_then(finite) {
                 Ok(fitness) => Outcome::Finished(Fitness {
                     simulation: Some(self.title.clone()),
@@ -134,6 +142,15 @@ impl Run {
             send(self.writer.encode(u64::from(agent), &self.sensors));
         }
         Outcome::Stepped
+    }
+
+    fn step_by_itself(&mut self, simulation: &mut dyn Simulation, now: Instant) -> Outcome {
+        self.steps += 1;
+        self.resume_at = Some(now);
+        match guarded(|| simulation.step(&[])) {
+            Ok(()) => Outcome::WentOn,
+            Err(reason) => Outcome::Failed(reason),
+        }
     }
 
     /// Whether a payload has the run's hash somewhere.

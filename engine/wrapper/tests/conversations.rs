@@ -92,6 +92,11 @@ fn replay(name: &str, conversation: &Value) {
             let retained = entry["retain"] == true;
             machine.receive(entry["topic"].as_str().unwrap(), &payload, retained, now);
             pending.extend(said(&mut machine));
+            // What it does by itself, without waiting for anything.
+            while machine.next_tick().is_some_and(|at| at <= now) {
+                machine.tick(now, String::new);
+                pending.extend(said(&mut machine));
+            }
         }
     }
     assert!(
@@ -109,5 +114,5 @@ fn the_server_answers_as_in_the_golden_conversations() {
         replay(&path.file_name().unwrap().to_string_lossy(), &conversation);
         replayed += 1;
     }
-    assert!(replayed >= 8, "{replayed} conversations found");
+    assert!(replayed >= 9, "{replayed} conversations found");
 }

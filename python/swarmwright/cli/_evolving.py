@@ -129,6 +129,9 @@ def _conclude(output: Output, run: "Run") -> None:
     rate = run.evaluations / max(run.seconds, 1e-3)
     whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
+    values = best.controller.parameters
+    if values:
+        output.text(f"Its parameters: {', '.join(f'{name} {value}' for name, value in values.items())}.")
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")

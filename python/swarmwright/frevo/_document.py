@@ -8,10 +8,11 @@ from swarmwright._errors import InputError
 from swarmwright._suggest import did_you_mean
 from swarmwright.frevo._xml import Element, read
 
+MACHINE = "fsm.MealyFSM"
 SECTIONS = {
     "problem": ("emergencyexit.EmergencyExit",),
     "method": ("nnga.NNGA", "CEA2D.CEA2D"),
-    "representation": ("fullyMeshedNet.FullyMeshedNet",),
+    "representation": ("fullyMeshedNet.FullyMeshedNet", MACHINE),
     "ranking": ("AbsoluteRanking.AbsoluteRanking",),
 }
 """Sections of a session, and the classes of each that have a counterpart here."""

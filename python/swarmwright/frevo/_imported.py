@@ -66,7 +66,7 @@ def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
     if mapped.field_file is not None:
         lines += _field_lines(mapped.field_file, folder)
     lines += _left_out(mapped.not_parameters)
-    lines += ["", "controller:", *_block([Line("kind", "fully_meshed", representation.class_name)])]
+    lines += ["", "controller:", *_block([Line("kind", mapped.controller_kind, representation.class_name)])]
     lines += [*_block(mapped.controller), *_left_out(mapped.not_controller)]
     lines += ["", "method:", *_block([Line("kind", mapped.method_kind, method.class_name)])]
     lines += [*_block(mapped.method), *_left_out(mapped.not_method)]

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swarmwright.frevo._document import Section, Session
+from swarmwright.frevo._document import MACHINE, Section, Session
 from swarmwright.frevo._field import FieldFile, find_field
+from swarmwright.frevo._machine import take_machine
 
 ACTIVATIONS = {"LINEAR": "clamp", "SIGMOID": "sigmoid"}
 """FREVO's activation functions, and ours."""
@@ -46,6 +47,7 @@ class Mapped:
 
     seed: Line
     method_kind: str = "nnga"
+    controller_kind: str = "fully_meshed"
     parameters: list[Line] = field(default_factory=list)
     controller: list[Line] = field(default_factory=list)
     method: list[Line] = field(default_factory=list)
@@ -222,7 +224,27 @@ def _map_mutation(method: Section, mapped: Mapped) -> None:
         mapped.controller.append(Line("mutation", "uniform", f"mutationMethod = {number}"))
 
 
+def _map_machine(section: Section, mapped: Mapped) -> None:
+    machine = take_machine(section)
+    mapped.controller_kind = "mealy_fsm"
+    # What the method says of mutations is about networks.
+    mapped.controller = [
+        Line("states", machine.states, "num_of_states"),
+        Line("levels", machine.levels, "min_input_values, max_input_values, nthresholds_for_inputs"),
+        Line("output_levels", machine.output_levels, "output_units, and both ends count"),
+    ]
+    mapped.not_controller += machine.not_taken
+    mapped.notes = [note for note in mapped.notes if "mutationMethod" not in note] + machine.notes
+
+
 def _map_representation(section: Section, mapped: Mapped) -> None:
+    if section.class_name == MACHINE:
+        _map_machine(section, mapped)
+    else:
+        _map_network(section, mapped)
+
+
+def _map_network(section: Section, mapped: Mapped) -> None:
     check_deterministic(section)
     mapped.controller[:0] = [
         Line("hidden", section.take_integer("hiddenNodes", 2, 0), "hiddenNodes"),

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.frevo._document import Session, java_number
+from swarmwright.frevo._document import MACHINE, Session, java_number
 from swarmwright.frevo._mapping import check_deterministic, take_activation
 from swarmwright.frevo._xml import Element
 from swarmwright.representations._base import shortest
@@ -34,6 +34,10 @@ def networks(session: Session) -> list[Network]:
     if not found:
         raise session.root.error(
             "no <populations> inside: a session, no result; give the .zre file that FREVO wrote when it ran"
+        )
+    if session.representation.class_name == MACHINE:
+        raise session.representation.element.error(
+            f"machines of {MACHINE} cannot be scored again: FREVO looks their rows up in another way"
         )
     check_deterministic(session.representation)
     iterations = session.representation.take_integer("iterations", 2, 1)

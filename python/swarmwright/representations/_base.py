@@ -44,6 +44,10 @@ class Representation(ABC):
     a similar controller. False for genes that are choices, such as the entries of a table: methods that add
     and scale genes refuse such a representation."""
 
+    steers: ClassVar[bool] = True
+    """Whether its controllers steer agents. False for values that go to the simulation before an episode, and
+    which therefore fit any numbers of sensors and actuators."""
+
     def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
         self.options = options
         self.sensors = sensors

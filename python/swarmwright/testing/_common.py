@@ -1,5 +1,6 @@
 """What the checks share."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from swarmwright._descriptions import described
@@ -10,9 +11,24 @@ from swarmwright.representations import REPRESENTATIONS, Representation
 SHAPES = ((1, 1), (4, 1), (10, 2), (3, 5))
 """(sensors, actuators) that representations are tried with."""
 
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "parameter_set": {
+        "parameters": {
+            "avoidance": {"type": "real", "range": [0, 5]},
+            "hops": {"type": "integer", "range": [1, 100], "scale": "log"},
+            "strategy": {"type": "categorical", "choices": ["a", "b", "c"]},
+        }
+    }
+}
+"""What built-in kinds cannot do without."""
 
-def check_options(registry: Registry[Any], kind: str) -> Options:
-    """Check the options of a component; return its defaults."""
+
+def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any] | None = None) -> Options:
+    """Check the options of a component; return them.
+
+    options: those that it cannot do without; default: none, but for built-in kinds that need some.
+    """
+    given = EXAMPLES.get(kind, {}) if options is None else options
     component = registry.get(kind)
     assert component.kind == kind, f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
     model: type[Options] = component.options_model
@@ -24,11 +40,28 @@ def check_options(registry: Registry[Any], kind: str) -> Options:
     assert field.default == kind, f"{model.__name__}.kind must default to {kind!r}"
     for name, one in described(model).model_fields.items():
         assert name == "kind" or one.description, f"{model.__name__}.{name} has no description"
-        assert not one.is_required(), f"{model.__name__}.{name} has no default: {kind} alone must be enough"
-    return model()
+        assert not one.is_required() or name in given, (
+            f"{model.__name__}.{name} has no default: give it one, or say here what it is"
+        )
+    return model.model_validate({**given})
 
 
-def representation(kind: str = "layered", *, sensors: int = 4, actuators: int = 1) -> Representation:
-    """Return a representation with its default options."""
+def alone(registry: Registry[Any]) -> list[str]:
+    """Return the kinds that can do without options, and the built-in ones."""
+    names = registry.names()
+    fields = {name: registry.get(name).options_model.model_fields.values() for name in names}
+    return [name for name in names if name in EXAMPLES or not any(one.is_required() for one in fields[name])]
+
+
+def representation(
+    kind: str = "layered",
+    *,
+    sensors: int = 4,
+    actuators: int = 1,
+    options: Mapping[str, Any] | None = None,
+) -> Representation:
+    """Return a representation, by default with no options but those that it cannot do without."""
     component = REPRESENTATIONS.get(kind)
-    return component(component.options_model(), sensors=sensors, actuators=actuators)
+    given = EXAMPLES.get(kind, {}) if options is None else options
+    made = component.options_model.model_validate({**given})
+    return component(made, sensors=sensors, actuators=actuators)

@@ -14,7 +14,7 @@ from swarmwright.methods import METHODS, Method
 from swarmwright.rankings._base import Fitness
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.representations._base import Genomes
-from swarmwright.testing._common import check_options, representation
+from swarmwright.testing._common import alone, check_options, representation
 from swarmwright.testing._replay import check_replay
 from swarmwright.testing._samples import BoundedGenes, Choices
 from swarmwright.testing._steady import check_steady_state
@@ -33,7 +33,7 @@ def check_method(kind: str) -> None:
     can.
     """
     check_options(METHODS, kind)
-    made = [representation(name) for name in REPRESENTATIONS.names()]
+    made = [representation(name) for name in alone(REPRESENTATIONS)]
     suitable = [one for one in (*made, BoundedGenes()) if _accepts(kind, one)]
     assert suitable, f"{kind} refuses every representation"
     for one in suitable:

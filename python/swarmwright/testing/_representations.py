@@ -1,6 +1,8 @@
 """Checks of representations."""
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +13,20 @@ from swarmwright.representations._base import Genome, Genomes
 from swarmwright.testing._common import SHAPES, check_options, representation
 
 
-def check_representation(kind: str) -> None:
-    """Check a registered representation with its default options and several sizes."""
-    check_options(REPRESENTATIONS, kind)
+def check_representation(kind: str, options: Mapping[str, Any] | None = None) -> None:
+    """Check a registered representation with several numbers of sensors and actuators.
+
+    Genes may be numbers or choices, bounded or not.
+
+    Args:
+        kind: as in experiment files.
+        options: as in experiment files, `kind` left out; default: none, which must be enough then.
+    """
+    check_options(REPRESENTATIONS, kind, options)
     for sensors, actuators in SHAPES:
-        subject = representation(kind, sensors=sensors, actuators=actuators)
+        subject = representation(kind, sensors=sensors, actuators=actuators, options=options)
         _check_limits(subject)
+        _check_weights(subject)
         _check_initial(subject)
         _check_specification(subject)
         _check_mutation(subject)
@@ -57,6 +67,27 @@ def _check_limits(subject: Representation) -> None:
         assert ((first - edge <= genome) & (genome <= last + edge)).all(), "initial leaves initial_range"
 
 
+def _check_weights(subject: Representation) -> None:
+    lower, upper = subject.bounds
+    first, last = subject.initial_range
+    inside = [(1 - share) * first + share * last for share in (0.25, 0.5)]
+    # Where there are bounds, genomes may lie on them.
+    edges = [np.where(np.isfinite(limit), limit, 0.0) for limit in (lower, upper)]
+    genomes = np.stack([*_genomes(subject, 3), *inside, *edges]).astype(np.float32)
+    before = genomes.tobytes()
+    rows = subject.weights(genomes)
+    assert genomes.tobytes() == before, "weights must not change its argument"
+    assert rows.dtype == np.float32, f"weights returns {rows.dtype}, not float32"
+    needed = _engine.genome_size(json.dumps(subject.architecture(), allow_nan=False))
+    assert rows.shape == (len(genomes), needed), (
+        f"weights returns the shape {rows.shape}; controllers of this architecture have {needed} weights"
+    )
+    assert np.isfinite(rows).all(), "weights returns numbers that are not finite"
+    for genome, row in zip(genomes, rows, strict=True):
+        alone = subject.weights(genome[np.newaxis])[0]
+        assert alone.tobytes() == row.tobytes(), "the weights of a genome must not depend on its neighbours"
+
+
 def _check_initial(subject: Representation) -> None:
     one, other = _genomes(subject, 2)
     _is_genome(subject, one, "initial")
@@ -69,15 +100,13 @@ def _check_specification(subject: Representation) -> None:
     genome = _genomes(subject, 1)[0]
     specification = subject.specification(genome)
     text = json.dumps(specification, allow_nan=False)
-    assert _engine.genome_size(text) == subject.genome_size, "the engine needs another number of weights"
-    rows = subject.weights(np.stack(_genomes(subject, 3)))
-    assert rows.dtype == np.float32, f"weights returns {rows.dtype}, not float32"
-    assert rows.shape == (3, _engine.genome_size(json.dumps(subject.architecture()))), (
-        "weights has another shape"
-    )
     own = np.array(specification["weights"], dtype=np.float32)
-    assert own.tobytes() == rows[0].tobytes(), "specification must hold the genome's own weights"
+    weights = subject.weights(genome[np.newaxis])[0]
+    assert own.tobytes() == weights.tobytes(), "specification must hold the genome's own weights"
     controller = _engine.Controller(text)
+    if not subject.steers:
+        assert controller.sensors == 0, "steers is False, but the controllers take sensors"
+        return
     assert (controller.sensors, controller.actuators) == (subject.sensors, subject.actuators)
     sensors = np.linspace(-1, 1, subject.sensors, dtype=np.float32)
     actuators = controller.step(sensors)
@@ -89,14 +118,17 @@ def _check_mutation(subject: Representation) -> None:
     genome = _genomes(subject, 1)[0]
     before = genome.tobytes()
 
-    def mutant(severity: float, probability: float) -> Genome:
-        return subject.mutate(genome, Stream(2, "check"), severity=severity, probability=probability)
+    def mutant(severity: float, probability: float, index: int = 0) -> Genome:
+        stream = Stream(2, "check", 0, index)
+        return subject.mutate(genome, stream, severity=severity, probability=probability)
 
-    changed = mutant(0.3, 1.0)
-    _is_genome(subject, changed, "mutate")
+    # Of choices few may change at a time.
+    changed = [mutant(0.3, 1.0, index) for index in range(30)]
+    for one in changed:
+        _is_genome(subject, one, "mutate")
     assert genome.tobytes() == before, "mutate must not change its argument"
-    assert changed.tobytes() == mutant(0.3, 1.0).tobytes(), "mutate must depend on the stream alone"
-    assert changed.tobytes() != before, "mutate with probability 1 must change something"
+    assert changed[0].tobytes() == mutant(0.3, 1.0).tobytes(), "mutate must depend on the stream alone"
+    assert {one.tobytes() for one in changed} - {before}, "mutate with probability 1 must change something"
     _is_genome(subject, mutant(100.0, 1.0), "mutate")
     assert mutant(0.3, 0.0).tobytes() == before, "mutate with probability 0 must change nothing"
 
@@ -109,7 +141,8 @@ def _check_crossover(subject: Representation) -> None:
         _is_genome(subject, child, "crossover")
     assert (mother.tobytes(), father.tobytes()) == before, "crossover must not change its arguments"
     mixed = [child for child in children if child.tobytes() not in before]
-    assert mixed, "crossover never returned anything but a parent"
+    # A single gene that is a choice has nothing to mix.
+    assert mixed or subject.genome_size == 1, "crossover never returned anything but a parent"
     same = subject.crossover(mother, mother, Stream(3, "check"))
     assert same.tobytes() == before[0], "crossover of a genome with itself must be that genome"
 

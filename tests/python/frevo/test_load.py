@@ -318,3 +318,64 @@ def test_mistakes_on_the_command_line(program: Any, data: Path, tmp_path: Path, 
         assert shown.returncode == 2, arguments
         assert answer in shown.stderr
         assert shown.stdout == ""
+
+
+MEALY = """<representation class="fsm.MealyFSM">
+    <representationentry key="num_of_states" type="INT" value="3"/>
+    <representationentry key="state_num_change_allowed" type="BOOLEAN" value="true"/>
+    <representationentry key="min_input_values" type="INTARRAY" value="-20,-20,0,0,0,0,0,0,0,0"/>
+    <representationentry key="max_input_values" type="INTARRAY" value="20,20,1,1,1,1,1,1,1,1"/>
+    <representationentry key="unit_input_values" type="INTARRAY" value="40,40,1,1,1,1,1,1,1,1"/>
+    <representationentry key="threshold_units" type="INTARRAY" value="40,40,1,1,1,1,1,1,1,1"/>
+    <representationentry key="nthresholds_for_inputs" type="INTARRAY" value="1,3,0,0,1,1,1,1,1,1"/>
+    <representationentry key="output_units" type="INT" value="2"/>
+    <representationentry key="mutate_del_tr_prob" type="FLOAT" value="0.01f"/>
+  </representation>"""
+NETWORK = """<representation class="fullyMeshedNet.FullyMeshedNet">
+    <representationentry key="hiddenNodes" type="INT" value="2"/>
+  </representation>"""
+
+
+def test_a_mealy_machine(edited: Edited, tmp_path: Path) -> None:
+    imported = frevo.load(edited("emergency_exit_random.zse", (NETWORK, MEALY)))
+    experiment = imported.experiment
+    assert experiment.controller.model_dump() == {
+        "kind": "mealy_fsm",
+        "states": 3,
+        # FREVO counts a whole number that equals a threshold as above it.
+        "levels": [[-0.5], [-10.5, -0.5, 9.5], *[[0.5]] * 8],
+        "output_levels": 3,
+    }
+    assert experiment.genome_size == 3 * 2 * 4 * 2**8 * 3
+    assert len(imported.notes) == 4
+    assert "state_num_change_allowed = true: the number of states is fixed" in imported.notes[3]
+    assert "# not taken over: mutate_del_tr_prob = 0.01f:" in imported.yaml
+    short = experiment.replace(method={"population": 10, "generations": 1}, servers="local")
+    assert optimize(short, out=tmp_path / "run").evaluations == 10
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"1,3,0,0,1,1,1,1,1,1"', '"1,3"', "nthresholds_for_inputs: '1,3' found, expected 10 whole numbers"),
+        ('"1,3,0,0,1,1,1,1,1,1"', '"1,3,0,0,1,1,1,1,1,-1"', "nthresholds_for_inputs: .* one for each input"),
+        (
+            '"20,20,1,',
+            '"20,-20,1,',
+            "max_input_values: -20 found for input 1, expected more than the smallest",
+        ),
+        ('value="3"', 'value="0"', "num_of_states: 0 found, expected a whole number of at least 1"),
+        ('"20,20,1,', '"x,20,1,', "max_input_values: 'x,20,.* found"),
+    ],
+)
+def test_a_mealy_machine_that_cannot_be_taken_over(edited: Edited, old: str, new: str, words: str) -> None:
+    path = edited("emergency_exit_random.zse", (NETWORK, MEALY.replace(old, new)))
+    with pytest.raises(InputError, match=rf"\.zse:\d+: representation\.{words}"):
+        frevo.load(path)
+
+
+def test_machines_are_not_scored(edited: Edited) -> None:
+    classes = ('class="fullyMeshedNet.FullyMeshedNet"', 'class="fsm.MealyFSM"')
+    path = edited("emergency_exit_random.zre", classes)
+    with pytest.raises(InputError, match=r"machines of fsm\.MealyFSM cannot be scored again"):
+        frevo.score(path)

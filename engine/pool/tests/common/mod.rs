@@ -27,6 +27,8 @@ pub struct Line {
     acting: Vec<u32>,
     step: u32,
     seed: f32,
+    /// The way of a step, where agents steer themselves.
+    speed: Option<f32>,
     pub sensors: usize,
 }
 
@@ -37,6 +39,7 @@ impl Line {
             acting: Vec::new(),
             step: 0,
             seed: 0.0,
+            speed: None,
             sensors: 2,
         }
     }
@@ -70,6 +73,9 @@ impl Simulation for Line {
         #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
         let seed = number("seed") as f32;
         self.seed = seed;
+        #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
+        let speed = |value: &Value| value.as_f64().map(|speed| speed as f32);
+        self.speed = parameters.get("speed").and_then(speed);
         self.places = vec![0.0; agents];
         self.acting = (0..u32::try_from(agents).unwrap()).collect();
         self.step = 0;
@@ -77,7 +83,15 @@ impl Simulation for Line {
     }
 
     fn acting(&self) -> &[u32] {
-        &self.acting
+        if self.speed.is_some() {
+            &[]
+        } else {
+            &self.acting
+        }
+    }
+
+    fn done(&self) -> bool {
+        self.acting.is_empty()
     }
 
     fn sense(&self, agent: u32, sensors: &mut [f32]) {
@@ -88,6 +102,11 @@ impl Simulation for Line {
     fn step(&mut self, actuators: &[f32]) {
         for (&agent, actuator) in self.acting.iter().zip(actuators) {
             self.places[agent as usize] += actuator;
+        }
+        if let Some(speed) = self.speed {
+            for &agent in &self.acting {
+                self.places[agent as usize] += speed + self.seed;
+            }
         }
         self.step += 1;
         // Agents stop one after another, so that the number of messages changes from step to step.

@@ -129,7 +129,7 @@ impl LaneWorld for MinisimLanes {
             .collect::<Result<Vec<_>, _>>()?;
         let few = settings
             .first()
-            .is_some_and(|first| first.defenders.len() <= MOST_DEFENDERS);
+            .is_some_and(|first| first.defenders.len() <= MOST_DEFENDERS && !first.steers_itself);
         Ok(few.then_some(Self(settings)))
     }
 

@@ -13,6 +13,13 @@
 //! 4. Of those still free, every one with sqrt(q) <= captureRadius, q its smallest as in 2 (dx = defender.x - x,
 //!    dy = defender.y - y), is caught.
 //!
+//! With `steering: rule` agents steer themselves, and nobody asks for actuators. In place of 1, for every free agent,
+//! ascending: g = goal - agent, d = sqrt(g.x*g.x + g.y*g.y), w = (g.x / d, g.y / d), or 0, 0 where d is 0. With the closest
+//! defender (as in the sensors) e = defender - agent, r = sqrt(e.x*e.x + e.y*e.y): if 0 < r < avoidanceRadius,
+//! s = avoidance * (1 - r / avoidanceRadius), v = (-e.x, -e.y) for the evasion away, (-e.y, e.x) for left, (e.y, -e.x) for
+//! right, w.x = w.x + s * (v.x / r), w.y = w.y + s * (v.y / r). Then n = sqrt(w.x*w.x + w.y*w.y), and unless it is 0
+//! x = x + speedAgents * (w.x / n), y = y + speedAgents * (w.y / n), each limited as in 1.
+//!
 //! Sensors: (goal.x - x) / mapWidth, (goal.y - y) / mapHeight, then the same for the closest defender (smallest q,
 //! lower index on ties), or 0, 0 without defenders.
 //! Fitness: 0 - s / n, where s is the sum over agents, ascending, of the distance to the goal as in 3 (0 for those
@@ -20,6 +27,7 @@
 
 mod lanes;
 mod nearest;
+mod rule;
 mod settings;
 
 use crate::{
@@ -107,6 +115,24 @@ impl Minisim {
         }
     }
 
+    fn move_agents_by_rule(&mut self) {
+        for agent in &self.acting {
+            let from = self.agents[*agent as usize];
+            let nearest = self.near_defenders.closest(from).map(|(place, _)| place);
+            let [wx, wy] = self.settings.rule.way(from, self.settings.goal, nearest);
+            let n = (wx * wx + wy * wy).sqrt();
+            if n > 0.0 {
+                let Settings {
+                    map, speed_agents, ..
+                } = self.settings;
+                self.agents[*agent as usize] = [
+                    limit(from[0] + speed_agents * (wx / n), map[0]),
+                    limit(from[1] + speed_agents * (wy / n), map[1]),
+                ];
+            }
+        }
+    }
+
     fn move_defenders(&mut self) {
         let speed = self.settings.speed_defenders;
         let free = self.acting.iter().map(|agent| self.agents[*agent as usize]);
@@ -164,7 +190,15 @@ impl Simulation for Minisim {
     }
 
     fn acting(&self) -> &[u32] {
-        &self.acting
+        if self.settings.steers_itself {
+            &[]
+        } else {
+            &self.acting
+        }
+    }
+
+    fn done(&self) -> bool {
+        self.acting.is_empty()
     }
 
     fn sense(&self, agent: u32, sensors: &mut [f32]) {
@@ -192,7 +226,11 @@ impl Simulation for Minisim {
         if self.acting.is_empty() {
             return;
         }
-        self.move_agents(actuators);
+        if self.settings.steers_itself {
+            self.move_agents_by_rule();
+        } else {
+            self.move_agents(actuators);
+        }
         self.move_defenders();
         self.judge_agents();
         self.step += 1;

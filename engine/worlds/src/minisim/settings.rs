@@ -1,6 +1,7 @@
 //! Parameters of Minisim: names, defaults, ranges.
 
 use super::Point;
+use super::rule::{Evasion, Rule};
 use crate::counter::uniform;
 use crate::parameters::wrong;
 use crate::{ParameterError, ParameterInfo, ParameterReader, Parameters};
@@ -28,6 +29,9 @@ pub(super) struct Settings {
     pub max_steps: u32,
     pub capture_radius: f32,
     pub goal_radius: f32,
+    /// Whether agents follow the rule and nobody asks for actuators.
+    pub steers_itself: bool,
+    pub rule: Rule,
 }
 
 impl Default for Settings {
@@ -45,6 +49,12 @@ impl Default for Settings {
             max_steps: 15,
             capture_radius: 0.5,
             goal_radius: 0.5,
+            steers_itself: false,
+            rule: Rule {
+                avoidance: 1.0,
+                radius: 2.0,
+                evasion: Evasion::Away,
+            },
         }
     }
 }
@@ -117,8 +127,24 @@ impl Settings {
             goal_radius: read
                 .not_negative("goalRadius")?
                 .unwrap_or(default.goal_radius),
+            steers_itself: read.choice("steering", &["controller", "rule"])? == Some(1),
+            rule: rule(read, default.rule)?,
         })
     }
+}
+
+fn rule(read: ParameterReader<'_>, default: Rule) -> Result<Rule, ParameterError> {
+    Ok(Rule {
+        avoidance: read.not_negative("avoidance")?.unwrap_or(default.avoidance),
+        radius: read
+            .not_negative("avoidanceRadius")?
+            .unwrap_or(default.radius),
+        evasion: match read.choice("evasion", &["away", "left", "right"])? {
+            Some(1) => Evasion::Left,
+            Some(2) => Evasion::Right,
+            _ => default.evasion,
+        },
+    })
 }
 
 /// The positions that are listed, or else how many bodies (1 by default) are to be placed.
@@ -293,6 +319,30 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "string",
             json!("fixed"),
             "Where agents and defenders without a list start: fixed, or random by seed (agents in the left third, defenders in the middle third).",
+        ),
+        info(
+            "steering",
+            "string",
+            json!("controller"),
+            "Who steers the agents: controller, or rule: they steer themselves, to the goal and around the closest defender.",
+        ),
+        info(
+            "avoidance",
+            "number",
+            short(d.rule.avoidance),
+            "With the rule: how much a defender at distance 0 counts against the goal's 1, at least 0; less with distance, nothing from avoidanceRadius on.",
+        ),
+        info(
+            "avoidanceRadius",
+            "number",
+            short(d.rule.radius),
+            "With the rule: the distance from which on a defender is evaded, metres, at least 0.",
+        ),
+        info(
+            "evasion",
+            "string",
+            json!("away"),
+            "With the rule: the way around a defender that is straight ahead: away from it, to its left or to its right, seen with y pointing up.",
         ),
         info(
             "seed",

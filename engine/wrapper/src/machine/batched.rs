@@ -84,12 +84,16 @@ impl Machine {
         }
     }
 
-    /// Sends the message of the step that begins, which is the last one when all episodes have ended.
-    fn sense_batch(&mut self, now: Instant) {
+    /// Sends the message of the step that begins, which is the last one when all episodes have ended. Where simulations go
+    /// on by themselves, they make a step first, and one more when the batch is resumed.
+    pub(super) fn sense_batch(&mut self, now: Instant) {
         let server = self.identity.id;
         let State::Stepping(batch) = &mut self.state else {
             return;
         };
+        if batch.go_on(now) {
+            return;
+        }
         let reply = batch.reply.clone();
         match batch.sense(server, now) {
             Ok(message) => {

@@ -180,11 +180,12 @@ impl Machine {
         let architecture =
             Architecture::from_json(&text).map_err(|error| invalid(error.to_string()))?;
         let description = &self.offers[index].description;
+        let steers = architecture.steers();
         for (field, found, expected) in [
             ("sensors", architecture.sensors(), description.sensors),
             ("actuators", architecture.actuators(), description.actuators),
         ] {
-            if found != expected {
+            if steers && found != expected {
                 return Err(invalid(format!(
                     "controller.{field}: {found}, but simulation {} has {expected}",
                     description.title

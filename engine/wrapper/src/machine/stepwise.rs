@@ -156,6 +156,7 @@ impl Machine {
     fn proceed(&mut self, outcome: Outcome, now: Instant) {
         match outcome {
             Outcome::Wait => {}
+            Outcome::WentOn => self.show(now),
             Outcome::Stepped => {
                 self.show(now);
                 if !self.paused() {

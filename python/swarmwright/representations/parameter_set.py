@@ -1,0 +1,269 @@
+"""Named parameters of simulations that steer their agents themselves."""
+
+from decimal import Decimal, localcontext
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from swarmwright._options import Options
+from swarmwright._problems import shown
+from swarmwright._random import Stream
+from swarmwright.representations._base import Genome, Genomes, Limits, Representation
+
+_LARGEST_INTEGER = 1 << 24
+"""Up to here every integer is a float32."""
+_LARGEST_REAL = float(np.finfo(np.float32).max)
+_RESERVED = frozenset({"server", "simulation", "simulation_hash", "seed"})
+"""What stands beside parameters in a message, or is replaced for every episode."""
+_LN_2 = 0.6931471805599453
+
+Numbers = NDArray[np.float64]
+
+
+def _range(value: Any, whole: bool) -> Any:  # noqa: ANN401 - whatever the file says
+    kinds, largest = ((int,), _LARGEST_INTEGER) if whole else ((int, float), _LARGEST_REAL)
+
+    def fits(bound: Any) -> bool:  # noqa: ANN401 - whatever the file says
+        return isinstance(bound, kinds) and not isinstance(bound, bool) and abs(bound) <= largest
+
+    if (
+        isinstance(value, list | tuple)
+        and len(value) == 2
+        and all(map(fits, value))
+        and all(np.float32(low) < np.float32(high) for low, high in pairwise(value))
+    ):
+        return list(value)
+    what = f"whole numbers within +-{largest}" if whole else "numbers"
+    raise ValueError(f"must be [lowest, highest], two {what}, not {shown(value)}")
+
+
+def _pair(kind: str) -> WithJsonSchema:
+    return WithJsonSchema({"type": "array", "items": {"type": kind}, "minItems": 2, "maxItems": 2})
+
+
+class _NumberParameter(Options):
+    range: list[float]
+    scale: Literal["linear", "log"] = "linear"
+    """log: a step multiplies; for values whose orders of magnitude differ. The range is then above 0."""
+
+    @model_validator(mode="after")
+    def _positive(self) -> "_NumberParameter":
+        if self.scale == "log" and self.range[0] <= 0:
+            raise ValueError(f"scale: log needs a range above 0, not {shown(self.range)}")
+        return self
+
+
+class RealParameter(_NumberParameter):
+    """A number."""
+
+    type: Literal["real"]
+    """A number with a fraction."""
+    range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=False)), _pair("number")]
+    """Lowest and highest value, both possible."""
+
+
+class IntegerParameter(_NumberParameter):
+    """A whole number."""
+
+    type: Literal["integer"]
+    """A number without a fraction."""
+    range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=True)), _pair("integer")]
+    """Lowest and highest value, both possible."""
+
+
+def _choices(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if (
+        isinstance(value, list | tuple)
+        and len(value) >= 2
+        and all(isinstance(choice, str) for choice in value)
+        and len(set(value)) == len(value) <= _LARGEST_INTEGER
+    ):
+        return list(value)
+    raise ValueError(f"must be a list of at least two different texts, not {shown(value)}")
+
+
+class CategoricalParameter(Options):
+    """One of several texts, none of which is nearer to another than the rest."""
+
+    type: Literal["categorical"]
+    """One of several texts."""
+    choices: Annotated[list[str], BeforeValidator(_choices)]
+    """The texts."""
+
+
+Parameter = Annotated[RealParameter | IntegerParameter | CategoricalParameter, Field(discriminator="type")]
+
+
+class ParameterSetOptions(Options):
+    """Values of parameters, for simulations that steer their agents themselves."""
+
+    kind: Literal["parameter_set"] = "parameter_set"
+    parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
+    """What is evolved, by the parameter's name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]}
+    or {type: categorical, choices: [a, b]}. A real or integer has a scale: linear (default), or log for a
+    range above 0 whose orders of magnitude count. The simulation's other parameters stand under the
+    experiment's key parameters; none stands in both."""
+
+    @model_validator(mode="after")
+    def _names(self) -> "ParameterSetOptions":
+        for name in self.parameters:
+            if name in _RESERVED:
+                raise ValueError(
+                    f"parameters: {name!r} is no parameter to be evolved: it is set for each episode"
+                )
+        return self
+
+
+class ParameterSet(Representation):
+    """Parameters of a simulation whose agents steer themselves.
+
+    A candidate's values are put beside the experiment's parameters, in the parameters message of each of its
+    episodes. Nothing is steered from outside.
+
+    Genes lie in 0..1, one for each parameter in the order of the file; beyond, the limit counts. A real is
+    low + g * (high - low), or low * (high / low) ** g on the log scale. For an integer 0..1 is cut into as
+    many parts as there are values, equally wide, or on the log scale as wide as the logarithms of n and n + 1
+    are apart. For a categorical it is cut equally. Everything is computed in binary64, in single operations
+    that are the same everywhere, and rounded to the float32 that is sent as its shortest decimal.
+
+    A mutation moves a number's gene uniformly within +-severity, with `probability`, and reflects it at 0 and
+    1; a categorical changes with `probability` times `severity` to one of the others, all equally likely. A
+    crossover takes each gene from either parent, at least one from each; with a single parameter, which is a
+    number, it takes a value between them. The distance is the sum of the differences of genes; two categories
+    differ by 1.
+    """
+
+    kind: ClassVar[str] = "parameter_set"
+    options_model = ParameterSetOptions
+    options: ParameterSetOptions
+    steers: ClassVar[bool] = False
+
+    @property
+    def genome_size(self) -> int:
+        """Number of parameters."""
+        return len(self.options.parameters)
+
+    @property
+    def bounds(self) -> Limits:
+        """0 to 1."""
+        return np.zeros(self.genome_size), np.ones(self.genome_size)
+
+    @property
+    def _categories(self) -> NDArray[np.float64]:
+        """Number of choices of each parameter; 0 for numbers."""
+        return np.array(
+            [
+                len(one.choices) if isinstance(one, CategoricalParameter) else 0
+                for one in self.options.parameters.values()
+            ],
+            dtype=np.float64,
+        )
+
+    def architecture(self) -> dict[str, Any]:
+        """Return names and types of the parameters, and the choices that indices stand for."""
+        parameters: list[dict[str, Any]] = []
+        for name, one in self.options.parameters.items():
+            described: dict[str, Any] = {"name": name, "type": one.type}
+            if isinstance(one, CategoricalParameter):
+                described["choices"] = one.choices
+            parameters.append(described)
+        return {"version": 1, "kind": self.kind, "parameters": parameters}
+
+    def weights(self, genomes: Genomes) -> NDArray[np.float32]:
+        """Return the values, (candidates, parameters); of categoricals the index of the choice."""
+        genes = np.clip(genomes.astype(np.float64), 0.0, 1.0)
+        columns = [
+            _value(one, genes[..., index]) for index, one in enumerate(self.options.parameters.values())
+        ]
+        return np.stack(columns, axis=-1).astype(np.float32)
+
+    def initial(self, stream: Stream) -> Genome:
+        """Return genes that are uniform in 0..1."""
+        return stream.unit(self.genome_size).astype(np.float32)
+
+    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
+        """Return a copy in which each parameter is changed with `probability`, see the class."""
+        chosen, drawn = (stream.unit(self.genome_size) for _ in range(2))
+        genes = genome.astype(np.float64)
+        moved = genes + (drawn * 2 - 1) * severity
+        moved = np.where(moved > 1, 2 - moved, np.where(moved < 0, -moved, moved))
+        choices = self._categories
+        categorical, many = choices > 0, np.maximum(choices, 2)
+        another = (_part(genes, many) + 1 + np.floor(drawn * (many - 1))) % many
+        moved = np.where(categorical, (another + 0.5) / many, np.clip(moved, 0, 1))
+        rate = np.where(categorical, probability * severity, probability)
+        return np.where(chosen < rate, moved, genome).astype(np.float32)
+
+    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
+        """Return a mixture of both, see the class."""
+        if self.genome_size == 1:
+            if self._categories[0]:
+                return (father if stream.integer(2) else mother).copy()
+            way = father.astype(np.float64) - mother
+            return (mother + way * stream.unit(1)).astype(np.float32)
+        taken = np.array(stream.integers(2, self.genome_size)) == 1
+        if taken.all() or not taken.any():
+            taken[stream.integer(self.genome_size)] ^= True
+        return np.where(taken, father, mother).astype(np.float32)
+
+    def distance(self, one: Genome, other: Genome) -> float:
+        """Return the sum of differences of genes; two categories differ by 1."""
+        return float(self.distances(one, other[np.newaxis])[0])
+
+    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+        """Return the distance of one genome to each row of others, (k, D) to (k,)."""
+        choices = self._categories
+        differences = np.abs(one.astype(np.float64) - others)
+        many = np.maximum(choices, 1)
+        differ = _part(one.astype(np.float64), many) != _part(others.astype(np.float64), many)
+        parts = np.where(choices > 0, differ, differences)
+        sums: NDArray[np.float64] = np.add.accumulate(parts, axis=1)[:, -1]
+        return sums
+
+
+def _part(genes: Numbers, parts: Numbers | float) -> Numbers:
+    """Return in which of so many equal parts of 0..1 genes lie, from 0."""
+    inside: Numbers = np.clip(np.floor(genes * parts), 0, np.asarray(parts) - 1)
+    return inside
+
+
+def _value(parameter: RealParameter | IntegerParameter | CategoricalParameter, genes: Numbers) -> Numbers:
+    if isinstance(parameter, CategoricalParameter):
+        return _part(genes, float(len(parameter.choices)))
+    low, high = (float(bound) for bound in parameter.range)
+    if isinstance(parameter, IntegerParameter):
+        if parameter.scale == "linear":
+            return low + _part(genes, high - low + 1)
+        values = np.floor(low * _power(genes, _binary_logarithm(low, high + 1)))
+    elif parameter.scale == "linear":
+        values = low + genes * (high - low)
+    else:
+        values = low * _power(genes, _binary_logarithm(low, high))
+    inside: Numbers = np.clip(values, low, high)
+    return inside
+
+
+def _binary_logarithm(low: float, high: float) -> float:
+    """Return log2(high / low), the same on every machine: Decimal rounds correctly."""
+    with localcontext() as context:
+        context.prec = 30
+        return float((Decimal(high) / Decimal(low)).ln() / Decimal(2).ln())
+
+
+def _power(genes: Numbers, logarithm: float) -> Numbers:
+    """Return 2 ** (genes * logarithm), the same bits on every machine.
+
+    The functions of a C library differ between machines; this is a Taylor series for the fraction, whose last
+    term is below the rounding, and an exact scaling.
+    """
+    exponent = genes * logarithm
+    whole = np.floor(exponent + 0.5)
+    rest = (exponent - whole) * _LN_2
+    total = np.ones_like(rest)
+    for k in range(16, 0, -1):
+        total = total * rest / k + 1.0
+    powers: Numbers = np.ldexp(total, whole.astype(np.int64))
+    return powers
