@@ -67,7 +67,11 @@ Levels = Annotated[
 
 
 class MealyFsmOptions(Options):
-    """A finite-state machine: state and thresholded sensors say what to do and what state comes next."""
+    """A finite-state machine: state and thresholded sensors say what to do and what state comes next.
+
+    A mutation changes the share severity x probability of its table; give nnga a small probability, such as
+    0.1.
+    """
 
     kind: Literal["mealy_fsm"] = "mealy_fsm"
     states: int = Field(default=4, ge=1, le=1000)
