@@ -10,7 +10,7 @@ from swarmwright.display._episode import Playable
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
 LINES = 24
-"""Most lines of a frame where there is no terminal to measure."""
+"""Most lines of a scene where there is no terminal to measure."""
 
 
 def play(
@@ -58,8 +58,8 @@ class _Painter:
 
     def show(self, episode: Playable) -> None:
         size = shutil.get_terminal_size((80, LINES))
-        # One line is for the fitness, and on a terminal one for the cursor below the frame.
-        rows = size.lines - 2 if self._in_place else LINES - 1
+        # On a terminal one line is for the fitness and one for the cursor below the frame.
+        rows = size.lines - 2 if self._in_place else LINES
         text = episode.text(size.columns, self._color, max(rows, 1), self._unicode)
         so_far = f"fitness {episode.fitness + 0.0:.4g}"  # no -0
         lines = [*text.rstrip("\n").split("\n"), so_far[: size.columns]]
