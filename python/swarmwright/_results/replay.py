@@ -73,7 +73,8 @@ class Replay:
         from swarmwright import _engine
 
         experiment = self.run.experiment
-        parameters = json.dumps({**experiment.parameters, "seed": self.seed})
+        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
+        parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
         with engine_errors():
             return _engine.Episode(experiment.simulation, parameters, self.controller.json)
 

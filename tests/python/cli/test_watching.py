@@ -107,6 +107,21 @@ def test_every_episode_of_several(program: Any, tmp_path: Path) -> None:
     assert "with seed 77; the candidate's in the run is" in foreign.stdout
 
 
+def test_parameters_that_were_evolved_are_played_and_drawn(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "rule.yaml").write_text(
+        "simulation: minisim\nservers: local\nparameters: {steering: rule, numAgents: 3, numDefenders: 3}\n"
+        "controller: {kind: parameter_set, parameters: {avoidance: {type: real, range: [0, 5]}, "
+        "maxSteps: {type: integer, range: [3, 9]}}}\n"
+        "method: {kind: random_search, population: 4, generations: 1}\n"
+    )
+    assert program("optimize", "rule.yaml", "--out", "rule").returncode == 0
+    for candidate, fitness in enumerate(Run.open(tmp_path / "rule").record.fitness):
+        shown = program("replay", "rule", "--generation", "0", "--candidate", str(candidate), "--json")
+        assert json.loads(shown.stdout.splitlines()[-1])["fitness"] == fitness
+    drawn = program("draw", "rule", "--out", "rule.svg")
+    assert drawn.returncode == 0, drawn.stderr
+
+
 def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
     one = "it holds one generation, number 0"
     for options, said in (
