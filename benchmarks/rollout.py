@@ -61,7 +61,8 @@ class Block:
     def run(self, level: str = "auto", threads: int = 1) -> NDArray[np.float64]:
         """The fitness, (candidates,)."""
         arguments = (self.title, self.parameters, self.architecture, self.genomes, [0])
-        return _engine.evaluate(*arguments, level=level, threads=threads)[:, 0]
+        fitness, _ = _engine.evaluate(*arguments, level=level, threads=threads)
+        return fitness[:, 0]
 
     def time(self, level: str = "auto", threads: int = 1) -> Timing:
         """How long it takes."""

@@ -85,9 +85,9 @@ class Stepwise:
         """A block, and how many servers took part."""
         genomes = _genomes(episodes)
         start = time.perf_counter()
-        fitness, journal = self._pool.evaluate(ARCHITECTURE, genomes, [0])
+        fitness, _, journal = self._pool.evaluate(ARCHITECTURE, genomes, [0])
         seconds = time.perf_counter() - start
-        expected = _engine.evaluate("minisim", json.dumps(self._parameters), ARCHITECTURE, genomes, [0])
+        expected, _ = _engine.evaluate("minisim", json.dumps(self._parameters), ARCHITECTURE, genomes, [0])
         if fitness.tobytes() != expected.tobytes():
             raise SystemExit("stepwise evaluation and a rollout in this process give different fitness")
         attempts: list[dict[str, Any]] = [json.loads(line) for line in journal.splitlines()]

@@ -165,7 +165,7 @@ class TaskSuite:
 
     @staticmethod
     def _evaluate(pool: _engine.Pool, block: Block) -> np.ndarray:
-        fitness, journal = pool.evaluate(block.architecture, block.genomes, [0])
+        fitness, _, journal = pool.evaluate(block.architecture, block.genomes, [0])
         errors = [json.loads(line).get("error") for line in journal.splitlines()]
         if any(errors):
             raise SystemExit(f"offloaded evaluation failed: {next(filter(None, errors))}")

@@ -18,6 +18,7 @@ from swarmwright import _engine, _simulations
 from swarmwright._address import broker_problem
 from swarmwright._errors import InputError, RunError, engine_errors
 from swarmwright._experiment import Experiment
+from swarmwright._fitness import FitnessExpression
 from swarmwright._local_servers import LocalServers, automatic_count
 from swarmwright._suggest import did_you_mean, unknown
 from swarmwright.representations import Representation
@@ -51,9 +52,29 @@ class Results:
     fitness: NDArray[np.float64]
     """(candidates, episodes), NaN where the evaluation failed."""
     metrics: NDArray[np.float64]
-    """(candidates, episodes, metrics that were asked for), NaN where the evaluation failed."""
+    """(candidates, episodes, metrics that the fitness needs), NaN where the simulation failed."""
     journal: list[dict[str, Any]]
     """An entry per attempt at one evaluation or at a block of them, and per warning."""
+
+
+def _judged(expression: FitnessExpression | None, results: Results) -> Results:
+    """Put the experiment's fitness in the place of the simulation's own.
+
+    An episode for which it has no value has failed.
+    """
+    if expression is None:
+        return results
+    measured = np.isfinite(results.fitness)
+    values, faults = expression(results.fitness[measured], results.metrics[measured])
+    fitness = np.full_like(results.fitness, np.nan)
+    fitness[measured] = values
+    places = np.argwhere(measured)
+    failures = []
+    for fault in faults:
+        candidate, episode = places[fault.index]
+        error = f"fitness: {fault.reason}"
+        failures.append({"warning": f"candidate {candidate}, episode {episode}: {error}", "error": error})
+    return Results(fitness, results.metrics, results.journal + failures)
 
 
 class Backend(Protocol):
@@ -61,6 +82,8 @@ class Backend(Protocol):
 
     sensors: int
     actuators: int
+    metrics: tuple[str, ...]
+    """Names of the metrics that the experiment's fitness needs."""
     description: str
     """Where the work is done, for people and the journal."""
 
@@ -178,11 +201,16 @@ def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) ->
         prefix=experiment.prefix,
         tool="swarmwright",  # host and process are added
         mode=experiment.mode,
+        metrics=_metrics(experiment.fitness_expression),
         visual=visual,
         discovery_timeout=experiment.timeouts.discovery,
         step_timeout=experiment.timeouts.step,
         alone=alone,
     )
+
+
+def _metrics(expression: FitnessExpression | None) -> tuple[str, ...]:
+    return () if expression is None else expression.metrics
 
 
 def _require_built_in(simulation: str) -> None:
@@ -203,19 +231,22 @@ class LocalBackend:
         self.description = "in this process"
         self._simulation = experiment.simulation
         self._parameters = json.dumps(experiment.parameters, allow_nan=False)
+        self._expression = experiment.fitness_expression
+        self.metrics = _metrics(self._expression)
 
     def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
-        """Return the results; the journal is empty, nothing can go wrong on the way."""
+        """Return the results; nothing can go wrong on the way, so that only a fitness expression can fail."""
         with engine_errors():
-            fitness = _engine.evaluate(
+            fitness, metrics = _engine.evaluate(
                 self._simulation,
                 self._parameters,
                 crews.architecture,
                 crews.weights,
                 list(seeds),
                 on_progress,
+                metrics=self.metrics,
             )
-        return Results(fitness, np.empty((*fitness.shape, 0)), [])
+        return _judged(self._expression, Results(fitness, metrics, []))
 
 
 class BrokerBackend:
@@ -226,6 +257,8 @@ class BrokerBackend:
     ) -> None:
         self._pool = pool
         self._servers = servers
+        self._expression = experiment.fitness_expression
+        self.metrics = _metrics(self._expression)
         self.description = (
             f"servers on {address}" if servers is None else f"{len(servers.pids)} servers on {address}"
         )
@@ -237,7 +270,13 @@ class BrokerBackend:
             known = _simulations.titles()
             title = experiment.simulation
             hint = "" if title in known else did_you_mean(title, known)
-            raise RunError(f"{error}{hint}") from error
+            raise RunError(f"{error}{self._metrics_hint() or hint}") from error
+
+    def _metrics_hint(self) -> str:
+        """A name that servers announce, near one that none of them does."""
+        announced = self._pool.announced_metrics()
+        missing = [name for name in self.metrics if name not in announced]
+        return next((hint for name in missing if (hint := did_you_mean(name, announced))), "")
 
     def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results, NaN where it failed, and what the pool did for them."""
@@ -247,10 +286,12 @@ class BrokerBackend:
             on_progress(done, total, waiting_for)
 
         with engine_errors():
-            fitness, journal = self._pool.evaluate(crews.architecture, crews.weights, list(seeds), progress)
+            fitness, metrics, journal = self._pool.evaluate(
+                crews.architecture, crews.weights, list(seeds), progress
+            )
         self._check_servers()
         entries = [json.loads(line) for line in journal.splitlines() if line.strip()]
-        return Results(fitness, np.empty((*fitness.shape, 0)), entries)
+        return _judged(self._expression, Results(fitness, metrics, entries))
 
     def _check_servers(self) -> None:
         if self._servers is not None:

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
 from swarmwright._address import broker_problem, prefix_problem
+from swarmwright._fitness import FitnessExpression
 from swarmwright._options import Options
 from swarmwright._problems import shown
 from swarmwright._suggest import did_you_mean
@@ -64,6 +65,11 @@ class Document(Options):
     """Numbers an agent senses. Needed only when a server does not announce them."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
     """Numbers an agent is steered by. Needed only when a server does not announce them."""
+    fitness: str | None = Field(default=None, min_length=1)
+    """Fitness of an episode, an expression over the metrics that the simulation reports, numbers, and
+    `fitness`, the simulation's own: "arrived - 0.01 * steps". There is + - * / **, comparisons, and, or, not,
+    `a if condition else b`, abs, clip, max, min, sqrt. An episode for which it has no value has failed.
+    Default: the simulation's own fitness."""
     controller: dict[str, Any] = Field(default={})
     """The representation: what the genome stands for."""
     method: dict[str, Any] = Field(default={})
@@ -90,6 +96,13 @@ class Document(Options):
     """How long to wait."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
+
+    @field_validator("fitness")
+    @classmethod
+    def _fitness(cls, value: str | None) -> str | None:
+        if value is not None:
+            FitnessExpression(value)  # its error is a ValueError
+        return value
 
     @field_validator("broker")
     @classmethod

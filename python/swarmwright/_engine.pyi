@@ -42,7 +42,9 @@ def simulations() -> list[str]:
     """Titles of the built-in simulations, sorted."""
 
 def describe(title: str) -> str:
-    """JSON object: title, dimensions, max_agents, sensors, actuators, parameters (name -> {type, default, description}).
+    """JSON object: title, dimensions, max_agents, sensors, actuators, parameters (name -> {type, default, description}), metrics.
+
+    metrics: name -> {unit, description}, in alphabetical order.
 
     Raises InputError for an unknown title.
     """
@@ -88,6 +90,8 @@ class Episode:
     def done(self) -> bool: ...
     @property
     def fitness(self) -> float: ...
+    def metrics(self, names: list[str]) -> list[float]:
+        """The named metrics so far. Raises InputError for an unknown one."""
     @property
     def step_size(self) -> float:
         """Seconds between two frames when shown."""
@@ -195,15 +199,17 @@ def evaluate(
     seeds: Sequence[int],
     on_progress: Callable[[int, int, str], None] | None = None,
     *,
+    metrics: Sequence[str] | None = None,
     level: str = "auto",
     threads: int = 0,
-) -> NDArray[np.float64]:
-    """Evaluate in this process: (candidates, episodes) fitness; the parameter `seed` of episode e is seeds[e].
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Evaluate in this process: fitness (candidates, episodes) and the named metrics (candidates, episodes, metrics).
 
+    The parameter `seed` of episode e is seeds[e]. metrics: names; None for none.
     architecture: controller specification as JSON, its weights ignored. genomes: (candidates, weights), finite.
-    level: "auto" or one of `levels()`; threads: 0 for one per processor. The fitness depends on neither.
+    level: "auto" or one of `levels()`; threads: 0 for one per processor. The results depend on neither.
     on_progress(done, total, "") is called about ten times a second and at the end; KeyboardInterrupt is raised promptly.
-    Raises InputError for an unknown title, parameters that the simulation refuses, controllers that do not fit it.
+    Raises InputError for an unknown title, parameters that the simulation refuses, controllers that do not fit it, an unknown metric.
     """
 
 @final
@@ -264,6 +270,7 @@ class Pool:
         prefix: str = "",
         tool: str = "",
         mode: str = "auto",
+        metrics: Sequence[str] | None = None,
         visual: bool = False,
         discovery_timeout: float = 10.0,
         step_timeout: float = 60.0,
@@ -274,7 +281,8 @@ class Pool:
         """Connects and discovers. Raises EngineError (no broker, refused) or InputError.
 
         mode: "auto" (each server in the fastest way that it offers), "stepwise", "batched" or "offloaded". largest: most
-        evaluations in one request, None for no limit. visual: servers show their runs, which are stepwise then. alone: all servers on
+        evaluations in one request, None for no limit. metrics: names of what is needed beside the fitness; a server that
+        does not announce one of them is not used. visual: servers show their runs, which are stepwise then. alone: all servers on
         the broker are this process's own; without, a moment is waited in case two of them have one id.
         """
     def wait_for_server(self, *, sizes: bool = True) -> tuple[int, int]:
@@ -285,14 +293,17 @@ class Pool:
         genomes: NDArray[np.float32],
         seeds: Sequence[int],
         on_progress: Callable[[int, int, str], None] | None = None,
-    ) -> tuple[NDArray[np.float64], str]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
-        Returns fitness (candidates, episodes) float64, NaN where the evaluation failed, and the journal as JSON lines: an
+        Returns fitness (candidates, episodes) and metrics (candidates, episodes, metrics) float64, NaN where the
+        evaluation failed (a metric that is missing or not finite is a failure), and the journal as JSON lines: an
         attempt at a block of evaluations {"mode", "candidate" (the first), "candidates" (how many), "episode", "episodes",
         "server", "attempt", "steps" (unless offloaded), "started", "seconds", "error"}, or {"warning"}.
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
         """
+    def announced_metrics(self) -> list[str]:
+        """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
     def close(self) -> None:
         """End the runs that are left, free the servers, disconnect."""

@@ -1,5 +1,6 @@
 """Evaluating genomes and controllers without optimization."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,30 @@ def simulate(
         InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
         RunError: no broker, no fitting server, or the episode failed.
     """
+    return episode(
+        experiment, controller, broker=broker, servers=servers, visual=visual, on_progress=on_progress
+    ).fitness
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode that was run."""
+
+    fitness: float
+    metrics: dict[str, float]
+    """Those that the experiment's fitness needs, by name."""
+
+
+def episode(
+    experiment: Experiment,
+    controller: Controller | None,
+    *,
+    broker: str | None,
+    servers: Servers | None = None,
+    visual: bool = False,
+    on_progress: Progress | None = None,
+) -> Episode:
+    """Run one episode; all as in `simulate`."""
     if servers is None and broker is None and experiment.broker is None and experiment.servers != "local":
         servers = 1
     with open_backend(experiment, broker=broker, servers=servers, visual=visual) as backend:
@@ -96,7 +121,7 @@ def simulate(
     fitness = float(results.fitness[0, 0])
     if not np.isfinite(fitness):
         raise RunError(_reason(results.journal))
-    return fitness + 0.0
+    return Episode(fitness + 0.0, dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True)))
 
 
 def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:

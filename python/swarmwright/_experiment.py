@@ -8,6 +8,7 @@ from typing import Any, Literal, Self
 from swarmwright._document import Requirements, Timeouts
 from swarmwright._errors import InputError
 from swarmwright._files import write_text
+from swarmwright._fitness import FitnessExpression
 from swarmwright._yaml import Source, dump, read
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
@@ -31,6 +32,8 @@ class Experiment:
     parameters: dict[str, Any]
     sensors: int | None
     actuators: int | None
+    fitness: str | None
+    """Fitness of an episode as an expression over metrics; None: the simulation's own."""
     controller: Any
     """Options of the representation: `kind`, and what that kind has."""
     method: MethodOptions
@@ -173,6 +176,11 @@ class Experiment:
         """Return the ranking."""
         kind: str = self.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
         return RANKINGS.get(kind)(self.ranking)
+
+    @property
+    def fitness_expression(self) -> FitnessExpression | None:
+        """The fitness as an expression over metrics; None: the simulation's own."""
+        return None if self.fitness is None else FitnessExpression(self.fitness)
 
     @property
     def first_seed(self) -> int:

@@ -65,7 +65,7 @@ def optimize(
         resolved = dataclasses.replace(
             experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
         )
-        with StoreWriter.create(folder, resolved, metrics=()) as store:
+        with StoreWriter.create(folder, resolved, metrics=backend.metrics) as store:
             _run(resolved, store, None, backend, on_generation, on_progress)
     return _finished(folder)
 

@@ -58,6 +58,15 @@ def _simulation(title: str) -> Iterator[str]:
     for name, parameter in described["parameters"].items():
         kind, meaning = (str(parameter.get(part, "")) for part in ("type", "description"))
         yield _row(f"`{name}`", kind, _code(parameter.get("default")), meaning)
+    yield ""
+    yield f"## metrics of {title}"
+    yield ""
+    yield "What `fitness` may be made of, beside `fitness`, the simulation's own."
+    yield ""
+    yield "| metric | unit | meaning |"
+    yield "|---|---|---|"
+    for name, metric in described["metrics"].items():
+        yield _row(f"`{name}`", metric["unit"], metric["description"])
 
 
 def _table(properties: dict[str, Any], required: set[str], schema: dict[str, Any]) -> Iterator[str]:

@@ -24,7 +24,10 @@ def _description(title: str) -> str:
 
 
 def description(title: str) -> dict[str, Any]:
-    """Return title, dimensions, max_agents, sensors, actuators and parameters of a built-in simulation."""
+    """Return what a built-in simulation says of itself.
+
+    Title, dimensions, max_agents, sensors, actuators, parameters, and metrics (name -> unit, description).
+    """
     described: dict[str, Any] = json.loads(_description(title))
     return described
 

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from swarmwright._document import DEFAULT_KINDS, Document, Requirements
 from swarmwright._errors import InputError
+from swarmwright._fitness import FitnessExpression
 from swarmwright._options import Options
 from swarmwright._parameter_files import resolve
 from swarmwright._problems import MISSING, problems_of, shown
@@ -271,3 +272,8 @@ def _fill_in(checked: Checked, report: Report) -> None:
                 f"{checked['simulation']} has {announced[name]}, not {checked[name]}; leave the key out",
             )
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
+    if checked["fitness"] is not None:
+        known = list(announced["metrics"])
+        problem = FitnessExpression(checked["fitness"]).unknown(known, checked["simulation"])
+        if problem is not None:
+            report(("fitness",), problem)

@@ -35,8 +35,10 @@ ARRAYS = {
 }
 # What is left out means this.
 DEFAULTS: dict[str, Json] = {
+    "evaluate": {"metrics": []},
+    "start": {"metrics": []},
     "evaluated": {"fitness": b"", "metrics": {}, "failed": [], "error": None},
-    "sensors": {"failed": [], "error": None},
+    "sensors": {"metrics": {}, "failed": [], "error": None},
 }
 
 
@@ -82,6 +84,8 @@ def check(message: Json) -> None:
     if message["kind"] == "sensors":
         demand(np.isfinite(arrays["fitness"]).all(), "fitness: not finite")
         demand(arrays["fitness"].size == arrays["ended"].size, "fitness: another shape than ended")
+        for name, values in message["metrics"].items():
+            demand(array(name, values).size == arrays["ended"].size, f"{name}: another shape")
         demand(arrays["agents"].size == arrays["episodes"].size, "agents: another shape than episodes")
 
 
@@ -119,7 +123,7 @@ def reading(message: Json) -> Json:
     read: Json = {
         key: bits(key, value) if isinstance(value, bytes) else value for key, value in message.items()
     }
-    if "metrics" in read:
+    if isinstance(read.get("metrics"), dict):
         read["metrics"] = {name: bits(name, values) for name, values in read["metrics"].items()}
     return read
 

@@ -15,7 +15,18 @@ Value: TypeAlias = Any  # JSON of whatever shape
 Json = dict[str, Any]
 
 DEEPEST = 127
-ANNOUNCEMENT = ("version", "modes", "controllers", "batch", "sensors", "actuators", "instance", "host", "pid")
+ANNOUNCEMENT = (
+    "version",
+    "modes",
+    "controllers",
+    "batch",
+    "sensors",
+    "actuators",
+    "metrics",
+    "instance",
+    "host",
+    "pid",
+)
 PRESENCE = ("server", "state", "simulations", "capabilities", "tool", "since")
 
 
@@ -73,7 +84,25 @@ def lenient(value: Json) -> Json:
     capabilities = value.get("capabilities")
     if isinstance(capabilities, dict) and not isinstance(capabilities.get("swarmwright", {}), dict):
         value["capabilities"] = {key: item for key, item in capabilities.items() if key != "swarmwright"}
+    elif isinstance(capabilities, dict) and "swarmwright" in capabilities:
+        announced = capabilities["swarmwright"]
+        if not isinstance(announced.get("metrics", []), list):
+            announced = {key: item for key, item in announced.items() if key != "metrics"}
+            value["capabilities"] = {**capabilities, "swarmwright": announced}
+    if "metrics" in value:
+        value["metrics"] = measured(value["metrics"])
     return value
+
+
+def measured(value: Value) -> Json:
+    """What are metrics in the extension's key of a fitness message."""
+    if not isinstance(value, dict):
+        return {}
+    return {
+        name: number
+        for name, number in value.items()
+        if isinstance(number, int | float) and not isinstance(number, bool)
+    }
 
 
 def offer(value: Json) -> Json:
@@ -112,7 +141,7 @@ def reading(kind: str, value: Json) -> Json:
             flags = {"run": value.get("run", True), "visual": value.get("visual", False)}
             return {**read, "server": value["server"], **flags, "tool": value.get("tool")}
         case "fitness":
-            return {**read, "fitness": value["fitness"]}
+            return {**read, "fitness": value["fitness"], "metrics": value.get("metrics") or None}
     return {**read, "agent": value["agent"], kind: value[kind]}
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, Run, RunError, _engine, evaluate, optimize
+from swarmwright import Experiment, Run, RunError, _engine, _simulations, evaluate, optimize
 from swarmwright._engine import InputError
 from swarmwright._random import Stream
 from tests.python.records import same_record
@@ -79,13 +79,19 @@ def test_instruction_sets_and_threads_change_nothing(name: str, level: str, thre
     genomes = np.stack([representation.initial(Stream(1, "test", 0, index)) for index in range(101)])
     arguments = (one.simulation, json.dumps(one.parameters), json.dumps(representation.architecture()))
     seeds = [4, 5, 9]
-    found = _engine.evaluate(*arguments, genomes, seeds, level=level, threads=threads)
-    assert found.shape == (101, 3)
-    assert (
-        found.tobytes() == _engine.evaluate(*arguments, genomes, seeds, level="scalar", threads=1).tobytes()
+    metrics = list(_simulations.description(one.simulation)["metrics"])
+    found, values = _engine.evaluate(
+        *arguments, genomes, seeds, metrics=metrics, level=level, threads=threads
     )
-    # Candidates and episodes do not touch each other.
-    single = _engine.evaluate(*arguments, genomes[70:71].copy(), seeds[1:2], level=level, threads=threads)
+    assert found.shape == (101, 3)
+    assert values.shape == (101, 3, len(metrics))
+    expected = _engine.evaluate(*arguments, genomes, seeds, metrics=metrics, level="scalar", threads=1)
+    assert (found.tobytes(), values.tobytes()) == tuple(part.tobytes() for part in expected)
+    # What is asked for besides changes no fitness; candidates and episodes do not touch each other.
+    alone, nothing = _engine.evaluate(*arguments, genomes, seeds, level=level, threads=threads)
+    assert (alone.tobytes(), nothing.shape) == (found.tobytes(), (101, 3, 0))
+    one_only = (genomes[70:71].copy(), seeds[1:2])
+    single, _ = _engine.evaluate(*arguments, *one_only, level=level, threads=threads)
     assert single[0, 0] == found[70, 1]
 
 
@@ -103,6 +109,7 @@ def test_wrong_ways_are_refused() -> None:
         ({"architecture": "{}"}, "controller.version"),
         ({"title": "minisym"}, "unknown simulation 'minisym'"),
         ({"parameters": '{"maxSteps": -1}'}, "maxSteps"),
+        ({"metrics": ["stpes"]}, '"stpes" is none of minisim\'s; it has arrived, caught, steps, distance'),
     ]
     for arguments, words in mistakes:
         given: dict[str, Any] = {

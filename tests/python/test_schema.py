@@ -16,12 +16,14 @@ GOOD: list[dict[str, Any]] = [
     {"simulation": "x", "sensors": 1, "actuators": 2, "requirements": {"dimensions": 3, "max_agents": 7}},
     {"simulation": "minisim", "method": {"population": 10}, "controller": {"hidden": []}},
     {"simulation": "minisim", "method": {"kind": "random_search"}, "controller": {"kind": "fully_meshed"}},
+    {"simulation": "minisim", "fitness": "arrived - 0.01 * steps"},
     {"simulation": "minisim", "servers": 8, "mode": "stepwise", "timeouts": {"step": 1}, "prefix": "a"},
 ]
 BAD: list[dict[str, Any]] = [
     {},
     {"simulation": 1},
     {"simulation": "minisim", "simulatoin": "minisim"},
+    {"simulation": "minisim", "fitness": 3},
     {"simulation": "minisim", "method": {"kind": "nnga", "populaton": 3}},
     {"simulation": "minisim", "method": {"kind": "random_search", "elite": 0.15}},
     {"simulation": "minisim", "controller": {"kind": "fully_meshed", "hidden": [8]}},

@@ -45,6 +45,16 @@ class Toy:
     def fitness(self) -> float:
         return -sum(abs(place) for place in self.places)
 
+    @property
+    def metrics(self) -> Json:
+        """How many agents have arrived, after how many steps; the mean place, null unless above 0."""
+        mean = sum(self.places) / len(self.places)
+        return {
+            "met": sum(abs(place) <= 0.5 for place in self.places),
+            "steps": self.step,
+            "mean": mean if mean > 0 else None,
+        }
+
 
 class PlainServer(Peer):
     """Offers the toy. `title`, `capabilities` are what it announces; subclasses misbehave."""
@@ -116,4 +126,20 @@ class PlainServer(Peer):
         """Send the fitness; free again."""
         self.episodes += 1
         hash_, self._hash = self._hash, None
-        self.send("fitness", simulation_hash=hash_, fitness=fitness)
+        self.send("fitness", simulation_hash=hash_, fitness=fitness, **self.extras())
+
+    def extras(self) -> Json:
+        """What goes with the fitness, beyond D6.1."""
+        return {}
+
+
+class MeasuringServer(PlainServer):
+    """Steps only, as D6.1 has it, and announces and sends metrics besides."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        announcement = {"version": 1, "metrics": ["met", "steps", "mean"]}
+        super().__init__(*arguments, **options, capabilities={"dimensions": 1, "swarmwright": announcement})
+
+    def extras(self) -> Json:
+        assert self._toy is not None
+        return {"metrics": self._toy.metrics}

@@ -4,6 +4,7 @@
 use swarmwright_controllers::{Controller, ControllerError};
 use swarmwright_protocol::BatchSensors;
 
+use crate::metrics::needed;
 use crate::run::MOST_AGENTS;
 
 /// A batch under way.
@@ -12,6 +13,8 @@ pub(crate) struct Batch {
     step: u64,
     /// Number of agents of an episode, if the parameters tell.
     agents: Option<u64>,
+    /// Names of the metrics that are needed.
+    metrics: Vec<String>,
     episodes: Vec<Episode>,
     actuators: usize,
     sensors: usize,
@@ -26,8 +29,8 @@ struct Episode {
 /// What a message of the server brought.
 #[derive(Debug, Default)]
 pub(crate) struct Progress {
-    /// Fitness, by index of the episode in the batch.
-    pub ended: Vec<(usize, f64)>,
+    /// Fitness and the metrics that are needed, by index of the episode in the batch.
+    pub ended: Vec<(usize, f64, Vec<f64>)>,
     /// Reason, by index of the episode in the batch.
     pub failed: Vec<(usize, String)>,
     /// The step and (rows, actuators) that answer it; none once all episodes have ended.
@@ -36,7 +39,7 @@ pub(crate) struct Progress {
 
 impl Batch {
     /// `controllers`: one per episode.
-    pub fn new(controllers: Vec<Controller>, agents: Option<u64>) -> Self {
+    pub fn new(controllers: Vec<Controller>, agents: Option<u64>, metrics: Vec<String>) -> Self {
         let (sensors, actuators) = controllers
             .first()
             .map_or((0, 0), |one| (one.sensors(), one.actuators()));
@@ -47,6 +50,7 @@ impl Batch {
         Self {
             step: 0,
             agents,
+            metrics,
             episodes: controllers.into_iter().map(episode).collect(),
             actuators,
             sensors,
@@ -76,8 +80,15 @@ impl Batch {
             return Err(format!("step {found} came, expected {expected}"));
         }
         let mut progress = Progress::default();
-        for (&episode, &fitness) in message.ended.0.iter().zip(&message.fitness.0) {
-            progress.ended.push((self.end(episode.into())?, fitness));
+        for (place, (&episode, &fitness)) in
+            message.ended.0.iter().zip(&message.fitness.0).enumerate()
+        {
+            let episode = self.end(episode.into())?;
+            let value = |name: &str| message.metrics.get(name)?.0.get(place).copied();
+            match needed(&self.metrics, value) {
+                Ok(metrics) => progress.ended.push((episode, fitness, metrics)),
+                Err(reason) => progress.failed.push((episode, reason)),
+            }
         }
         for failure in &message.failed {
             let episode = self.end(failure.episode)?;

@@ -109,7 +109,7 @@ impl Machine {
         };
         let candidates = (NUMBERS / work.architecture().weight_count()).max(1);
         most.min(candidates.saturating_mul(work.episodes()))
-            .min(NUMBERS / 2)
+            .min(NUMBERS / 2 / (1 + self.config.demand.metrics.len()))
             .min(self.config.largest)
     }
 

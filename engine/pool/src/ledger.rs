@@ -18,6 +18,15 @@ pub fn rectangle(queued: &Range<usize>, episodes: usize, most: usize) -> usize {
     }
 }
 
+/// What came out of all evaluations of some work.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Results {
+    /// (candidates, episodes), row-major, NaN where all attempts failed.
+    pub fitness: Vec<f64>,
+    /// (candidates, episodes, metrics that are needed), row-major, NaN where all attempts failed.
+    pub metrics: Vec<f64>,
+}
+
 /// Evaluations in a row that have the same past.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Piece {
@@ -67,13 +76,15 @@ pub(crate) struct Ledger {
     pub work: Option<Work>,
     queue: VecDeque<Piece>,
     queued: usize,
-    fitness: Vec<f64>,
+    results: Results,
+    /// How many metrics each evaluation has.
+    metrics: usize,
     settled: Vec<bool>,
     done: usize,
 }
 
 impl Ledger {
-    pub fn new(work: Work) -> Self {
+    pub fn new(work: Work, metrics: usize) -> Self {
         let count = work.len();
         let whole = Piece {
             evaluations: 0..count,
@@ -85,7 +96,11 @@ impl Ledger {
             work: Some(work),
             queue: (count > 0).then_some(whole).into_iter().collect(),
             queued: count,
-            fitness: vec![f64::NAN; count],
+            results: Results {
+                fitness: vec![f64::NAN; count],
+                metrics: vec![f64::NAN; count * metrics],
+            },
+            metrics,
             settled: vec![false; count],
             done: 0,
         }
@@ -122,7 +137,7 @@ impl Ledger {
     }
 
     pub fn finished(&self) -> bool {
-        self.done == self.fitness.len()
+        self.done == self.settled.len()
     }
 
     /// A rectangle of at most `most` evaluations that this server has not failed, or which all of `servers` have.
@@ -161,17 +176,26 @@ impl Ledger {
         }
     }
 
-    /// An evaluation has ended, with NaN where it failed for good. Whatever comes later for it is not heard.
-    pub fn settle(&mut self, evaluation: usize, fitness: f64) {
+    /// An evaluation has ended. Whatever comes later for it is not heard.
+    pub fn settle(&mut self, evaluation: usize, fitness: f64, metrics: &[f64]) {
         if !std::mem::replace(&mut self.settled[evaluation], true) {
-            self.fitness[evaluation] = fitness;
+            self.results.fitness[evaluation] = fitness;
+            self.results.metrics[evaluation * self.metrics..][..self.metrics]
+                .copy_from_slice(metrics);
             self.done += 1;
         }
     }
 
-    /// The fitness of all evaluations, once all have ended.
-    pub fn take_fitness(&mut self) -> Vec<f64> {
-        std::mem::take(self).fitness
+    /// An evaluation has failed for good: its numbers stay NaN.
+    pub fn give_up(&mut self, evaluation: usize) {
+        if !std::mem::replace(&mut self.settled[evaluation], true) {
+            self.done += 1;
+        }
+    }
+
+    /// The results of all evaluations, once all have ended.
+    pub fn take_results(&mut self) -> Results {
+        std::mem::take(self).results
     }
 }
 
@@ -188,7 +212,7 @@ mod tests {
             vec![0.5; 2 * candidates],
             (0..episodes).collect(),
         );
-        Ledger::new(work.unwrap())
+        Ledger::new(work.unwrap(), 0)
     }
 
     #[test]
@@ -210,7 +234,7 @@ mod tests {
                 assert_eq!(rows.len() * columns.len(), piece.len());
                 assert!(piece.len() <= most);
                 for index in piece.evaluations.clone() {
-                    ledger.settle(index, 1.0);
+                    ledger.settle(index, 1.0, &[]);
                 }
                 next += piece.len();
             }
@@ -224,7 +248,7 @@ mod tests {
         let mut ledger = ledger(4, 2);
         let piece = ledger.take(1, &[1], 8).unwrap();
         for index in [0, 3, 4, 7] {
-            ledger.settle(index, 1.0);
+            ledger.settle(index, 1.0, &[]);
         }
         ledger.put_back(&piece);
         assert_eq!(ledger.queued(), 4);

@@ -7,6 +7,7 @@ mod discovery;
 mod dispatch;
 mod ledger;
 pub mod machine;
+mod metrics;
 mod mode;
 mod offers;
 mod pool;
@@ -16,7 +17,7 @@ mod status;
 mod stepwise;
 mod work;
 
-pub use ledger::rectangle;
+pub use ledger::{Results, rectangle};
 pub use machine::{Action, Config, Machine};
 pub use mode::Mode;
 pub use offers::{Demand, Offers};

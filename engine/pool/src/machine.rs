@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
 
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
-use crate::ledger::{Ledger, Piece};
+use crate::ledger::{Ledger, Piece, Results};
 use crate::offers::{Demand, Job, Offers};
 use crate::requests::Request;
 use crate::run::Run;
@@ -168,7 +168,7 @@ impl Machine {
             self.warn(format!("server {server} is not used: it {reason}"));
         }
         self.refused_at = None;
-        self.ledger = Ledger::new(work);
+        self.ledger = Ledger::new(work, self.config.demand.metrics.len());
         self.next_round = self.next_round.min(now + LATER_ROUND);
         self.dispatch(now);
     }
@@ -185,10 +185,9 @@ impl Machine {
         self.ledger.finished()
     }
 
-    /// The fitness of every candidate in every episode, row-major (candidates, episodes), NaN where all attempts
-    /// failed; once all have ended.
-    pub fn take_fitness(&mut self) -> Vec<f64> {
-        self.ledger.take_fitness()
+    /// What came out for every candidate in every episode, once all have ended.
+    pub fn take_results(&mut self) -> Results {
+        self.ledger.take_results()
     }
 
     /// The attempts made since the last call, each with its start.
@@ -334,7 +333,7 @@ impl Machine {
     /// Evaluations that have failed for good.
     pub(crate) fn give_up(&mut self, piece: &Piece) {
         for evaluation in piece.evaluations.clone() {
-            self.ledger.settle(evaluation, f64::NAN);
+            self.ledger.give_up(evaluation);
         }
     }
 

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Capabilities, Presence, Requirements, ServerMessage, State};
 
+use crate::metrics::unannounced;
 use crate::mode::{Mode, Way};
 
 /// What the experiment needs of a server.
@@ -22,6 +23,8 @@ pub struct Demand {
     pub mode: Mode,
     /// Kind of the controllers, once it is known.
     pub kind: Option<String>,
+    /// Names of the metrics that are needed of every episode.
+    pub metrics: Vec<String>,
 }
 
 impl Demand {
@@ -60,6 +63,10 @@ impl Demand {
                     announced.and_then(|a| a.actuators),
                 )
             })
+            .or_else(|| {
+                let names = announced.map_or(&[][..], |announced| &announced.metrics);
+                unannounced(&self.metrics, names)
+            })
             .or_else(|| self.way(capabilities).err())
     }
 
@@ -84,8 +91,12 @@ impl Demand {
             Mode::Auto | Mode::Stepwise => String::new(),
             mode => format!(", mode {mode}"),
         };
+        let metrics = match self.metrics.len() {
+            0 => String::new(),
+            _ => format!(", metrics {}", self.metrics.join(", ")),
+        };
         format!(
-            "simulation {}, {} dimensions{agents}{counts}{mode}",
+            "simulation {}, {} dimensions{agents}{counts}{metrics}{mode}",
             self.simulation, self.requirements.dimensions
         )
     }
@@ -155,6 +166,8 @@ pub struct Offers {
     twins: BTreeMap<u64, (u64, u32)>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
     refusals: BTreeMap<u64, (Option<String>, String)>,
+    /// Metrics that servers announced for this simulation, by id, whether they fit or not.
+    metrics: BTreeMap<u64, Vec<String>>,
 }
 
 /// Work that a server will not finish.
@@ -198,6 +211,11 @@ impl Offers {
         demand: &Demand,
     ) -> Answer {
         let id = message.server;
+        if message.simulations.contains(&demand.simulation) {
+            let announced = message.capabilities.swarmwright.as_ref();
+            let names = announced.map(|announced| announced.metrics.clone());
+            self.metrics.insert(id, names.unwrap_or_default());
+        }
         if let Some(reason) = demand.misfit(&message.simulations, &message.capabilities) {
             let news = self.unfit.insert(id, reason.clone()).as_ref() != Some(&reason);
             return Answer::Unfit(news.then_some(reason));
@@ -398,6 +416,7 @@ impl Offers {
     pub(crate) fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.unfit.remove(&id);
+        self.metrics.remove(&id);
         self.seen.remove(&id);
         self.remove(id)
     }
@@ -505,6 +524,14 @@ impl Offers {
         } else {
             lines.into_values().collect::<Vec<_>>().join("; ")
         }
+    }
+
+    /// Metrics that servers announce, sorted, for a hint at a misspelling.
+    pub(crate) fn metrics(&self) -> Vec<String> {
+        let mut names: Vec<String> = self.metrics.values().flatten().cloned().collect();
+        names.sort();
+        names.dedup();
+        names
     }
 
     /// Titles that servers offer, for a hint at a misspelling.

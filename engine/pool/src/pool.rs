@@ -10,6 +10,7 @@ use swarmwright_mqtt::{
 use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
 
 use crate::discovery::PROBATION;
+use crate::ledger::Results;
 use crate::machine::{Action, Config, Machine};
 use crate::mode::Mode;
 use crate::offers::Demand;
@@ -224,8 +225,8 @@ impl Pool {
         }
     }
 
-    /// Evaluates every candidate in every episode: fitness, row-major (candidates, episodes), NaN where all attempts
-    /// failed. `on_progress(done, waiting_for)` is called ten times a second and at the end, and may stop the work.
+    /// Evaluates every candidate in every episode. `on_progress(done, waiting_for)` is called ten times a second and at
+    /// the end, and may stop the work.
     ///
     /// # Errors
     /// No server for longer than the time-outs allow; all servers refuse the work; stopped. What is under way is ended
@@ -234,7 +235,7 @@ impl Pool {
         &mut self,
         work: Work,
         mut on_progress: impl FnMut(usize, &str) -> bool,
-    ) -> Result<Vec<f64>, PoolError> {
+    ) -> Result<Results, PoolError> {
         self.machine.submit(work, Instant::now());
         let mut asked = Instant::now();
         let patience = self.discovery_timeout.max(self.step_timeout);
@@ -244,7 +245,7 @@ impl Pool {
             let now = Instant::now();
             if self.machine.finished() {
                 on_progress(self.machine.done(), "");
-                return Ok(self.machine.take_fitness());
+                return Ok(self.machine.take_results());
             }
             if now.duration_since(asked) >= ASK {
                 asked = now;
@@ -265,6 +266,12 @@ impl Pool {
         self.machine.cancel();
         self.poll(Instant::now());
         Err(error)
+    }
+
+    /// Metrics that servers with this simulation announce, sorted.
+    #[must_use]
+    pub fn metrics(&self) -> Vec<String> {
+        self.machine.metrics()
     }
 
     /// Sends what is to be sent and handles what came, until `until` at the latest.

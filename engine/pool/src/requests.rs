@@ -10,6 +10,7 @@ use swarmwright_protocol::{
 use crate::batch::Batch;
 use crate::ledger::Piece;
 use crate::machine::{Action, Machine};
+use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::offers::Job;
 use crate::work::Attempt;
@@ -91,6 +92,7 @@ impl Machine {
             controller: work.specification().clone(),
             genomes: F32s(work.genomes_of(candidates).to_vec()),
             seeds: U64s(work.seeds()[episodes].to_vec()),
+            metrics: self.config.demand.metrics.clone(),
             attempt: piece.tries + 1,
             // What was sent before this one is computed first.
             lease: lease * 2.0,
@@ -130,8 +132,10 @@ impl Machine {
                     .map(|evaluation| work.seeds()[evaluation % episodes])
                     .collect(),
             ),
+            metrics: self.config.demand.metrics.clone(),
         });
-        let batch = Batch::new(controllers, self.agents);
+        let metrics = self.config.demand.metrics.clone();
+        let batch = Batch::new(controllers, self.agents, metrics);
         self.request(
             &message,
             piece,
@@ -209,7 +213,9 @@ impl Machine {
         let Some(request) = self.requests.remove(&number) else {
             return;
         };
-        if let Some(reason) = misfit(message, &request.piece, self.ledger.episodes()) {
+        let metrics = self.config.demand.metrics.clone();
+        let reason = misfit(message, &request.piece, self.ledger.episodes());
+        if let Some(reason) = reason.or_else(|| without(message, &metrics)) {
             let server = request.server;
             self.requests.insert(number, request);
             return self.fail_server(server, &format!("server {server}: {reason}"), now);
@@ -241,8 +247,16 @@ impl Machine {
         }
         self.record_request(&request, None, now);
         for (offset, &fitness) in message.fitness.0.iter().enumerate() {
-            if fitness.is_finite() {
-                self.ledger.settle(request.piece.first() + offset, fitness);
+            if !fitness.is_finite() {
+                continue;
+            }
+            let value = |name: &str| message.metrics.get(name)?.0.get(offset).copied();
+            match needed(&metrics, value) {
+                Ok(values) => {
+                    let evaluation = request.piece.first() + offset;
+                    self.ledger.settle(evaluation, fitness, &values);
+                }
+                Err(reason) => self.fail_one(&request, offset, &reason, now),
             }
         }
         let columns = self.ledger.extent(&request.piece).1.len();
@@ -277,8 +291,9 @@ impl Machine {
             }
         };
         request.heard = now;
-        for (index, fitness) in progress.ended {
-            self.ledger.settle(request.piece.first() + index, fitness);
+        for (index, fitness, metrics) in progress.ended {
+            let evaluation = request.piece.first() + index;
+            self.ledger.settle(evaluation, fitness, &metrics);
         }
         for (index, reason) in progress.failed {
             self.fail_one(&request, index, &reason, now);
@@ -379,6 +394,14 @@ impl Machine {
             self.fail_jobs(vec![job], reason, index == 0, now);
         }
     }
+}
+
+/// Why a result is not enough: a metric that is needed is not in it.
+fn without(message: &Evaluated, metrics: &[String]) -> Option<String> {
+    let missing = metrics
+        .iter()
+        .find(|name| !message.metrics.contains_key(*name))?;
+    Some(format!("the metric {missing} is missing from the result"))
 }
 
 /// Why a result is none of this piece.

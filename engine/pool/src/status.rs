@@ -56,6 +56,12 @@ impl Machine {
         self.offers.titles()
     }
 
+    /// Metrics that servers with this simulation announce, those that do not fit too.
+    #[must_use]
+    pub fn metrics(&self) -> Vec<String> {
+        self.offers.metrics()
+    }
+
     /// How long there has been work and no server for it.
     #[must_use]
     pub fn lonely(&self, now: Instant) -> Duration {

@@ -8,6 +8,7 @@ use swarmwright_protocol::{
 
 use crate::ledger::Piece;
 use crate::machine::{Action, Machine};
+use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::offers::Job;
 use crate::run::Run;
@@ -95,8 +96,18 @@ impl Machine {
             slot.measured(1, seconds.as_secs_f64());
             slot.beaten = 0;
         }
-        self.record_run(&run, None, now);
-        self.ledger.settle(run.piece.first(), message.fitness);
+        let value = |name: &str| message.metrics.get(name).copied();
+        match needed(&self.config.demand.metrics, value) {
+            Ok(metrics) => {
+                self.record_run(&run, None, now);
+                let evaluation = run.piece.first();
+                self.ledger.settle(evaluation, message.fitness, &metrics);
+            }
+            Err(reason) => {
+                self.record_run(&run, Some(reason.clone()), now);
+                self.retry(run.piece, run.server, &reason, true);
+            }
+        }
         self.dispatch(now);
     }
 

@@ -6,9 +6,11 @@ mod common;
 
 use std::time::Duration;
 
-use common::{Extended, Line, Net, Party, refusal, server, tool, tool_in_mode, work};
+use common::{
+    Extended, Line, Net, Party, refusal, server, tool, tool_in_mode, tool_that_measures, work,
+};
 use proptest::prelude::*;
-use swarmwright_pool::{Mode, Work};
+use swarmwright_pool::{Mode, Results, Work};
 use swarmwright_protocol::{RefusalKind, ToServer, Topics};
 
 const SEEDS: [u64; 3] = [3, 4, 9];
@@ -431,4 +433,104 @@ fn giving_up_frees_the_servers() {
     assert_eq!((request.tool.as_str(), request.attempt), ("a", 1));
     assert_eq!(request.reply, Topics::default().to_tool("a"));
     assert!(request.lease >= 10.0);
+}
+
+/// What comes out for a tool that needs `metrics`.
+fn measured(net: &mut Net, metrics: &[&str], mode: Mode, candidates: usize) -> Results {
+    let tool = tool_that_measures(metrics, mode, "a", 0, net.now);
+    let index = net.add(Party::Tool(Box::new(tool)));
+    net.submit(index, work(candidates, &SEEDS));
+    net.finish_with_metrics(index)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn metrics_do_not_depend_on_how_and_by_whom_they_are_computed(
+        batching in 0u64..3, offloading in 0u64..3, real in 0u64..3, mode in 0usize..4, random in any::<u64>(),
+    ) {
+        let mut net = Net::new(random);
+        for id in 30..30 + real {
+            net.add(Party::Server(Box::new(server(id, Line::new()))));
+        }
+        let mode = [Mode::Auto, Mode::Stepwise, Mode::Batched, Mode::Offloaded][mode];
+        // The others of these tests speak no plain steps.
+        let others = if mode == Mode::Stepwise { 0 } else { 2 };
+        for id in 10..10 + batching.min(others) {
+            net.add(Party::Extended(Box::new(batched(id))));
+        }
+        for id in 20..20 + offloading.min(others) {
+            net.add(Party::Extended(Box::new(offloaded(id))));
+        }
+        prop_assume!(real + if mode == Mode::Offloaded { 0 } else { batching.min(others) } + offloading.min(others) > 0);
+        let results = measured(&mut net, &["half", "steps"], mode, CANDIDATES);
+        let expected = undisturbed(CANDIDATES);
+        // All five agents have stopped after the fifth step or, with agent 3, the sixth.
+        let rows = expected.iter().flat_map(|fitness| [fitness / 2.0, 6.0]);
+        prop_assert_eq!(results.metrics, rows.collect::<Vec<_>>());
+        prop_assert_eq!(results.fitness, expected);
+    }
+}
+
+#[test]
+fn a_server_that_does_not_announce_what_is_needed_is_not_used_and_it_is_said_why() {
+    let mut net = Net::new(4);
+    net.add_seed_only(1);
+    net.add(Party::Extended(Box::new(offloaded(2))));
+    let tool = tool_that_measures(&["half"], Mode::Auto, "a", 0, net.now);
+    let index = net.add(Party::Tool(Box::new(tool)));
+    net.submit(index, work(3, &SEEDS));
+    assert_eq!(
+        net.finish_with_metrics(index).fitness,
+        undisturbed(3),
+        "the other one is used"
+    );
+    let told = "server 1 answered, but does not announce the metric half, which the fitness needs";
+    assert!(
+        net.warnings.iter().any(|text| text.contains(told)),
+        "{:?}",
+        net.warnings
+    );
+    assert!(net.tool(index).describe().contains("metrics half"));
+    assert_eq!(net.tool(index).metrics(), ["half", "steps"]);
+}
+
+#[test]
+fn an_evaluation_without_a_metric_that_is_needed_has_failed_and_it_is_said_why() {
+    for make in [batched, offloaded] {
+        for (half, reason, failed) in [
+            (Some((4, f64::NAN)), "the metric half is NaN", 1),
+            (Some((9, f64::INFINITY)), "the metric half is inf", 2),
+            (None, "the metric half is missing", 3),
+        ] {
+            let mut net = Net::new(5);
+            net.add(Party::Extended(Box::new(Extended { half, ..make(1) })));
+            let results = measured(&mut net, &["half"], Mode::Auto, 2);
+            for (index, (fitness, metric)) in
+                results.fitness.iter().zip(&results.metrics).enumerate()
+            {
+                let fails = failed == 3 || index % 3 == failed;
+                assert_eq!(
+                    (fitness.is_nan(), metric.is_nan()),
+                    (fails, fails),
+                    "{reason} {index}"
+                );
+            }
+            assert!(
+                net.warnings
+                    .iter()
+                    .any(|text| text.contains("failed after 3 attempts") && text.contains(reason)),
+                "{:?}",
+                net.warnings
+            );
+            // Nobody who does not need the metric is troubled.
+            let mut net = Net::new(5);
+            net.add(Party::Extended(Box::new(Extended { half, ..make(1) })));
+            assert_eq!(
+                measured(&mut net, &["steps"], Mode::Auto, 2).fitness,
+                undisturbed(2)
+            );
+        }
+    }
 }

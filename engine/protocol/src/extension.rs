@@ -3,6 +3,7 @@
 //! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown keys
 //! are ignored. Shapes are checked where a message is read, so that whoever holds one need not.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::de::DeserializeOwned;
@@ -104,6 +105,9 @@ pub struct Evaluate {
     pub genomes: F32s,
     /// One seed per episode, at least one.
     pub seeds: U64s,
+    /// Names of the metrics that the answer is to have beside the fitness.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub metrics: Vec<String>,
     /// 1 for the first try of this work.
     pub attempt: u32,
     /// Seconds after which the tool gives the work to somebody else.
@@ -122,9 +126,9 @@ pub struct Evaluated {
     /// (candidates, episodes), row-major; NaN where `failed` says why. Empty when `error` is there.
     #[serde(default)]
     pub fitness: F64s,
-    /// Named metrics, each of the shape of `fitness`.
-    #[serde(default, skip_serializing_if = "std::collections::BTreeMap::is_empty")]
-    pub metrics: std::collections::BTreeMap<String, F64s>,
+    /// The metrics that were asked for, each of the shape of `fitness`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub metrics: BTreeMap<String, F64s>,
     /// Episodes that failed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub failed: Vec<Failure>,
@@ -184,6 +188,9 @@ pub struct BatchStart {
     pub parameters: Map<String, Value>,
     /// One seed per episode of the batch.
     pub seeds: U64s,
+    /// Names of the metrics that are to come with the fitness of each episode.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub metrics: Vec<String>,
 }
 
 /// Tool to server: the actuators for the last [`BatchSensors`].
@@ -232,6 +239,9 @@ pub struct BatchSensors {
     pub ended: U32s,
     /// Their fitness.
     pub fitness: F64s,
+    /// Their metrics that were asked for, each of the shape of `ended`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub metrics: BTreeMap<String, F64s>,
     /// Episodes that failed with the step before; `candidate` is 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub failed: Vec<Failure>,
@@ -414,6 +424,9 @@ impl ToTool {
                 check(m.version)?;
                 shape("agents", m.agents.0.len(), m.episodes.0.len())?;
                 shape("fitness", m.fitness.0.len(), m.ended.0.len())?;
+                for (name, values) in &m.metrics {
+                    shape(name, values.0.len(), m.ended.0.len())?;
+                }
                 finite("sensors", &m.sensors.0)?;
                 if m.fitness.0.iter().any(|fitness| !fitness.is_finite()) {
                     return Err(DecodeError::Value("\"fitness\" is not finite".to_owned()));
@@ -427,7 +440,7 @@ impl ToTool {
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let numbers = match self {
-            Self::Evaluated(m) => size_of_val(&m.fitness.0[..]),
+            Self::Evaluated(m) => size_of_val(&m.fitness.0[..]) * (1 + m.metrics.len()),
             Self::Sensors(m) => size_of_val(&m.sensors.0[..]) + 8 * m.agents.0.len(),
         };
         encode(self, numbers)

@@ -95,6 +95,8 @@ pub struct Announcement {
     pub sensors: Option<usize>,
     /// Numbers in an actuator message.
     pub actuators: Option<usize>,
+    /// Names of what is measured in an episode beside the fitness.
+    pub metrics: Vec<String>,
     /// Random for each start of a server: tells two servers with one id apart.
     pub instance: Option<String>,
     /// Where the server runs.
@@ -305,6 +307,7 @@ impl Announcement {
             batch: keys.lenient("batch").filter(|most| *most > 0),
             sensors: keys.lenient("sensors"),
             actuators: keys.lenient("actuators"),
+            metrics: keys.lenient("metrics").unwrap_or_default(),
             instance: keys.lenient("instance"),
             host: keys.lenient("host"),
             pid: keys.lenient("pid"),
@@ -318,6 +321,8 @@ impl Announcement {
         insert(&mut object, "batch", self.batch);
         insert(&mut object, "sensors", self.sensors);
         insert(&mut object, "actuators", self.actuators);
+        let metrics = Some(self.metrics.clone()).filter(|names| !names.is_empty());
+        insert(&mut object, "metrics", metrics);
         insert(&mut object, "instance", self.instance.clone());
         insert(&mut object, "host", self.host.clone());
         insert(&mut object, "pid", self.pid);

@@ -4,10 +4,12 @@
 //! unknown keys are ignored.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Serialize;
 use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
+use serde_json::value::RawValue;
 
 use crate::numbers::{Id, Real32, Real64};
 use crate::{DecodeError, MAX_PAYLOAD};
@@ -50,6 +52,9 @@ pub struct Fitness {
     pub simulation_hash: String,
     /// The fitness, any sign and size; larger is better.
     pub fitness: f64,
+    /// Extension: what else was measured in the episode, by name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub metrics: BTreeMap<String, f64>,
 }
 
 /// All keys of the three messages; which of them count depends on the topic.
@@ -61,6 +66,7 @@ struct Fields<'a> {
     sensor: Option<Vec<f32>>,
     actuator: Option<Vec<f32>>,
     fitness: Option<f64>,
+    metrics: Option<&'a RawValue>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -78,6 +84,7 @@ enum Key {
     Sensor,
     Actuator,
     Fitness,
+    Metrics,
     Other,
 }
 
@@ -97,6 +104,7 @@ impl<'de> Deserialize<'de> for Key {
                     "sensor" => Key::Sensor,
                     "actuator" => Key::Actuator,
                     "fitness" => Key::Fitness,
+                    "metrics" => Key::Metrics,
                     _ => Key::Other,
                 })
             }
@@ -153,6 +161,9 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
                     Key::Fitness if self.0 == Kind::Fitness => {
                         fields.fitness = Some(map.next_value::<Real64>()?.0)
                     }
+                    Key::Metrics if self.0 == Kind::Fitness => {
+                        fields.metrics = Some(map.next_value()?)
+                    }
                     _ => {
                         map.next_value::<IgnoredAny>()?;
                     }
@@ -168,6 +179,17 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
     let fields = deserializer.deserialize_map(FieldsVisitor(kind))?;
     deserializer.end()?;
     Ok(fields)
+}
+
+/// What are metrics among the values of an extension's key: a peer's own use of the name is not an error.
+fn metrics(value: Option<&RawValue>) -> BTreeMap<String, f64> {
+    let read = |value: &RawValue| serde_json::from_str::<Real64>(value.get()).ok();
+    let object = value
+        .and_then(|value| serde_json::from_str::<BTreeMap<String, &RawValue>>(value.get()).ok());
+    let entries = object.into_iter().flatten();
+    entries
+        .filter_map(|(name, value)| Some((name, read(value)?.0)))
+        .collect()
 }
 
 fn filled(values: Option<Vec<f32>>, key: &'static str) -> Result<Vec<f32>, DecodeError> {
@@ -333,6 +355,7 @@ impl Fitness {
                 .ok_or(DecodeError::Missing("simulation_hash"))?
                 .into_owned(),
             fitness: fields.fitness.ok_or(DecodeError::Missing("fitness"))?,
+            metrics: metrics(fields.metrics),
         })
     }
 
@@ -365,8 +388,11 @@ mod tests {
         fn fitness_survives_the_wire_to_the_bit(bits in any::<u64>()) {
             let fitness = f64::from_bits(bits);
             prop_assume!(fitness.is_finite());
-            let sent = Fitness { simulation: None, simulation_hash: "00".into(), fitness };
-            prop_assert_eq!(Fitness::decode(&sent.encode()).unwrap().fitness.to_bits(), bits);
+            let metrics = BTreeMap::from([("a b\"\u{1f41d}".to_owned(), fitness)]);
+            let sent = Fitness { simulation: None, simulation_hash: "00".into(), fitness, metrics };
+            let read = Fitness::decode(&sent.encode()).unwrap();
+            prop_assert_eq!(read.fitness.to_bits(), bits);
+            prop_assert_eq!(read.metrics.into_values().map(f64::to_bits).collect::<Vec<_>>(), [bits]);
         }
 
         #[test]
@@ -410,6 +436,29 @@ mod tests {
             Actuator::decode(text).unwrap().actuator[0].to_bits(),
             0x3f80_0001
         );
+    }
+
+    #[test]
+    fn of_metrics_what_is_a_finite_number_is_read_and_nothing_is_an_error() {
+        for (text, expected) in [
+            (
+                r#"{"a":1,"b":-2.5e3,"c":null,"d":"1","e":1e999,"f":[1],"g":true}"#,
+                vec![("a", 1.0), ("b", -2500.0)],
+            ),
+            (r#"{"a":1,"a":2}"#, vec![("a", 2.0)]),
+            (r#"{"\u0061":1}"#, vec![("a", 1.0)]),
+            ("[1, 2]", vec![]),
+            ("\"none\"", vec![]),
+            ("{}", vec![]),
+        ] {
+            let text = format!(r#"{{"simulation_hash":"0","metrics":{text},"fitness":1}}"#);
+            let read = Fitness::decode(text.as_bytes()).unwrap().metrics;
+            let expected = expected
+                .into_iter()
+                .map(|(name, value)| (name.to_owned(), value));
+            assert_eq!(read, expected.collect(), "{text}");
+        }
+        assert!(Fitness::decode(br#"{"simulation_hash":"0","metrics":{,"fitness":1}"#).is_err());
     }
 
     #[test]

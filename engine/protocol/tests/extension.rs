@@ -1,12 +1,13 @@
 //! Replays the golden vectors of the extension messages (`protocol/vectors/extension.json`).
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 
 use base64::Engine;
 use serde_json::{Value, json};
-use swarmwright_protocol::{Failure, Refusal, RefusalKind, ToServer, ToTool};
+use swarmwright_protocol::{F64s, Failure, Refusal, RefusalKind, ToServer, ToTool};
 
 fn vectors() -> Vec<Value> {
     let path = "../../protocol/vectors/extension.json";
@@ -65,11 +66,13 @@ fn request(message: &ToServer) -> Value {
         ToServer::Evaluate(m) => json!({
             "kind": "evaluate", "version": m.version, "request": m.request, "tool": m.tool, "reply": m.reply,
             "simulation": m.simulation, "parameters": m.parameters, "controller": m.controller,
-            "genomes": f32s(&m.genomes.0), "seeds": u64s(&m.seeds.0), "attempt": m.attempt, "lease": m.lease,
+            "genomes": f32s(&m.genomes.0), "seeds": u64s(&m.seeds.0), "metrics": m.metrics,
+            "attempt": m.attempt, "lease": m.lease,
         }),
         ToServer::Start(m) => json!({
             "kind": "start", "version": m.version, "request": m.request, "tool": m.tool, "reply": m.reply,
             "simulation": m.simulation, "parameters": m.parameters, "seeds": u64s(&m.seeds.0),
+            "metrics": m.metrics,
         }),
         ToServer::Actuators(m) => json!({
             "kind": "actuators", "version": m.version, "request": m.request, "step": m.step,
@@ -78,24 +81,23 @@ fn request(message: &ToServer) -> Value {
     }
 }
 
+fn metrics(metrics: &BTreeMap<String, F64s>) -> Value {
+    let read = |(name, values): (&String, &F64s)| (name.clone(), json!(f64s(&values.0)));
+    metrics.iter().map(read).collect()
+}
+
 fn answer(message: &ToTool) -> Value {
     match message {
-        ToTool::Evaluated(m) => {
-            let metrics = m
-                .metrics
-                .iter()
-                .map(|(name, values)| (name.clone(), json!(f64s(&values.0))));
-            json!({
-                "kind": "evaluated", "version": m.version, "request": m.request, "server": m.server,
-                "fitness": f64s(&m.fitness.0), "metrics": metrics.collect::<Value>(), "failed": failures(&m.failed),
-                "error": refusal(m.error.as_ref()), "seconds": m.seconds,
-            })
-        }
+        ToTool::Evaluated(m) => json!({
+            "kind": "evaluated", "version": m.version, "request": m.request, "server": m.server,
+            "fitness": f64s(&m.fitness.0), "metrics": metrics(&m.metrics), "failed": failures(&m.failed),
+            "error": refusal(m.error.as_ref()), "seconds": m.seconds,
+        }),
         ToTool::Sensors(m) => json!({
             "kind": "sensors", "version": m.version, "request": m.request, "server": m.server, "step": m.step,
             "episodes": u32s(&m.episodes.0), "agents": u32s(&m.agents.0), "sensors": f32s(&m.sensors.0),
-            "ended": u32s(&m.ended.0), "fitness": f64s(&m.fitness.0), "failed": failures(&m.failed),
-            "error": refusal(m.error.as_ref()),
+            "ended": u32s(&m.ended.0), "fitness": f64s(&m.fitness.0), "metrics": metrics(&m.metrics),
+            "failed": failures(&m.failed), "error": refusal(m.error.as_ref()),
         }),
     }
 }

@@ -36,7 +36,7 @@ fn capabilities(capabilities: &Capabilities) -> Value {
         "swarmwright": capabilities.swarmwright.as_ref().map(|announced| json!({
             "version": announced.version, "modes": announced.modes,
             "controllers": Some(&announced.controllers).filter(|kinds| !kinds.is_empty()), "batch": announced.batch, "sensors": announced.sensors,
-            "actuators": announced.actuators, "instance": announced.instance, "host": announced.host, "pid": announced.pid,
+            "actuators": announced.actuators, "metrics": Some(&announced.metrics).filter(|names| !names.is_empty()), "instance": announced.instance, "host": announced.host, "pid": announced.pid,
         })),
     })
 }
@@ -66,7 +66,8 @@ fn reading(message: &Message) -> Value {
             "simulation": m.simulation, "simulation_hash": m.simulation_hash, "agent": m.agent, "actuator": m.actuator,
         }),
         Message::Fitness(m) => {
-            json!({"simulation": m.simulation, "simulation_hash": m.simulation_hash, "fitness": m.fitness})
+            let metrics = Some(&m.metrics).filter(|metrics| !metrics.is_empty());
+            json!({"simulation": m.simulation, "simulation_hash": m.simulation_hash, "fitness": m.fitness, "metrics": metrics})
         }
         // MessagePack: these have vectors of their own.
         Message::ToServer(_) | Message::ToTool(_) => Value::Null,

@@ -7,6 +7,7 @@ mod evolution;
 mod genomes;
 mod local;
 mod pool;
+mod results;
 mod server;
 mod streams;
 mod worlds;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use swarmwright_lanes::Level;
 use swarmwright_pool::{check_work, rectangle};
@@ -10,6 +10,7 @@ use swarmwright_worlds::{self as worlds, Block, Means, RolloutError};
 
 use crate::errors::{input, object};
 use crate::genomes::rows;
+use crate::results::{Fitness, Metrics, apart, arrays};
 use crate::worlds::known;
 
 /// Work between two looks at Ctrl-C.
@@ -50,7 +51,7 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
 
 /// Evaluates controllers in this process.
 #[pyfunction]
-#[pyo3(signature = (title, parameters, architecture, genomes, seeds, on_progress=None, *, level="auto", threads=0))]
+#[pyo3(signature = (title, parameters, architecture, genomes, seeds, on_progress=None, *, metrics=None, level="auto", threads=0))]
 #[expect(
     clippy::needless_pass_by_value,
     clippy::too_many_arguments,
@@ -64,10 +65,13 @@ pub fn evaluate<'py>(
     genomes: PyReadonlyArray2<'py, f32>,
     seeds: Vec<u64>,
     on_progress: Option<Py<PyAny>>,
+    metrics: Option<Vec<String>>,
     level: &str,
     threads: usize,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    known(title)?;
+) -> PyResult<(Fitness<'py>, Metrics<'py>)> {
+    let metrics = known(title)?
+        .metrics_named(&metrics.unwrap_or_default())
+        .map_err(input)?;
     let means = means(level, threads)?;
     let parameters = object("parameters", parameters)?;
     let rows = rows(architecture, &genomes)?;
@@ -77,10 +81,11 @@ pub fn evaluate<'py>(
         genomes: &rows,
         parameters: &parameters,
         seeds: &seeds,
+        metrics: &metrics,
     };
     let total = block.len();
     let mut raised: Option<PyErr> = None;
-    let fitness = py
+    let results = py
         .detach(|| {
             in_parts(title, &block, means, |done, report| {
                 let called = Python::attach(|py| {
@@ -95,7 +100,9 @@ pub fn evaluate<'py>(
         })
         .map_err(input)?;
     raised.map_or(Ok(()), Err)?;
-    PyArray1::from_vec(py, fitness).reshape([block.candidates(), seeds.len()])
+    let shape = [block.candidates(), seeds.len(), metrics.len()];
+    let (fitness, values) = apart(results, block.numbers());
+    arrays(py, fitness, values, shape)
 }
 
 /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each.
@@ -107,11 +114,12 @@ fn in_parts(
 ) -> Result<Vec<f64>, RolloutError> {
     let (total, episodes) = (whole.len(), whole.seeds.len());
     let weights = whole.architecture.weight_count();
-    let mut fitness = Vec::with_capacity(total);
+    let numbers = whole.numbers();
+    let mut results = Vec::with_capacity(total * numbers);
     let mut most = FIRST;
     let mut reported = Instant::now();
-    while fitness.len() < total {
-        let first = fitness.len();
+    while results.len() < total * numbers {
+        let first = results.len() / numbers;
         let count = rectangle(&(first..total), episodes, most);
         let (candidate, episode) = (first / episodes, first % episodes);
         let candidates = candidate..candidate + count.div_ceil(episodes);
@@ -124,18 +132,19 @@ fn in_parts(
         let Some(part) = worlds::evaluate(title, &block, means) else {
             break;
         };
-        fitness.extend(part?);
+        results.extend(part?);
+        let done = results.len() / numbers;
         let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
         most = scaled(count, factor);
-        let report = fitness.len() == total || reported.elapsed() >= REPORT;
+        let report = done == total || reported.elapsed() >= REPORT;
         if report {
             reported = Instant::now();
         }
-        if !go_on(fitness.len(), report) {
+        if !go_on(done, report) {
             break;
         }
     }
-    Ok(fitness)
+    Ok(results)
 }
 
 #[expect(

@@ -1,6 +1,6 @@
 //! The optimization tool's side of the broker.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use serde_json::json;
 use std::time::Duration;
@@ -10,11 +10,17 @@ use swarmwright_protocol::{Requirements, State};
 
 use crate::errors::{engine, input, object};
 use crate::genomes::work;
+use crate::results::{Fitness, Metrics, arrays};
 use crate::server::seconds;
 
 /// Finds servers and runs episodes on them.
 #[pyclass(name = "Pool", module = "swarmwright._engine")]
-pub struct PyPool(Option<Pool>);
+pub struct PyPool {
+    /// None once it is closed.
+    pool: Option<Pool>,
+    /// Number of metrics that are needed of every episode.
+    metrics: usize,
+}
 
 fn error(error: &PoolError) -> PyErr {
     match error {
@@ -27,7 +33,8 @@ fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3, largest=None, alone=false))]
+        mode="auto", metrics=None, visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3, largest=None,
+        alone=false))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -40,6 +47,7 @@ impl PyPool {
         prefix: &str,
         tool: &str,
         mode: &str,
+        metrics: Option<Vec<String>>,
         visual: bool,
         discovery_timeout: f64,
         step_timeout: f64,
@@ -49,6 +57,8 @@ impl PyPool {
     ) -> PyResult<Self> {
         let requirements = Requirements::decode(requirements.as_bytes())
             .map_err(|error| input(format!("requirements: {error}")))?;
+        let needed = metrics.unwrap_or_default();
+        let metrics = needed.len();
         let options = Options {
             settings: Settings::from_environment(broker).map_err(input)?,
             prefix: prefix.to_owned(),
@@ -60,6 +70,7 @@ impl PyPool {
                 actuators,
                 mode: mode.parse().map_err(input)?,
                 kind: None,
+                metrics: needed,
             },
             parameters: object("parameters", parameters)?,
             visual,
@@ -70,7 +81,10 @@ impl PyPool {
             alone,
         };
         py.detach(|| Pool::connect(options))
-            .map(|pool| Self(Some(pool)))
+            .map(|pool| Self {
+                pool: Some(pool),
+                metrics,
+            })
             .map_err(|failed| error(&failed))
     }
 
@@ -89,6 +103,10 @@ impl PyPool {
         result.map_err(|failed| error(&failed))
     }
 
+    fn announced_metrics(&mut self) -> PyResult<Vec<String>> {
+        Ok(self.pool()?.metrics())
+    }
+
     #[pyo3(signature = (architecture, genomes, seeds, on_progress=None))]
     #[expect(
         clippy::needless_pass_by_value,
@@ -101,10 +119,12 @@ impl PyPool {
         genomes: PyReadonlyArray2<'py, f32>,
         seeds: Vec<u64>,
         on_progress: Option<Py<PyAny>>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, String)> {
+    ) -> PyResult<(Fitness<'py>, Metrics<'py>, String)> {
+        let needed = self.metrics;
         let pool = self.pool()?;
         let work = work(architecture, &genomes, seeds)?;
-        let (shape, total) = ([work.candidates(), work.episodes()], work.len());
+        let shape = [work.candidates(), work.episodes(), needed];
+        let total = work.len();
         let mut raised: Option<PyErr> = None;
         let result = py.detach(|| {
             pool.evaluate(work, |done, waiting_for| {
@@ -118,7 +138,7 @@ impl PyPool {
             })
         });
         raised.map_or(Ok(()), Err)?;
-        let fitness = result.map_err(|failed| error(&failed))?;
+        let results = result.map_err(|failed| error(&failed))?;
         let journal: Vec<String> = pool
             .take_warnings()
             .into_iter()
@@ -129,12 +149,12 @@ impl PyPool {
                     .map(|attempt| json!(attempt).to_string()),
             )
             .collect();
-        let fitness = PyArray1::from_vec(py, fitness).reshape(shape)?;
-        Ok((fitness, journal.join("\n")))
+        let (fitness, metrics) = arrays(py, results.fitness, results.metrics, shape)?;
+        Ok((fitness, metrics, journal.join("\n")))
     }
 
     fn close(&mut self, py: Python<'_>) {
-        if let Some(pool) = self.0.take() {
+        if let Some(pool) = self.pool.take() {
             py.detach(|| pool.close());
         }
     }
@@ -142,7 +162,9 @@ impl PyPool {
 
 impl PyPool {
     fn pool(&mut self) -> PyResult<&mut Pool> {
-        self.0.as_mut().ok_or_else(|| input("the pool is closed"))
+        self.pool
+            .as_mut()
+            .ok_or_else(|| input("the pool is closed"))
     }
 }
 

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 use serde_json::json;
 use swarmwright_controllers::{Controller, Specification};
-use swarmwright_worlds::{self as worlds, Simulation};
+use swarmwright_worlds::{self as worlds, Description, Simulation};
 
 use crate::errors::{engine, input, object};
 
@@ -18,13 +18,9 @@ pub fn create(title: &str) -> PyResult<Box<dyn Simulation>> {
     worlds::create(title).ok_or_else(|| unknown(title))
 }
 
-/// Refuses titles of simulations that are not built in.
-pub fn known(title: &str) -> PyResult<()> {
-    if worlds::titles().contains(&title) {
-        Ok(())
-    } else {
-        Err(unknown(title))
-    }
+/// What a built-in simulation says of itself; refuses other titles.
+pub fn known(title: &str) -> PyResult<&'static Description> {
+    worlds::description(title).ok_or_else(|| unknown(title))
 }
 
 fn unknown(title: &str) -> PyErr {
@@ -90,6 +86,17 @@ impl PyEpisode {
     #[getter]
     fn fitness(&self) -> f64 {
         self.0.simulation().fitness()
+    }
+
+    fn metrics(&self, names: Vec<String>) -> PyResult<Vec<f64>> {
+        let simulation = self.0.simulation();
+        let wanted = simulation
+            .description()
+            .metrics_named(&names)
+            .map_err(input)?;
+        let mut values = vec![f64::NAN; wanted.len()];
+        worlds::measure(simulation, &wanted, &mut values);
+        Ok(values)
     }
 
     #[getter]

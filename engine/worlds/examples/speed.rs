@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         genomes: &genomes,
         parameters: &parameters,
         seeds: &[0],
+        metrics: &[],
     };
     let levels = std::iter::once(None).chain(Level::available().into_iter().map(Some));
     for level in

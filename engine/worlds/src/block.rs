@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, LaneController};
 use swarmwright_lanes::{Kernel, Lanes, Level, Pair};
 
-use crate::{ParameterError, Parameters, RolloutError, Simulation, rollout};
+use crate::{ParameterError, Parameters, RolloutError, Simulation, measure, rollout};
 
 /// Many controllers of one architecture, each to be run in the same episodes.
 #[derive(Debug, Clone, Copy)]
@@ -19,9 +19,11 @@ pub struct Block<'a> {
     pub parameters: &'a Parameters,
     /// One seed per episode.
     pub seeds: &'a [u64],
+    /// Metrics that are wanted beside the fitness, by their index in the simulation's description.
+    pub metrics: &'a [usize],
 }
 
-/// How a block is evaluated. The fitness does not depend on it.
+/// How a block is evaluated. The results do not depend on it.
 #[derive(Debug, Clone, Copy)]
 pub struct Means {
     /// Instruction set of the lanes; none for one episode at a time.
@@ -56,6 +58,12 @@ impl<'a> Block<'a> {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Numbers that come out of an episode: the fitness, and the metrics that are wanted.
+    #[must_use]
+    pub const fn numbers(&self) -> usize {
+        1 + self.metrics.len()
     }
 
     /// The weights of one candidate.
@@ -99,6 +107,9 @@ pub(crate) trait LaneWorld: Sync + Sized {
         episodes: &[usize],
         fitness: &mut [f64],
     );
+
+    /// Writes each lane's value of the metric with this index in the description, as it is after `rollout`.
+    fn metric<L: Lanes>(&self, room: &Self::Room<L>, index: usize, values: &mut [f64]);
 }
 
 /// Most lanes of any instruction set, in pairs.
@@ -108,7 +119,8 @@ struct Part<'a, W> {
     world: &'a W,
     block: &'a Block<'a>,
     first: usize,
-    fitness: &'a mut [f64],
+    /// For each episode its fitness and metrics.
+    results: &'a mut [f64],
 }
 
 impl<W: LaneWorld> Kernel for Part<'_, W> {
@@ -118,11 +130,12 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
     fn run<L: Lanes>(self) {
         // Many vectors side by side while there are episodes for them.
         let vectors = self.world.vectors();
-        let wide = vectors * L::WIDTH;
-        let rest = self.fitness.len() % wide;
+        let (wide, numbers) = (vectors * L::WIDTH, self.block.numbers());
+        let episodes = self.results.len() / numbers;
+        let rest = episodes % wide;
         let single = if rest > wide / 2 { 0 } else { rest };
-        let (many, single) = self.fitness.split_at_mut(self.fitness.len() - single);
-        let behind = self.first + many.len();
+        let behind = self.first + episodes - single;
+        let (many, single) = self.results.split_at_mut((episodes - single) * numbers);
         match (vectors, W::MOST_VECTORS) {
             (4, 4) => groups::<Pair<Pair<L>>, W>(self.world, self.block, self.first, many),
             (2, 2) => groups::<Pair<L>, W>(self.world, self.block, self.first, many),
@@ -132,17 +145,19 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
     }
 }
 
-/// Evaluates episodes from `first` on, as many as `fitness` has places, a vector of lanes at a time.
+/// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time.
 #[inline(always)]
-fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, fitness: &mut [f64]) {
-    if fitness.is_empty() {
+fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, results: &mut [f64]) {
+    if results.is_empty() {
         return;
     }
     let episodes_each = block.seeds.len();
     let mut controllers = LaneController::<L>::new(block.architecture);
     let mut room = world.room::<L>(&controllers);
     let mut lanes = [0.0; MOST_LANES];
-    for (group, fitness) in fitness.chunks_mut(L::WIDTH).enumerate() {
+    let numbers = block.numbers();
+    for (group, results) in results.chunks_mut(L::WIDTH * numbers).enumerate() {
+        let count = results.len() / numbers;
         let first = first + group * L::WIDTH;
         let (mut candidate, mut episode) = (first / episodes_each, first % episodes_each);
         let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
@@ -151,7 +166,7 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, fi
             genomes[lane] = block.genome(candidate);
             episodes[lane] = episode;
             // Lanes without an episode of their own repeat the last one.
-            if lane + 1 < fitness.len() {
+            if lane + 1 < count {
                 episode += 1;
                 if episode == episodes_each {
                     (candidate, episode) = (candidate + 1, 0);
@@ -165,27 +180,41 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, fi
             &episodes[..L::WIDTH],
             &mut lanes[..L::WIDTH],
         );
-        fitness.copy_from_slice(&lanes[..fitness.len()]);
+        spread(&lanes[..count], results, numbers);
+        for (place, metric) in block.metrics.iter().enumerate() {
+            world.metric(&room, *metric, &mut lanes[..L::WIDTH]);
+            spread(&lanes[..count], &mut results[1 + place..], numbers);
+        }
     }
 }
 
-/// Places of the fitness that one thread works on at a time, where vectors side by side have `wide` lanes.
-fn part(places: usize, wide: usize, workers: usize) -> usize {
+/// Writes one number of each episode, `numbers` places apart.
+#[inline(always)]
+fn spread(values: &[f64], results: &mut [f64], numbers: usize) {
+    for (value, result) in values.iter().zip(results.iter_mut().step_by(numbers)) {
+        *result = *value;
+    }
+}
+
+/// Episodes that one thread works on at a time, where vectors side by side have `wide` lanes.
+fn part(episodes: usize, wide: usize, workers: usize) -> usize {
     if workers == 1 {
         // Whole vectors as long as there are, and one remainder.
-        places
-    } else if places <= workers * wide {
+        episodes
+    } else if episodes <= workers * wide {
         // A share for everybody, in a time that hardly depends on how many lanes are used.
-        places.div_ceil(workers)
+        episodes.div_ceil(workers)
     } else {
         // Several parts per thread, so that a thread that was held up does not hold up the others.
-        places.div_ceil(workers * 4).next_multiple_of(wide)
+        episodes.div_ceil(workers * 4).next_multiple_of(wide)
     }
 }
 
-/// Runs `work` over parts of the fitness, in threads; `wide`: places whose episodes are computed side by side.
+/// Runs `work` over parts of the results, in threads; each episode has `numbers` of them, and `wide` episodes are computed
+/// side by side.
 fn in_parts(
-    fitness: &mut [f64],
+    results: &mut [f64],
+    numbers: usize,
     wide: usize,
     threads: usize,
     work: impl Fn(Range<usize>, &mut [f64]) + Sync,
@@ -195,15 +224,16 @@ fn in_parts(
     } else {
         threads
     };
-    let part = part(fitness.len(), wide, workers).max(1);
-    let each = |(index, fitness): (usize, &mut [f64])| {
+    let part = part(results.len() / numbers, wide, workers).max(1);
+    let each = |(index, results): (usize, &mut [f64])| {
         let first = index * part;
-        work(first..first + fitness.len(), fitness);
+        work(first..first + results.len() / numbers, results);
     };
-    if fitness.len() <= part {
-        fitness.chunks_mut(part).enumerate().for_each(each);
+    let chunk = part * numbers;
+    if results.len() <= chunk {
+        results.chunks_mut(chunk).enumerate().for_each(each);
     } else {
-        fitness.par_chunks_mut(part).enumerate().for_each(each);
+        results.par_chunks_mut(chunk).enumerate().for_each(each);
     }
 }
 
@@ -213,23 +243,21 @@ pub(crate) fn evaluate<W: LaneWorld>(
     means: Means,
     create: fn() -> Box<dyn Simulation>,
 ) -> Result<Vec<f64>, RolloutError> {
-    let mut fitness = vec![0.0; block.len()];
     let world = W::new(block)?;
     if let (Some(level), Some(world)) = (means.level, &world) {
-        in_parts(
-            &mut fitness,
-            level.width() * world.vectors(),
-            means.threads,
-            |range, fitness| {
-                level.run(Part {
-                    world,
-                    block,
-                    first: range.start,
-                    fitness,
-                });
-            },
-        );
-        return Ok(fitness);
+        let numbers = block.numbers();
+        let mut results = vec![0.0; block.len() * numbers];
+        let work = |range: Range<usize>, results: &mut [f64]| {
+            level.run(Part {
+                world,
+                block,
+                first: range.start,
+                results,
+            });
+        };
+        let wide = level.width() * world.vectors();
+        in_parts(&mut results, numbers, wide, means.threads, work);
+        return Ok(results);
     }
     one_by_one(block, means, create)
 }
@@ -243,12 +271,13 @@ pub(crate) fn one_by_one(
     let parameters: Vec<Parameters> = (0..block.seeds.len())
         .map(|episode| block.parameters_of(episode))
         .collect();
-    let mut fitness = vec![0.0; block.len()];
+    let numbers = block.numbers();
+    let mut results = vec![0.0; block.len() * numbers];
     let failed = std::sync::Mutex::new(None);
     let architecture = std::sync::Arc::new(block.architecture.clone());
-    in_parts(&mut fitness, 1, means.threads, |range, fitness| {
+    in_parts(&mut results, numbers, 1, means.threads, |range, results| {
         let mut simulation = create();
-        for (pair, fitness) in range.zip(fitness) {
+        for (pair, numbers) in range.zip(results.chunks_exact_mut(numbers)) {
             let (candidate, episode) = (pair / block.seeds.len(), pair % block.seeds.len());
             let result = Controller::with_weights(&architecture, block.genome(candidate).into())
                 .map_err(|source| RolloutError::Weights { candidate, source })
@@ -256,7 +285,10 @@ pub(crate) fn one_by_one(
                     rollout(&mut *simulation, &parameters[episode], &controller)
                 });
             match result {
-                Ok(value) => *fitness = value,
+                Ok(fitness) => {
+                    numbers[0] = fitness;
+                    measure(&*simulation, block.metrics, &mut numbers[1..]);
+                }
                 Err(error) => {
                     failed
                         .lock()
@@ -270,5 +302,5 @@ pub(crate) fn one_by_one(
     failed
         .into_inner()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
-        .map_or(Ok(fitness), Err)
+        .map_or(Ok(results), Err)
 }

@@ -14,9 +14,10 @@ pub use block::{Block, Means};
 pub use emergency_exit::EmergencyExit;
 pub use minisim::Minisim;
 pub use parameters::ParameterReader;
-pub use registry::{create, describe, evaluate, titles};
+pub use registry::{create, describe, description, evaluate, titles};
 pub use rollout::{Episode, RolloutError, rollout};
 pub use simulation::{
-    Body, Description, ParameterError, ParameterInfo, Parameters, Scene, Simulation,
+    Body, Description, MetricInfo, ParameterError, ParameterInfo, Parameters, Scene, Simulation,
+    UnknownMetric, measure,
 };
 pub use text::{TextStyle, render};

@@ -39,13 +39,18 @@ pub fn titles() -> Vec<&'static str> {
     SIMULATIONS.iter().map(|(title, ..)| *title).collect()
 }
 
+/// What a simulation says of itself; None for an unknown title.
+pub fn description(title: &str) -> Option<&'static Description> {
+    find(title).map(|index| &DESCRIPTIONS[index])
+}
+
 /// A simulation at the start of an episode with default parameters; None for an unknown title.
 pub fn create(title: &str) -> Option<Box<dyn Simulation>> {
     find(title).map(|index| SIMULATIONS[index].1())
 }
 
-/// Evaluates a block of controllers in this process: the fitness of every candidate in every episode, row-major
-/// (candidates, episodes). None for an unknown title.
+/// Evaluates a block of controllers in this process: the fitness of every candidate in every episode, each followed by
+/// the metrics that the block asks for, row-major (candidates, episodes, 1 + metrics). None for an unknown title.
 ///
 /// # Errors
 /// Parameters that the simulation refuses, controllers that do not fit it.
@@ -69,7 +74,7 @@ pub fn evaluate(
 }
 
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, parameters (name to type,
-/// default, description); None for an unknown title.
+/// default, description), metrics (name to unit, description); None for an unknown title.
 pub fn describe(title: &str) -> Option<Value> {
     let simulation = create(title)?;
     let description = simulation.description();
@@ -78,6 +83,11 @@ pub fn describe(title: &str) -> Option<Value> {
         .into_iter()
         .map(|p| (p.name.to_owned(), json!(p)))
         .collect();
+    let metrics: Map<String, Value> = description
+        .metrics
+        .iter()
+        .map(|m| (m.name.to_string(), json!(m)))
+        .collect();
     Some(json!({
         "title": description.title,
         "dimensions": description.dimensions,
@@ -85,5 +95,6 @@ pub fn describe(title: &str) -> Option<Value> {
         "sensors": description.sensors,
         "actuators": description.actuators,
         "parameters": parameters,
+        "metrics": metrics,
     }))
 }

@@ -1,5 +1,7 @@
 //! The trait that every simulation implements, and the scene by which it is shown.
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -21,6 +23,65 @@ pub struct Description {
     pub sensors: usize,
     /// Numbers in one agent's actuator message.
     pub actuators: usize,
+    /// What is measured in an episode beside the fitness, in the order of [`Simulation::metrics`].
+    pub metrics: Cow<'static, [MetricInfo]>,
+}
+
+impl Description {
+    /// The index of each of the named metrics.
+    ///
+    /// # Errors
+    /// A name that is none of this simulation's metrics.
+    pub fn metrics_named(&self, names: &[impl AsRef<str>]) -> Result<Vec<usize>, UnknownMetric> {
+        let index = |name: &str| {
+            let found = self.metrics.iter().position(|metric| metric.name == name);
+            found.ok_or_else(|| UnknownMetric {
+                name: name.to_owned(),
+                simulation: self.title.clone(),
+                known: self.metrics.iter().map(|m| m.name.to_string()).collect(),
+            })
+        };
+        names.iter().map(|name| index(name.as_ref())).collect()
+    }
+}
+
+/// What a simulation says of one of its metrics: a number that it measures in an episode.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct MetricInfo {
+    /// The name in messages and in fitness expressions: a letter or _, then letters, digits and _.
+    #[serde(skip)]
+    pub name: Cow<'static, str>,
+    /// What it counts or is measured in: agents, steps, metres, ...; empty for a mere number.
+    pub unit: Cow<'static, str>,
+    /// Meaning, in a sentence.
+    pub description: Cow<'static, str>,
+}
+
+impl MetricInfo {
+    /// A metric of a simulation that is built in.
+    #[must_use]
+    pub const fn new(name: &'static str, unit: &'static str, description: &'static str) -> Self {
+        Self {
+            name: Cow::Borrowed(name),
+            unit: Cow::Borrowed(unit),
+            description: Cow::Borrowed(description),
+        }
+    }
+}
+
+/// A metric that a simulation does not have; says which ones it has.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "metrics: {name:?} is none of {simulation}'s; {}",
+    if .known.is_empty() { "it has none".to_owned() } else { format!("it has {}", .known.join(", ")) }
+)]
+pub struct UnknownMetric {
+    /// The name that was asked for.
+    pub name: String,
+    /// Title of the simulation.
+    pub simulation: String,
+    /// The names that there are.
+    pub known: Vec<String>,
 }
 
 /// What a simulation says of one of its parameters.
@@ -88,14 +149,20 @@ pub trait Simulation: Send {
     /// Fitness of the episode so far; larger is better.
     fn fitness(&self) -> f64;
 
+    /// The metrics of the episode so far, in the order of the description; asked for only where somebody wants them.
+    fn metrics(&self) -> Vec<f64> {
+        Vec::new()
+    }
+
     /// Another simulation of this kind, so that several episodes can be stepped side by side; none if there can be only
     /// this one.
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {
         None
     }
 
-    /// The fitness of every candidate of a block in every episode, row-major (candidates, episodes), to the bit what
-    /// [`rollout`](crate::rollout) gives; none for those who leave that to `rollout`.
+    /// The fitness of every candidate of a block in every episode, each followed by the metrics that the block asks
+    /// for: row-major (candidates, episodes, 1 + metrics), to the bit what [`rollout`](crate::rollout) and
+    /// [`measure`](crate::measure) give; none for those who leave that to them.
     ///
     /// # Errors
     /// As [`rollout`](crate::rollout).
@@ -116,6 +183,17 @@ pub trait Simulation: Send {
     /// Milliseconds between two frames when shown.
     fn step_size(&self) -> u64 {
         250
+    }
+}
+
+/// Writes the metrics with these indices in the description; NaN for what the simulation does not give.
+pub fn measure(simulation: &dyn Simulation, wanted: &[usize], values: &mut [f64]) {
+    if wanted.is_empty() {
+        return;
+    }
+    let all = simulation.metrics();
+    for (index, value) in wanted.iter().zip(values) {
+        *value = all.get(*index).copied().unwrap_or(f64::NAN);
     }
 }
 

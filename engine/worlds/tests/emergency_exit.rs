@@ -127,6 +127,9 @@ proptest! {
         let start = (steps - finished) as f64 / steps as f64;
         let expected = before.iter().fold(start, |sum, (cell, _)| sum - away(*cell));
         prop_assert_eq!(simulation.fitness(), expected);
+        let distance = before.iter().fold(0.0, |sum, (cell, _)| sum + away(*cell));
+        let out = before.iter().filter(|agent| agent.1).count();
+        prop_assert_eq!(simulation.metrics(), [out as f64, finished as f64, distance]);
         simulation.step(&[1.0, 1.0]);
         prop_assert_eq!(simulation.fitness(), expected, "an episode that has ended stays as it is");
     }

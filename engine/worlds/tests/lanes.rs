@@ -1,11 +1,11 @@
-//! Lanes, threads and one episode at a time give the same fitness, to the bit.
+//! Lanes, threads and one episode at a time give the same fitness and the same metrics, to the bit.
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use proptest::prelude::*;
 use serde_json::{Map, Value, json};
 use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
-use swarmwright_worlds::{Block, Means, evaluate};
+use swarmwright_worlds::{Block, Means, create, evaluate};
 
 /// All ways of evaluating a block agree with the plain one; returns its fitness.
 fn check(
@@ -19,36 +19,42 @@ fn check(
     let length = architecture.weight_count();
     let candidates = genomes.len() / length;
     let parameters: Map<String, Value> = parameters.as_object().unwrap().clone();
-    let block = Block {
-        architecture: &architecture,
-        genomes: &genomes[..candidates * length],
-        parameters: &parameters,
-        seeds,
+    let count = create(title).unwrap().description().metrics.len();
+    // In another order than they are announced in.
+    let metrics: Vec<usize> = (0..count).rev().collect();
+    let run = |metrics, means| {
+        let block = Block {
+            architecture: &architecture,
+            genomes: &genomes[..candidates * length],
+            parameters: &parameters,
+            seeds,
+            metrics,
+        };
+        evaluate(title, &block, means).unwrap().unwrap()
     };
-    let run = |means| evaluate(title, &block, means).unwrap().unwrap();
-    let plain = run(Means {
+    let one_by_one = Means {
         level: None,
         threads: 1,
-    });
+    };
+    let measured = run(&metrics, one_by_one);
+    let numbers = 1 + metrics.len();
+    let plain: Vec<f64> = measured.iter().copied().step_by(numbers).collect();
     assert_eq!(plain.len(), candidates * seeds.len());
     for level in Level::available() {
         for threads in [1, 2] {
-            let lanes = run(Means {
+            let means = Means {
                 level: Some(level),
                 threads,
-            });
+            };
             let bits = |values: &[f64]| {
                 values
                     .iter()
                     .map(|value| value.to_bits())
                     .collect::<Vec<_>>()
             };
-            assert_eq!(
-                bits(&lanes),
-                bits(&plain),
-                "{} with {threads} threads",
-                level.name()
-            );
+            let way = format!("{} with {threads} threads", level.name());
+            assert_eq!(bits(&run(&[], means)), bits(&plain), "{way}");
+            assert_eq!(bits(&run(&metrics, means)), bits(&measured), "{way}");
         }
     }
     plain

@@ -233,6 +233,10 @@ proptest! {
                     "{before:?} became {after:?}");
             }
         }
+        let last = scenes.last().unwrap();
+        let count = |state| last.iter().filter(|body| body.state == state).count() as f64;
+        let expected = [count("arrived"), count("caught"), (scenes.len() - 1) as f64, -fitness];
+        prop_assert_eq!(simulation.metrics(), expected);
         // A distance is rounded to binary32.
         prop_assert!((-width.hypot(height) * (1.0 + 1e-6)..=0.0).contains(&fitness), "fitness {fitness}");
 

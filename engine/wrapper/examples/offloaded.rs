@@ -60,6 +60,7 @@ fn request(candidates: usize) -> Vec<u8> {
         controller: controller.as_object().unwrap().clone(),
         genomes: genomes(candidates),
         seeds: U64s(vec![1]),
+        metrics: Vec::new(),
         attempt: 1,
         lease: 60.0,
     })
@@ -177,6 +178,7 @@ fn main() {
                 genomes: &genomes.0,
                 parameters: &serde_json::Map::new(),
                 seeds: &[1],
+                metrics: &[],
             };
             let means = Means {
                 threads: 1,

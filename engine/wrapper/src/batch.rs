@@ -1,14 +1,15 @@
 //! Episodes stepped side by side: all agents that act next, of all episodes, in one message.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, F64s, Failure, MAX_BLOCK,
     Refusal, U32s,
 };
-use swarmwright_worlds::{Description, Simulation};
+use swarmwright_worlds::{Description, Simulation, measure};
 
-use crate::guard::{finite, guarded};
+use crate::guard::{all_finite, guarded};
 use crate::job::invalid;
 
 struct Episode {
@@ -33,6 +34,9 @@ pub(crate) struct Batch {
     step: u64,
     sensors: usize,
     actuators: usize,
+    /// Names of the metrics that are wanted, and their indices in the simulation's description.
+    metrics: Vec<String>,
+    wanted: Vec<usize>,
     episodes: Vec<Episode>,
     rows: usize,
     /// Episodes that failed since the last message.
@@ -56,6 +60,10 @@ impl Batch {
         simulations: Vec<Box<dyn Simulation>>,
         now: Instant,
     ) -> Result<Self, (Refusal, Vec<Box<dyn Simulation>>)> {
+        let wanted = match description.metrics_named(&message.metrics) {
+            Ok(wanted) => wanted,
+            Err(error) => return Err((invalid(error.to_string()), simulations)),
+        };
         let mut batch = Self {
             tool: message.tool,
             request: message.request,
@@ -67,6 +75,8 @@ impl Batch {
             step: 0,
             sensors: description.sensors,
             actuators: description.actuators,
+            metrics: message.metrics,
+            wanted,
             episodes: simulations
                 .into_iter()
                 .map(|simulation| Episode {
@@ -147,10 +157,14 @@ impl Batch {
             match guarded(|| episode.sense(self.sensors, &mut message)).and_then(|result| result) {
                 Ok(0) => {
                     episode.rows = None;
-                    match guarded(|| episode.simulation.fitness()).and_then(finite) {
-                        Ok(fitness) => {
+                    match episode.end(&self.wanted, &self.metrics) {
+                        Ok(results) => {
                             message.ended.0.push(number(index));
-                            message.fitness.0.push(fitness);
+                            message.fitness.0.push(results[0]);
+                            for (name, value) in self.metrics.iter().zip(&results[1..]) {
+                                let values = message.metrics.entry(name.clone()).or_default();
+                                values.0.push(*value);
+                            }
                         }
                         Err(reason) => message.failed.push(failure(index, reason)),
                     }
@@ -237,6 +251,17 @@ impl Batch {
 }
 
 impl Episode {
+    /// The fitness and the metrics that are wanted.
+    fn end(&self, wanted: &[usize], names: &[String]) -> Result<Vec<f64>, String> {
+        let results = guarded(|| {
+            let mut results = vec![self.simulation.fitness(); 1 + wanted.len()];
+            measure(&*self.simulation, wanted, &mut results[1..]);
+            results
+        })?;
+        all_finite(&results, names)?;
+        Ok(results)
+    }
+
     /// Steps a simulation that has not ended and asks for nobody's actuators.
     fn step_by_itself(&mut self) -> bool {
         let alone = self.simulation.acting().is_empty() && !self.simulation.done();
@@ -278,6 +303,7 @@ pub(crate) fn answer(request: u64, server: u64, step: u64) -> BatchSensors {
         sensors: F32s::default(),
         ended: U32s::default(),
         fitness: F64s::default(),
+        metrics: BTreeMap::new(),
         failed: Vec::new(),
         error: None,
     }

@@ -16,6 +16,23 @@ pub(crate) fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
+/// The fitness of an episode and the metrics of these names that follow it, if they can be sent.
+///
+/// # Errors
+/// One of them is NaN or infinite.
+pub(crate) fn all_finite<'a>(results: &'a [f64], metrics: &[String]) -> Result<&'a [f64], String> {
+    let Some((&fitness, values)) = results.split_first() else {
+        return Err("the simulation gives no fitness".to_owned());
+    };
+    finite(fitness)?;
+    match metrics.iter().zip(values).find(|(_, v)| !v.is_finite()) {
+        Some((name, value)) => Err(format!(
+            "the simulation's metric {name} is {value}, not a finite number"
+        )),
+        None => Ok(results),
+    }
+}
+
 /// A fitness that can be sent.
 ///
 /// # Errors

@@ -41,6 +41,11 @@ impl Identity {
                 batch: Some(batch),
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),
+                metrics: simulation
+                    .metrics
+                    .iter()
+                    .map(|metric| metric.name.to_string())
+                    .collect(),
                 instance: Some(self.instance.clone()),
                 host: Some(self.host.clone()),
                 pid: Some(self.pid),

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value};
 use swarmwright_controllers::{Architecture, Controller};
 use swarmwright_protocol::{Failure, Refusal, RefusalKind};
-use swarmwright_worlds::{Block, Means, Parameters, RolloutError, Simulation, rollout};
+use swarmwright_worlds::{Block, Means, Parameters, RolloutError, Simulation, measure, rollout};
 
-use crate::guard::{finite, guarded};
+use crate::guard::{all_finite, guarded};
 
 /// Candidates that are evaluated at once, at first; then as many as keep the time between two looks at the abort flag
 /// within these bounds.
@@ -26,6 +26,10 @@ pub(crate) struct Setup {
     pub controller: Map<String, Value>,
     pub architecture: Architecture,
     pub parameters: Parameters,
+    /// Names of the metrics that are wanted.
+    pub metrics: Vec<String>,
+    /// Their indices in the simulation's description.
+    pub wanted: Vec<usize>,
 }
 
 /// A request that was found to be sound.
@@ -72,6 +76,8 @@ pub struct Done {
 #[derive(Debug, Default)]
 pub(crate) struct Evaluation {
     pub fitness: Vec<f64>,
+    /// The metrics that are wanted, each like the fitness.
+    pub metrics: Vec<Vec<f64>>,
     pub failed: Vec<Failure>,
 }
 
@@ -114,7 +120,10 @@ fn evaluate(
 ) -> Result<Evaluation, Refusal> {
     let setup = &*request.setup;
     let weights = setup.architecture.weight_count();
-    let mut evaluation = Evaluation::default();
+    let mut evaluation = Evaluation {
+        metrics: vec![Vec::new(); setup.metrics.len()],
+        ..Evaluation::default()
+    };
     let mut rest = &request.genomes[..];
     let mut part = FIRST_PART;
     let mut first = 0;
@@ -128,8 +137,14 @@ fn evaluate(
             genomes,
             parameters: &setup.parameters,
             seeds: &request.seeds,
+            metrics: &setup.wanted,
         };
-        evaluate_part(simulation, &block, means, abort, first, &mut evaluation)?;
+        let block = Part {
+            block: &block,
+            names: &setup.metrics,
+            first,
+        };
+        evaluate_part(simulation, &block, means, abort, &mut evaluation)?;
         first += candidates;
         let elapsed = start.elapsed();
         if elapsed < SHORT {
@@ -141,34 +156,44 @@ fn evaluate(
     Ok(evaluation)
 }
 
+/// Some candidates of a request.
+struct Part<'a> {
+    block: &'a Block<'a>,
+    /// Names of the metrics.
+    names: &'a [String],
+    /// Index of the first candidate.
+    first: usize,
+}
+
 fn evaluate_part(
     simulation: &mut dyn Simulation,
-    block: &Block<'_>,
+    part: &Part<'_>,
     means: Means,
     abort: &AtomicBool,
-    first: usize,
     evaluation: &mut Evaluation,
 ) -> Result<(), Refusal> {
-    match guarded(|| simulation.evaluate(block, means)) {
-        Ok(Some(Ok(fitness))) if fitness.len() == block.len() => {
-            for (index, value) in fitness.into_iter().enumerate() {
-                evaluation.push(first, index, block.seeds.len(), finite(value));
+    let numbers = part.block.numbers();
+    match guarded(|| simulation.evaluate(part.block, means)) {
+        Ok(Some(Ok(results))) if results.len() == part.block.len() * numbers => {
+            for (index, results) in results.chunks_exact(numbers).enumerate() {
+                evaluation.push(part, index, all_finite(results, part.names));
             }
             Ok(())
         }
         Ok(Some(Err(error))) if is_refusal(&error) => Err(invalid(error.to_string())),
         // It leaves that to us; or something failed, and one by one it can be seen what.
-        _ => one_by_one(simulation, block, abort, first, evaluation),
+        _ => one_by_one(simulation, part, abort, evaluation),
     }
 }
 
 fn one_by_one(
     simulation: &mut dyn Simulation,
-    block: &Block<'_>,
+    part: &Part<'_>,
     abort: &AtomicBool,
-    first: usize,
     evaluation: &mut Evaluation,
 ) -> Result<(), Refusal> {
+    let Part { block, first, .. } = part;
+    let mut results = vec![0.0; block.numbers()];
     let episodes = block.seeds.len();
     let parameters: Vec<Parameters> = (0..episodes)
         .map(|episode| block.parameters_of(episode))
@@ -183,34 +208,41 @@ fn one_by_one(
             if abort.load(Ordering::Relaxed) {
                 return Ok(());
             }
-            let result = match guarded(|| rollout(simulation, parameters, &controller)) {
-                Ok(Ok(fitness)) => finite(fitness),
+            let run = || {
+                results[0] = rollout(&mut *simulation, parameters, &controller)?;
+                measure(&*simulation, block.metrics, &mut results[1..]);
+                Ok(())
+            };
+            let result = match guarded(run) {
+                Ok(Ok(())) => all_finite(&results, part.names),
                 Ok(Err(error)) if is_refusal(&error) => {
                     return Err(invalid(error.to_string()));
                 }
                 Ok(Err(error)) => Err(error.to_string()),
                 Err(reason) => Err(reason),
             };
-            evaluation.push(first, candidate * episodes + episode, episodes, result);
+            evaluation.push(part, candidate * episodes + episode, result);
         }
     }
     Ok(())
 }
 
 impl Evaluation {
-    /// `first`: the candidate at which the part begins; `index`: within the part.
-    fn push(&mut self, first: usize, index: usize, episodes: usize, result: Result<f64, String>) {
-        self.fitness.push(match result {
-            Ok(fitness) => fitness,
-            Err(reason) => {
-                self.failed.push(Failure {
-                    candidate: (first + index / episodes) as u64,
-                    episode: (index % episodes) as u64,
-                    reason,
-                });
-                f64::NAN
-            }
-        });
+    /// `index`: of the evaluation within the part.
+    fn push(&mut self, part: &Part<'_>, index: usize, result: Result<&[f64], String>) {
+        let number = |place: usize| result.as_ref().map_or(f64::NAN, |results| results[place]);
+        self.fitness.push(number(0));
+        for (place, values) in self.metrics.iter_mut().enumerate() {
+            values.push(number(1 + place));
+        }
+        if let Err(reason) = result {
+            let episodes = part.block.seeds.len();
+            self.failed.push(Failure {
+                candidate: (part.first + index / episodes) as u64,
+                episode: (index % episodes) as u64,
+                reason,
+            });
+        }
     }
 }
 

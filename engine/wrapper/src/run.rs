@@ -1,10 +1,12 @@
 //! One run of a simulation: who has to act, whose actuators are there, what is missing.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use memchr::memmem::Finder;
 use swarmwright_protocol::{Actuator, Fitness, ReadingWriter};
-use swarmwright_worlds::{Parameters, Simulation};
+use swarmwright_worlds::{MetricInfo, Parameters, Simulation};
 
 use crate::guard::{finite, guarded};
 
@@ -33,6 +35,7 @@ pub(crate) struct Run {
     actuators: Vec<f32>,
     per_agent: usize,
     sensors: Vec<f32>,
+    metrics: Cow<'static, [MetricInfo]>,
 }
 
 /// What to do after an event of a run.
@@ -62,6 +65,7 @@ impl Run {
         Ok(Self {
             per_agent: description.actuators,
             sensors: vec![0.0; description.sensors],
+            metrics: description.metrics,
             ..template
         })
     }
@@ -92,6 +96,7 @@ impl Run {
             actuators: Vec::new(),
             per_agent: 0,
             sensors: Vec::new(),
+            metrics: Cow::default(),
         }
     }
 
@@ -120,6 +125,7 @@ impl Run {
                     simulation: Some(self.title.clone()),
                     simulation_hash: self.hash.clone(),
                     fitness,
+                    metrics: self.measured(simulation),
                 }),
                 Err(reason) => Outcome::Failed(reason),
             };
@@ -142,6 +148,19 @@ impl Run {
             send(self.writer.encode(u64::from(agent), &self.sensors));
         }
         Outcome::Stepped
+    }
+
+    /// All metrics by name, but for those that no message can carry: the tool may not need them.
+    fn measured(&self, simulation: &dyn Simulation) -> BTreeMap<String, f64> {
+        if self.metrics.is_empty() {
+            return BTreeMap::new();
+        }
+        let values = guarded(|| simulation.metrics()).unwrap_or_default();
+        let names = self.metrics.iter().map(|metric| metric.name.to_string());
+        names
+            .zip(values)
+            .filter(|(_, value)| value.is_finite())
+            .collect()
     }
 
     fn step_by_itself(&mut self, simulation: &mut dyn Simulation, now: Instant) -> Outcome {

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, engine_errors
+from swarmwright._fitness import JudgedEpisode
 from swarmwright._results._choice import Choice, choose
 from swarmwright._run import Run
 from swarmwright.display import Caption, Playable
@@ -76,7 +77,9 @@ class Replay:
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
         parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
         with engine_errors():
-            return _engine.Episode(experiment.simulation, parameters, self.controller.json)
+            episode = _engine.Episode(experiment.simulation, parameters, self.controller.json)
+        expression = experiment.fitness_expression
+        return episode if expression is None else JudgedEpisode(episode, expression)
 
     @property
     def title(self) -> str:

@@ -20,6 +20,7 @@ HEADINGS = (
     "dimensions",
     "sensors",
     "actuators",
+    "metrics",
 )
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 
@@ -86,6 +87,7 @@ def row(server: Mapping[str, Any]) -> tuple[str, ...]:
         cell("dimensions"),
         cell("sensors"),
         cell("actuators"),
+        ", ".join(map(str, extension.get("metrics") or ["-"])),
     )
 
 

@@ -26,7 +26,8 @@ def command(file: Path, controller: Path | None, broker: str | None, visual: boo
     """Run the simulation of an experiment FILE once, without optimization."""
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
-    from swarmwright import Controller, Experiment, simulate
+    from swarmwright import Controller, Experiment
+    from swarmwright._evaluate import episode
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -35,7 +36,9 @@ def command(file: Path, controller: Path | None, broker: str | None, visual: boo
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
     broker = experiment_broker(broker, experiment.broker, experiment.servers)
-    fitness = simulate(experiment, loaded, broker=broker, visual=visual)
-    output.json({"fitness": fitness, "controller": None if controller is None else str(controller)})
-    whose = "a random controller" if controller is None else str(controller)
-    output.text(f"Fitness {fitness:.6g} with {whose}.")
+    result = episode(experiment, loaded, broker=broker, visual=visual)
+    whose = None if controller is None else str(controller)
+    output.json({"fitness": result.fitness, "controller": whose, "metrics": result.metrics})
+    output.text(f"Fitness {result.fitness:.6g} with {whose or 'a random controller'}.")
+    if result.metrics:
+        output.text(", ".join(f"{name} {value:.6g}" for name, value in result.metrics.items()))

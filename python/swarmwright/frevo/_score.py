@@ -76,7 +76,7 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
             for architecture, indices in _by_architecture(found).items():
                 weights = [found[index].specification["weights"] for index in indices]
                 genomes = np.array(weights, dtype=np.float32)
-                results[indices] = _engine.evaluate(
+                results[indices], _ = _engine.evaluate(
                     "emergency_exit", json.dumps(parameters), architecture, genomes, seeds
                 )
     except InputError as error:

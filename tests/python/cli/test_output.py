@@ -75,7 +75,7 @@ def test_a_stall_is_told_after_two_seconds_and_then_ever_more_rarely(monkeypatch
 
 
 def test_a_server_that_says_little_still_has_a_row() -> None:
-    assert row({"server": 3, "state": "ready"}) == ("3", "-/-", "ready", *["-"] * 6)
+    assert row({"server": 3, "state": "ready"}) == ("3", "-/-", "ready", *["-"] * 7)
 
 
 def test_a_server_that_says_everything() -> None:
@@ -88,7 +88,10 @@ def test_a_server_that_says_everything() -> None:
             "host": "h",
             "pid": 7,
             "simulations": ["minisim", "other"],
-            "capabilities": {"dimensions": 2, "swarmwright": {"version": 1, "sensors": 4, "actuators": 1}},
+            "capabilities": {
+                "dimensions": 2,
+                "swarmwright": {"version": 1, "sensors": 4, "actuators": 1, "metrics": ["arrived", "steps"]},
+            },
         }
     )
     assert dict(zip(HEADINGS, cells, strict=True)) == {
@@ -101,4 +104,5 @@ def test_a_server_that_says_everything() -> None:
         "dimensions": "2",
         "sensors": "4",
         "actuators": "1",
+        "metrics": "arrived, steps",
     }

@@ -35,7 +35,7 @@ def test_fitness_is_frevos_with_every_instruction_set(data: Path, name: str, lev
     experiment = frevo.load(data / f"{name}.zre").experiment
     genomes, expected = reference(data / f"{name}.zre")
     ranking = experiment.new_ranking()
-    fitness = _engine.evaluate(
+    fitness, _ = _engine.evaluate(
         experiment.simulation,
         json.dumps(experiment.parameters),
         json.dumps(experiment.representation().architecture()),

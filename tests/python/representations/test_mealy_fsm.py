@@ -153,10 +153,11 @@ def test_the_engine_takes_tables_as_they_are_in_a_block() -> None:
     genomes = np.stack([subject.initial(Stream(1, "x", 0, index)) for index in range(70)])
     architecture = json.dumps(subject.architecture())
     arguments = ("minisim", '{"placement": "random", "numAgents": 3}', architecture, genomes, [0, 1])
-    expected = _engine.evaluate(*arguments, level="scalar", threads=1)
+    expected, _ = _engine.evaluate(*arguments, level="scalar", threads=1)
     assert len(np.unique(expected)) > 50
     for level in _engine.levels():
-        assert _engine.evaluate(*arguments, level=level).tobytes() == expected.tobytes(), level
+        fitness, _ = _engine.evaluate(*arguments, level=level)
+        assert fitness.tobytes() == expected.tobytes(), level
 
 
 @pytest.mark.parametrize(

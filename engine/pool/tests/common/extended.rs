@@ -10,9 +10,9 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s, F64s,
     Failure, Message, Refusal, RefusalKind, ToServer, ToTool, Topic, Topics, U32s,
 };
-use swarmwright_worlds::{Simulation, rollout};
+use swarmwright_worlds::{Simulation, measure, rollout};
 
-use super::Line;
+use super::{Line, METRICS};
 
 /// Answers discovery, evaluates blocks and steps batches of `Line`.
 pub struct Extended {
@@ -26,6 +26,8 @@ pub struct Extended {
     pub refusal: Option<Refusal>,
     /// Says of episodes with this seed that they failed.
     pub fails_on: Option<u64>,
+    /// Gives the metric `half` this value in episodes with this seed; none: leaves it out of all results.
+    pub half: Option<(u64, f64)>,
     /// Sends everything twice.
     pub twice: bool,
     /// Requests seen: number and evaluations.
@@ -39,6 +41,8 @@ pub struct Running {
     reply: String,
     step: u64,
     episodes: Vec<Option<Line>>,
+    seeds: Vec<u64>,
+    metrics: Vec<String>,
 }
 
 impl Extended {
@@ -51,11 +55,34 @@ impl Extended {
             pace: Duration::from_millis(1),
             refusal: None,
             fails_on: None,
+            half: Some((u64::MAX, 0.0)),
             twice: false,
             blocks: Vec::new(),
             outgoing: VecDeque::new(),
             busy_until: None,
             batches: BTreeMap::new(),
+        }
+    }
+
+    /// Adds the metrics that are asked for of an episode to a result.
+    fn measure(
+        &self,
+        line: &Line,
+        seed: u64,
+        names: &[String],
+        metrics: &mut BTreeMap<String, F64s>,
+    ) {
+        let mut values = vec![0.0; names.len()];
+        let wanted = line.description().metrics_named(names).unwrap();
+        measure(line, &wanted, &mut values);
+        for (name, value) in names.iter().zip(values) {
+            let value = match self.half {
+                _ if name != "half" => value,
+                Some((special, instead)) if special == seed => instead,
+                Some(_) => value,
+                None => continue,
+            };
+            metrics.entry(name.clone()).or_default().0.push(value);
         }
     }
 
@@ -95,7 +122,7 @@ impl Extended {
             let answer = json!({"server": self.id, "simulation_hash": discovery.simulation_hash,
                 "simulations": ["line"], "capabilities": {"dimensions": 2, "swarmwright": {"version": 1,
                 "modes": self.modes, "controllers": self.controllers, "batch": self.batch,
-                "instance": format!("{}", self.id)}}});
+                "metrics": METRICS.iter().map(|metric| metric.name.to_string()).collect::<Vec<_>>(), "instance": format!("{}", self.id)}}});
             let answer = answer.to_string().into_bytes();
             self.outgoing.push_back((now, "server".to_owned(), answer));
         } else if topic == Topics::default().to_server(self.id) {
@@ -127,6 +154,10 @@ impl Extended {
             for (episode, seed) in message.seeds.0.iter().enumerate().filter(|_| !refused) {
                 if self.fails_on == Some(*seed) {
                     answer.fitness.0.push(f64::NAN);
+                    for name in &message.metrics {
+                        let values = answer.metrics.entry(name.clone()).or_default();
+                        values.0.push(f64::NAN);
+                    }
                     answer.failed.push(Failure {
                         candidate: candidate as u64,
                         episode: episode as u64,
@@ -136,8 +167,10 @@ impl Extended {
                 }
                 let mut parameters = message.parameters.clone();
                 parameters.insert("seed".into(), (*seed).into());
-                let fitness = rollout(&mut Line::new(), &parameters, &controller).unwrap();
+                let mut line = Line::new();
+                let fitness = rollout(&mut line, &parameters, &controller).unwrap();
                 answer.fitness.0.push(fitness);
+                self.measure(&line, *seed, &message.metrics, &mut answer.metrics);
             }
         }
         let count = answer.fitness.0.len();
@@ -162,6 +195,8 @@ impl Extended {
             reply: message.reply.clone(),
             step: 0,
             episodes: message.seeds.0.iter().map(episode).collect(),
+            seeds: message.seeds.0.clone(),
+            metrics: message.metrics.clone(),
         };
         self.batches.insert(message.request, running);
         self.sense(message.request, now);
@@ -182,7 +217,7 @@ impl Extended {
     }
 
     fn sense(&mut self, request: u64, now: Instant) {
-        let Some(running) = self.batches.get_mut(&request) else {
+        let Some(mut running) = self.batches.remove(&request) else {
             return;
         };
         let mut message = BatchSensors {
@@ -195,6 +230,7 @@ impl Extended {
             sensors: F32s::default(),
             ended: U32s::default(),
             fitness: F64s::default(),
+            metrics: BTreeMap::new(),
             failed: Vec::new(),
             error: self.refusal.clone(),
         };
@@ -211,12 +247,14 @@ impl Extended {
             if line.acting().is_empty() {
                 message.ended.0.push(episode);
                 message.fitness.0.push(line.fitness());
+                let seed = running.seeds[episode as usize];
+                self.measure(line, seed, &running.metrics, &mut message.metrics);
                 *slot = None;
             }
         }
         let reply = running.reply.clone();
-        if message.episodes.0.is_empty() || self.refusal.is_some() {
-            self.batches.remove(&request);
+        if !message.episodes.0.is_empty() && self.refusal.is_none() {
+            self.batches.insert(request, running);
         }
         self.send(reply, ToTool::Sensors(message).encode(), 1, now);
     }

@@ -14,12 +14,18 @@ use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_pool::{Attempt, Config, Demand, Machine as PoolMachine, Mode, Work};
+use swarmwright_pool::{Attempt, Config, Demand, Machine as PoolMachine, Mode, Results, Work};
 use swarmwright_protocol::{Requirements, Topic, Topics};
-use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{Description, MetricInfo, ParameterError, Parameters, Simulation};
 use swarmwright_wrapper::{Identity, Machine as ServerMachine, Notice};
 
 pub use extended::{Extended, refusal};
+
+/// What the line measures.
+pub const METRICS: &[MetricInfo] = &[
+    MetricInfo::new("steps", "steps", "Steps made."),
+    MetricInfo::new("half", "", "Half the fitness."),
+];
 
 /// Agents on a line: each moves by its actuator; the fitness is the sum of the places, weighted by agent and seed.
 pub struct Line {
@@ -53,6 +59,7 @@ impl Simulation for Line {
             max_agents: Some(100),
             sensors: self.sensors,
             actuators: 1,
+            metrics: METRICS.into(),
         }
     }
 
@@ -112,6 +119,10 @@ impl Simulation for Line {
         // Agents stop one after another, so that the number of messages changes from step to step.
         let step = self.step;
         self.acting.retain(|&agent| agent % 4 + 3 > step);
+    }
+
+    fn metrics(&self) -> Vec<f64> {
+        vec![f64::from(self.step), self.fitness() / 2.0]
     }
 
     fn fitness(&self) -> f64 {
@@ -181,6 +192,17 @@ pub fn tool(name: &str, first_instance: u64, now: Instant) -> PoolMachine {
 }
 
 pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -> PoolMachine {
+    tool_that_measures(&[], mode, name, first_instance, now)
+}
+
+/// A tool that needs these metrics of every episode.
+pub fn tool_that_measures(
+    metrics: &[&str],
+    mode: Mode,
+    name: &str,
+    first_instance: u64,
+    now: Instant,
+) -> PoolMachine {
     let mut parameters = Map::new();
     parameters.insert("numAgents".into(), 5.into());
     PoolMachine::new(
@@ -195,6 +217,7 @@ pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -
                 actuators: Some(1),
                 mode,
                 kind: None,
+                metrics: metrics.iter().map(ToString::to_string).collect(),
             },
             parameters,
             tool: name.into(),
@@ -403,9 +426,13 @@ impl Net {
 
     /// Turns until the tool has all its results.
     pub fn finish(&mut self, tool: usize) -> Vec<f64> {
+        self.finish_with_metrics(tool).fitness
+    }
+
+    pub fn finish_with_metrics(&mut self, tool: usize) -> Results {
         for _ in 0..2_000_000 {
             if self.tool(tool).finished() {
-                return self.tool(tool).take_fitness();
+                return self.tool(tool).take_results();
             }
             self.turn();
         }

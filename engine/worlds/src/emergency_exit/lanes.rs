@@ -58,12 +58,12 @@ impl LaneWorld for EmergencyExitLanes {
         }
         room.start(world, &terrains);
         let steps = world.settings.steps;
-        let mut finished = [steps; MOST_LANES];
+        room.finished = [steps; MOST_LANES];
         let mut running = u64::MAX >> (64 - L::WIDTH);
         for step in 0..steps {
             let inside = room.step(world, controllers);
             let ended = running & !inside;
-            for (lane, finished) in finished.iter_mut().enumerate() {
+            for (lane, finished) in room.finished.iter_mut().enumerate() {
                 if ended >> lane & 1 == 1 {
                     *finished = step;
                 }
@@ -73,9 +73,28 @@ impl LaneWorld for EmergencyExitLanes {
                 break;
             }
         }
-        for (fitness, finished) in fitness.iter_mut().zip(finished) {
+        for (fitness, finished) in fitness.iter_mut().zip(room.finished) {
             *fitness = f64::from(steps - finished) / f64::from(steps);
         }
         room.subtract_distances(fitness);
+    }
+
+    #[inline(always)]
+    fn metric<L: Lanes>(&self, room: &Room<L>, index: usize, values: &mut [f64]) {
+        values.fill(0.0);
+        match index {
+            0 => room.count_out(values),
+            1 => {
+                for (value, finished) in values.iter_mut().zip(room.finished) {
+                    *value = f64::from(finished);
+                }
+            }
+            _ => {
+                room.subtract_distances(values);
+                for value in values {
+                    *value = 0.0 - *value;
+                }
+            }
+        }
     }
 }

@@ -18,6 +18,7 @@
 //! The episode ends when all are out or at `steps`. Fitness: f = (steps - finished) / steps, then f = f - d for each
 //! agent, ascending, d = sqrt(dx*dx + dy*dy) to the nearest exit, all in binary64; `finished` is the step, from 0,
 //! during which the last agent got out, else `steps`. Agents that start on an exit are not out before they have acted.
+//! Metrics: out counts agents, finished is that step, distance is 0 + d + d ... over the agents, ascending.
 
 mod field;
 mod grid;
@@ -27,8 +28,8 @@ mod random;
 mod settings;
 
 use crate::{
-    Block, Body, Description, Means, ParameterError, ParameterInfo, Parameters, RolloutError,
-    Scene, Simulation,
+    Block, Body, Description, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
+    RolloutError, Scene, Simulation,
 };
 use field::{Cell, Field, RandomField};
 use grid::{DIRECTION_OF_MOVE, Grid, Taken};
@@ -37,6 +38,20 @@ use settings::{MAX_AGENTS, Plan, Settings, Update};
 
 const SENSORS: usize = 10;
 const ACTUATORS: usize = 2;
+/// In the order of `Simulation::metrics`.
+const METRICS: &[MetricInfo] = &[
+    MetricInfo::new("out", "agents", "Agents that have left by an exit."),
+    MetricInfo::new(
+        "finished",
+        "steps",
+        "The step, from 0, during which the last agent got out; the parameter steps if not all did.",
+    ),
+    MetricInfo::new(
+        "distance",
+        "cells",
+        "Sum over the agents of the distance to the nearest exit at the end.",
+    ),
+];
 
 /// The simulation; see the module for its arithmetic.
 #[derive(Debug, Clone)]
@@ -205,6 +220,7 @@ impl Simulation for EmergencyExit {
             max_agents: Some(MAX_AGENTS),
             sensors: SENSORS,
             actuators: ACTUATORS,
+            metrics: METRICS.into(),
         }
     }
 
@@ -277,6 +293,16 @@ impl Simulation for EmergencyExit {
             fitness -= self.grid.distance(*place);
         }
         fitness
+    }
+
+    fn metrics(&self) -> Vec<f64> {
+        let out = self.out.iter().filter(|out| **out).count();
+        let mut distance = 0.0;
+        for place in &self.places {
+            distance += self.grid.distance(*place);
+        }
+        let finished = self.finished.unwrap_or(self.settings.steps);
+        vec![out as f64, f64::from(finished), distance]
     }
 
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {

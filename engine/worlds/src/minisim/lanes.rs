@@ -4,6 +4,7 @@ use swarmwright_controllers::LaneController;
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, Mask};
 
+use super::STEPS;
 use super::settings::Settings;
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld, MOST_LANES};
@@ -17,7 +18,11 @@ const FEW_AGENTS: usize = 128;
 const TOGETHER: usize = 32;
 
 /// The episodes of a block. They differ in the positions at the start alone.
-pub(crate) struct MinisimLanes(Vec<Settings>);
+pub(crate) struct MinisimLanes {
+    settings: Vec<Settings>,
+    /// Whether somebody wants to know how many steps there were.
+    counts_steps: bool,
+}
 
 /// A coordinate pair per lane.
 #[derive(Clone, Copy)]
@@ -55,6 +60,8 @@ pub(crate) struct Room<L> {
     pursuits: Vec<Pursuit<L>>,
     /// State of the agents' controllers, one after another.
     states: Vec<L>,
+    /// Steps that were made in each lane, where they are counted.
+    steps: [u32; MOST_LANES],
 }
 
 impl<L: Lanes> Points<L> {
@@ -130,11 +137,14 @@ impl LaneWorld for MinisimLanes {
         let few = settings
             .first()
             .is_some_and(|first| first.defenders.len() <= MOST_DEFENDERS && !first.steers_itself);
-        Ok(few.then_some(Self(settings)))
+        Ok(few.then_some(Self {
+            settings,
+            counts_steps: block.metrics.contains(&STEPS),
+        }))
     }
 
     fn vectors(&self) -> usize {
-        if self.0[0].agents.len() <= FEW_AGENTS {
+        if self.settings[0].agents.len() <= FEW_AGENTS {
             4
         } else {
             1
@@ -143,13 +153,14 @@ impl LaneWorld for MinisimLanes {
 
     #[inline(always)]
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
-        let agents = self.0[0].agents.len();
+        let agents = self.settings[0].agents.len();
         Room {
             agents: Vec::with_capacity(agents),
             statuses: Vec::with_capacity(agents),
-            defenders: Vec::with_capacity(self.0[0].defenders.len()),
-            pursuits: Vec::with_capacity(self.0[0].defenders.len()),
+            defenders: Vec::with_capacity(self.settings[0].defenders.len()),
+            pursuits: Vec::with_capacity(self.settings[0].defenders.len()),
             states: vec![L::splat(0.0); agents * controllers.state_length()],
+            steps: [0; MOST_LANES],
         }
     }
 
@@ -161,7 +172,7 @@ impl LaneWorld for MinisimLanes {
         episodes: &[usize],
         fitness: &mut [f64],
     ) {
-        let settings = &self.0[0];
+        let settings = &self.settings[0];
         let all = u64::MAX >> (64 - L::WIDTH);
         let zero = L::splat(0.0);
         let (width, height) = (L::splat(settings.map[0]), L::splat(settings.map[1]));
@@ -209,6 +220,9 @@ impl LaneWorld for MinisimLanes {
             if free == 0 {
                 break;
             }
+            if self.counts_steps {
+                room.count_step(free);
+            }
             room.move_defenders(L::splat(settings.speed_defenders), free);
             room.judge(
                 goal,
@@ -218,22 +232,42 @@ impl LaneWorld for MinisimLanes {
         }
         room.fitness(goal, fitness);
     }
+
+    #[inline(always)]
+    fn metric<L: Lanes>(&self, room: &Room<L>, index: usize, values: &mut [f64]) {
+        match index {
+            0 => room.count(values, |status| status.arrived),
+            1 => room.count(values, |status| !(status.arrived | status.free)),
+            STEPS => {
+                for (value, steps) in values.iter_mut().zip(room.steps) {
+                    *value = f64::from(steps);
+                }
+            }
+            _ => {
+                room.fitness(Points::splat(self.settings[0].goal), values);
+                for value in values {
+                    *value = 0.0 - *value;
+                }
+            }
+        }
+    }
 }
 
 impl<L: Lanes> Room<L> {
     #[inline(always)]
     fn start(&mut self, world: &MinisimLanes, episodes: &[usize], all: u64) {
-        let first = &world.0[0];
+        let first = &world.settings[0];
         self.states.fill(L::splat(0.0));
+        self.steps.fill(0);
         self.defenders.clear();
         for index in 0..first.defenders.len() {
-            let at = Points::gather(|lane| world.0[episodes[lane]].defenders[index]);
+            let at = Points::gather(|lane| world.settings[episodes[lane]].defenders[index]);
             self.defenders.push(at);
         }
         self.agents.clear();
         self.statuses.clear();
         for index in 0..first.agents.len() {
-            let at = Points::gather(|lane| world.0[episodes[lane]].agents[index]);
+            let at = Points::gather(|lane| world.settings[episodes[lane]].agents[index]);
             let (to_defender, _) = to_closest(at, &self.defenders);
             self.agents.push(Agent { at, to_defender });
             self.statuses.push(Status {
@@ -331,6 +365,25 @@ impl<L: Lanes> Room<L> {
             agent.to_defender = to_defender;
             status.arrived |= arrived;
             status.free &= !(arrived | caught);
+        }
+    }
+
+    /// A step was made in these lanes.
+    #[inline(always)]
+    fn count_step(&mut self, lanes: u64) {
+        for (lane, steps) in self.steps.iter_mut().enumerate() {
+            *steps += u32::from(lanes >> lane & 1 == 1);
+        }
+    }
+
+    /// In each lane, the agents of which a status tells the lanes.
+    #[inline(always)]
+    fn count(&self, values: &mut [f64], lanes: impl Fn(&Status) -> u64) {
+        values.fill(0.0);
+        for status in &self.statuses {
+            for (lane, value) in values.iter_mut().enumerate() {
+                *value += f64::from(u8::from(lanes(status) >> lane & 1 == 1));
+            }
         }
     }
 

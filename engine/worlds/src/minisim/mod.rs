@@ -24,6 +24,7 @@
 //! lower index on ties), or 0, 0 without defenders.
 //! Fitness: 0 - s / n, where s is the sum over agents, ascending, of the distance to the goal as in 3 (0 for those
 //! arrived); s, the division and the subtraction in binary64. At the start all agents are free, wherever they stand.
+//! Metrics: arrived and caught count agents, steps the steps that were made, distance is s / n.
 
 mod lanes;
 mod nearest;
@@ -31,13 +32,31 @@ mod rule;
 mod settings;
 
 use crate::{
-    Block, Body, Description, Means, ParameterError, ParameterInfo, Parameters, RolloutError,
-    Scene, Simulation,
+    Block, Body, Description, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
+    RolloutError, Scene, Simulation,
 };
 pub(crate) use lanes::MinisimLanes;
 use nearest::Nearest;
 use settings::{MAX_BODIES, Settings};
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
+
+/// In the order of `Simulation::metrics`.
+const METRICS: &[MetricInfo] = &[
+    MetricInfo::new("arrived", "agents", "Agents that have reached the goal."),
+    MetricInfo::new("caught", "agents", "Agents that a defender has caught."),
+    MetricInfo::new(
+        "steps",
+        "steps",
+        "Steps until no agent was free, or maxSteps.",
+    ),
+    MetricInfo::new(
+        "distance",
+        "metres",
+        "Mean distance of the agents to the goal at the end, 0 for those that have arrived.",
+    ),
+];
+/// Index of `steps` in the above.
+const STEPS: usize = 2;
 
 /// A position, x and y.
 type Point = [f32; 2];
@@ -177,6 +196,7 @@ impl Simulation for Minisim {
             max_agents: Some(MAX_BODIES),
             sensors: 4,
             actuators: 1,
+            metrics: METRICS.into(),
         }
     }
 
@@ -249,6 +269,19 @@ impl Simulation for Minisim {
             }
         }
         0.0 - sum / f64::from(self.settings.count())
+    }
+
+    fn metrics(&self) -> Vec<f64> {
+        let count = |wanted| {
+            let found = self.states.iter().filter(|state| **state == wanted);
+            found.count() as f64
+        };
+        vec![
+            count(State::Arrived),
+            count(State::Caught),
+            f64::from(self.step),
+            0.0 - self.fitness(),
+        ]
     }
 
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {

@@ -19,8 +19,8 @@ use crate::job::{Done, Evaluation, Job, Request, Setup, invalid};
 /// Requests that may wait, and the bytes that they may hold.
 const MOST_WAITING: usize = 4096;
 const MOST_BYTES: usize = 4 * MAX_BLOCK;
-/// Episodes of a request, so that the answer has room for every fitness and some reasons.
-const MOST_EPISODES: usize = MAX_BLOCK / 16;
+/// Numbers of an answer: a fitness and some metrics for every episode, and as much room again for reasons.
+const MOST_NUMBERS: usize = MAX_BLOCK / 8;
 /// A lease that ends later than this need not be watched.
 const LONGEST_LEASE: f64 = 1e6;
 
@@ -98,7 +98,7 @@ impl Machine {
                 };
                 self.enter(State::Working(work), now);
             }
-            (Err(refusal), _) => self.send_result(number, reply, Err(refusal), 0.0),
+            (Err(refusal), _) => self.send_result(number, reply, &[], Err(refusal), 0.0),
         }
     }
 
@@ -117,7 +117,7 @@ impl Machine {
         }
         let refusal = invalid(error.to_string());
         if kind == "evaluate" {
-            self.send_result(request, reply, Err(refusal), 0.0);
+            self.send_result(request, reply, &[], Err(refusal), 0.0);
         } else {
             let mut message = answer(request, self.identity.id, 0);
             message.error = Some(refusal);
@@ -149,7 +149,7 @@ impl Machine {
                 "genomes: {numbers} numbers are no whole number of candidates; the controller has {weights} weights"
             )));
         }
-        if (numbers / weights).saturating_mul(episodes) > MOST_EPISODES {
+        if (numbers / weights).saturating_mul(episodes) > MOST_NUMBERS / (2 + setup.wanted.len()) {
             return Err(invalid(format!(
                 "genomes: {} candidates in {episodes} episodes are too many for one answer; send fewer at once",
                 numbers / weights
@@ -173,6 +173,7 @@ impl Machine {
             && setup.simulation == index
             && setup.controller == message.controller
             && setup.parameters == message.parameters
+            && setup.metrics == message.metrics
         {
             return Ok(Arc::clone(setup));
         }
@@ -192,11 +193,16 @@ impl Machine {
                 )));
             }
         }
+        let wanted = description
+            .metrics_named(&message.metrics)
+            .map_err(|error| invalid(error.to_string()))?;
         let setup = Arc::new(Setup {
             simulation: index,
             controller: message.controller.clone(),
             architecture,
             parameters: message.parameters.clone(),
+            metrics: message.metrics.clone(),
+            wanted,
         });
         self.setup = Some(Arc::clone(&setup));
         Ok(setup)
@@ -238,7 +244,8 @@ impl Machine {
                 refusal.reason
             ));
         }
-        self.send_result(request.number, request.reply, result, seconds);
+        let metrics = &request.setup.metrics;
+        self.send_result(request.number, request.reply, metrics, result, seconds);
         self.next_request(now);
     }
 
@@ -253,7 +260,7 @@ impl Machine {
                     kind: RefusalKind::Failed,
                     reason: "the lease ran out before its turn came".to_owned(),
                 };
-                self.send_result(request.number, request.reply, Err(refusal), 0.0);
+                self.send_result(request.number, request.reply, &[], Err(refusal), 0.0);
                 continue;
             }
             let number = request.number;
@@ -270,6 +277,7 @@ impl Machine {
         &mut self,
         request: u64,
         topic: String,
+        metrics: &[String],
         result: Result<Evaluation, Refusal>,
         seconds: f64,
     ) {
@@ -278,12 +286,15 @@ impl Machine {
                 Ok(evaluation) => (evaluation, None),
                 Err(refusal) => (Evaluation::default(), Some(refusal)),
             };
+            let named = metrics.iter().cloned();
             ToTool::Evaluated(Evaluated {
                 version: EXTENSION_VERSION,
                 request,
                 server: self.identity.id,
                 fitness: F64s(evaluation.fitness),
-                metrics: std::collections::BTreeMap::new(),
+                metrics: named
+                    .zip(evaluation.metrics.into_iter().map(F64s))
+                    .collect(),
                 failed: evaluation.failed,
                 error,
                 seconds,

@@ -9,11 +9,17 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s,
     Message, ToServer, ToTool, Topic, Topics, U64s,
 };
-use swarmwright_worlds::{Description, Means, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{Description, Means, MetricInfo, ParameterError, Parameters, Simulation};
 use swarmwright_wrapper::{Action, Identity, Job, Machine, Notice};
 
 pub const ID: u64 = 7;
 pub const STEP_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// What the walk measures.
+pub const METRICS: &[MetricInfo] = &[
+    MetricInfo::new("steps", "steps", "Steps made."),
+    MetricInfo::new("half", "", "Half the fitness."),
+];
 
 /// Agents that add up what they are told; `trouble` says what goes wrong in episodes whose seed is a multiple of 3.
 #[derive(Clone, Default)]
@@ -36,7 +42,11 @@ impl Walk {
     }
 
     fn is_in(&self, trouble: &str) -> bool {
-        self.trouble == trouble && self.seed.is_multiple_of(3) && self.step == 2
+        self.is_in_end(trouble) && self.step == 2
+    }
+
+    fn is_in_end(&self, trouble: &str) -> bool {
+        self.trouble == trouble && self.seed.is_multiple_of(3)
     }
 }
 
@@ -48,6 +58,7 @@ impl Simulation for Walk {
             max_agents: None,
             sensors: 2,
             actuators: 1,
+            metrics: METRICS.into(),
         }
     }
 
@@ -107,6 +118,16 @@ impl Simulation for Walk {
         self.sum
     }
 
+    fn metrics(&self) -> Vec<f64> {
+        assert!(!self.is_in_end("metrics panic"), "no ruler");
+        let half = if self.is_in_end("metrics") {
+            f64::INFINITY
+        } else {
+            self.sum / 2.0
+        };
+        vec![f64::from(self.step), half]
+    }
+
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {
         self.duplicable
             .then(|| Box::new(self.clone()) as Box<dyn Simulation>)
@@ -141,6 +162,7 @@ pub fn request(number: u64) -> Evaluate {
         controller: network(),
         genomes: F32s(vec![0.1, -0.2, 0.3, 0.5, 0.5, -0.5]),
         seeds: U64s(vec![1, 2]),
+        metrics: Vec::new(),
         attempt: 1,
         lease: 60.0,
     }
@@ -156,6 +178,7 @@ pub fn batch(number: u64) -> BatchStart {
         simulation: "walk".to_owned(),
         parameters: Map::new(),
         seeds: U64s(vec![1, 2, 3]),
+        metrics: Vec::new(),
     }
 }
 

@@ -22,6 +22,8 @@ pub(crate) struct Room<L: Lanes> {
     ways: Vec<L::Int>,
     /// By agent: the lanes in which it is inside.
     inside: Vec<u64>,
+    /// By lane: the step during which the last agent got out, else the number of steps.
+    pub(super) finished: [u32; MOST_LANES],
     /// State of the agents' controllers, one after another.
     states: Vec<L>,
     /// By agent, for a simultaneous step: what it wants to do.
@@ -103,6 +105,7 @@ impl<L: Lanes> Room<L> {
             places: vec![L::Int::splat(0); world.agents],
             ways: vec![L::Int::splat(0); world.agents],
             inside: vec![0; world.agents],
+            finished: [0; MOST_LANES],
             states: vec![L::splat(0.0); world.agents * controllers.state_length()],
             wishes: vec![nothing; if simultaneous { world.agents } else { 0 }],
         }
@@ -269,6 +272,16 @@ impl<L: Lanes> Room<L> {
             self.places[agent] = L::Int::splat(NOWHERE).select(self.places[agent], on_exit);
         }
         self.inside[agent]
+    }
+
+    /// Adds to each lane the number of its agents that are out.
+    #[inline(always)]
+    pub(super) fn count_out(&self, values: &mut [f64]) {
+        for inside in &self.inside {
+            for (lane, value) in values.iter_mut().enumerate() {
+                *value += f64::from(u8::from(inside >> lane & 1 == 0));
+            }
+        }
     }
 
     /// The sum of all agents' distances to the nearest exit is taken off what `fitness` holds for each lane.
