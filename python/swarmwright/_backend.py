@@ -77,6 +77,11 @@ def _judged(expression: FitnessExpression | None, results: Results) -> Results:
     return Results(fitness, results.metrics, results.journal + failures)
 
 
+Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
+"""Takes the numbers of candidates, from 0, that have been evaluated, and what came out; returns the weights
+of further ones, (candidates, weights), maybe none, or None to stop."""
+
+
 class Backend(Protocol):
     """Evaluates controllers."""
 
@@ -89,6 +94,9 @@ class Backend(Protocol):
 
     def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Run every controller in an episode of every seed."""
+
+    def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
+        """Run controllers as they come: first `crews`, then those that `feed` returns."""
 
 
 @contextmanager
@@ -248,6 +256,18 @@ class LocalBackend:
             )
         return _judged(self._expression, Results(fitness, metrics, []))
 
+    def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
+        """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
+        first, weights = 0, crews.weights
+        while len(weights):
+            results = self.evaluate(Crews(crews.architecture, weights), seeds, on_progress)
+            numbers = range(first, first + len(weights))
+            first += len(weights)
+            more = feed(numbers, results)
+            if more is None:
+                return
+            weights = more
+
 
 class BrokerBackend:
     """Evaluates on simulation servers through a broker."""
@@ -290,9 +310,29 @@ class BrokerBackend:
                 crews.architecture, crews.weights, list(seeds), progress
             )
         self._check_servers()
-        entries = [json.loads(line) for line in journal.splitlines() if line.strip()]
-        return _judged(self._expression, Results(fitness, metrics, entries))
+        return _judged(self._expression, Results(fitness, metrics, _entries(journal)))
+
+    def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
+        """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
+
+        def take(
+            candidates: list[int], fitness: NDArray[np.float64], metrics: NDArray[np.float64], journal: str
+        ) -> NDArray[np.float32] | None:
+            self._check_servers()
+            results = Results(fitness, metrics, _entries(journal))
+            return feed(candidates, _judged(self._expression, results))
+
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self._check_servers()
+            on_progress(done, total, waiting_for)
+
+        with engine_errors():
+            self._pool.stream(crews.architecture, crews.weights, list(seeds), take, progress)
 
     def _check_servers(self) -> None:
         if self._servers is not None:
             self._servers.check()
+
+
+def _entries(journal: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in journal.splitlines() if line.strip()]

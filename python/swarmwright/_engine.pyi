@@ -305,5 +305,22 @@ class Pool:
         """
     def announced_metrics(self) -> list[str]:
         """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
+    def stream(
+        self,
+        architecture: str,
+        genomes: NDArray[np.float32],
+        seeds: Sequence[int],
+        feed: Callable[
+            [list[int], NDArray[np.float64], NDArray[np.float64], str], NDArray[np.float32] | None
+        ],
+        on_progress: Callable[[int, int, str], None] | None = None,
+    ) -> None:
+        """Evaluate candidates as they come, until all that were given have been evaluated.
+
+        feed(candidates, fitness, metrics, journal) is called with the numbers, from 0, of k candidates that have just been
+        evaluated in every episode, their fitness (k, episodes) and metrics (k, episodes, metrics), and journal lines as of
+        `evaluate`. It returns the genomes of further candidates, (n, weights), n may be 0, or None to stop. Otherwise as
+        `evaluate`; on_progress's total grows.
+        """
     def close(self) -> None:
         """End the runs that are left, free the servers, disconnect."""

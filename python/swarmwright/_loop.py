@@ -74,7 +74,7 @@ class Loop:
         self._leader = -1
         self._best_so_far = -np.inf
         self._waiting_for = ""
-        self._started = time.monotonic()
+        self._started = self._latest = time.monotonic()
         self._resumed_at = 0
 
     @property
@@ -96,10 +96,10 @@ class Loop:
             genomes, seeds = self._ask()
             results = Results(evaluated.episodes, evaluated.metrics, [])
             if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
-                raise RunError(_strayed(reader, evaluated.generation))
+                raise RunError(strayed(reader, evaluated.generation))
             again = self._tell(genomes, seeds, results)
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
-                raise RunError(_strayed(reader, evaluated.generation))
+                raise RunError(strayed(reader, evaluated.generation))
         self._resumed_at = self._evaluations
 
     def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
@@ -108,12 +108,9 @@ class Loop:
         Return how it ended: done, stopped or interrupted. Raises KeyboardInterrupt when there is no
         generation to keep, and RunError when evaluations are not possible.
         """
-        self._started = time.monotonic()
+        self._started = self._latest = time.monotonic()
         try:
-            while not self._method.done:
-                generation = self._generation(backend, on_progress)
-                if on_generation is not None and on_generation(generation) is False:
-                    return "stopped"
+            stopped = self._go_on(backend, on_generation, on_progress)
         except KeyboardInterrupt:
             if not self._evaluations:
                 raise
@@ -126,17 +123,33 @@ class Loop:
                 f"{error}; the results of {done} generation{'s' if done > 1 else ''} are kept, and "
                 f"`swarmwright resume {self._store.folder}` goes on from there"
             ) from error
-        return "done"
+        return "stopped" if stopped else "done"
 
-    def _generation(self, backend: Backend, on_progress: Progress | None) -> Generation:
-        began = time.monotonic()
-        number = self._method.generation
-        genomes, seeds = self._ask()
-        results = self._evaluate(backend, genomes, seeds, on_progress)
-        with self._kept(number, results.journal):
-            evaluated = self._tell(genomes, seeds, results)
-        self._store.commit(evaluated, results.journal)
-        return self._report(evaluated.summary, time.monotonic() - began, len(genomes))
+    def _go_on(
+        self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
+    ) -> bool:
+        """Work to the end; return whether a callback ended it before."""
+        while not self._method.done:
+            number = self._method.generation
+            genomes, seeds = self._ask()
+            results = backend.evaluate(
+                Crews.of(self._representation, genomes), seeds, self._watched(on_progress)
+            )
+            with self._kept(number, results.journal):
+                evaluated = self._tell(genomes, seeds, results)
+            if not self._commit(evaluated, results.journal, on_generation):
+                return True
+        return False
+
+    def _commit(
+        self, evaluated: Evaluated, journal: list[dict[str, Any]], on_generation: OnGeneration | None
+    ) -> bool:
+        """Store a generation and report it; return whether to go on."""
+        self._store.commit(evaluated, journal)
+        now = time.monotonic()
+        generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))
+        self._latest = now
+        return on_generation is None or on_generation(generation) is not False
 
     @contextmanager
     def _kept(self, generation: int, journal: list[dict[str, Any]]) -> Iterator[None]:
@@ -157,15 +170,15 @@ class Loop:
             genomes = np.concatenate([genomes, self._method.kept()])
         return genomes, self._ranking.seeds(self._first_seed, number)
 
-    def _evaluate(
-        self, backend: Backend, genomes: Genomes, seeds: list[int], on_progress: Progress | None
-    ) -> Results:
+    def _watched(self, on_progress: Progress | None) -> Progress:
+        """Return the callback that also notes what is waited for."""
+
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._waiting_for = waiting_for if done < total else ""
             if on_progress is not None:
                 on_progress(done, total, waiting_for)
 
-        return backend.evaluate(Crews.of(self._representation, genomes), seeds, progress)
+        return progress
 
     def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Evaluated:
         """Rank what came out, tell the method, and return what is to be stored."""
@@ -174,6 +187,12 @@ class Loop:
         self._check(fitness, number)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)
+        return self._evaluated(number, genomes, seeds, results, fitness)
+
+    def _evaluated(
+        self, number: int, genomes: Genomes, seeds: list[int], results: Results, fitness: Fitness
+    ) -> Evaluated:
+        """Return what is to be stored of a generation that the method has been told of."""
         self._lead(fitness)
         self._evaluations += len(fitness)
         summary = summarize(
@@ -229,7 +248,16 @@ class Loop:
         )
 
 
-def _strayed(reader: StoreReader, generation: int) -> str:
+def new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
+    """Return the loop for an experiment's operation."""
+    if experiment.method.operation == "steady_state":
+        from swarmwright._steady import SteadyLoop
+
+        return SteadyLoop(experiment, representation, store)
+    return Loop(experiment, representation, store)
+
+
+def strayed(reader: StoreReader, generation: int) -> str:
     versions = reader.sessions()[0].versions
     with_what = ", ".join(f"{name} {version}" for name, version in versions.items())
     return (

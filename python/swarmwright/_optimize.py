@@ -9,7 +9,7 @@ from swarmwright._backend import Backend, Progress, Servers, open_backend
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
 from swarmwright._folders import default_folder
-from swarmwright._loop import Generation, Loop, OnGeneration
+from swarmwright._loop import Generation, Loop, OnGeneration, new_loop
 from swarmwright._plot import prepare
 from swarmwright._run import Run
 from swarmwright._store import StoreReader, StoreWriter
@@ -105,7 +105,7 @@ def resume(
         reader = StoreReader(folder)
         if generations is not None:
             experiment = _with_budget(experiment, generations)
-        loop = Loop(experiment, experiment.representation(), store)
+        loop = new_loop(experiment, experiment.representation(), store)
         loop.replay(reader)
         if loop.done:
             return _finished(folder)
@@ -125,7 +125,7 @@ def _run(
     on_progress: Progress | None,
 ) -> None:
     representation = experiment.representation(backend.sensors, backend.actuators)
-    loop = loop or Loop(experiment, representation, store)
+    loop = loop or new_loop(experiment, representation, store)
     store.begin(backend.description)
     # The plotting library takes a quarter of a second to load: while the simulations run, that is free.
     threading.Thread(target=prepare, daemon=True).start()

@@ -135,21 +135,26 @@ def _check_section(
 
 
 def _check_reevaluation(checked: Checked, report: Report) -> None:
+    """Check that the ranking's wishes fit the method."""
     ranking, method = checked.get("ranking"), checked.get("method")
-    if isinstance(ranking, RankingOptions) and ranking.reevaluate and isinstance(method, MethodOptions):
-        kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
-        if method.operation == "steady_state":
-            report(
-                ("ranking", "reevaluate"),
-                "in steady state there are no generations after which members could be evaluated again; "
-                "leave the key out, or method.operation",
-            )
-        elif not METHODS.get(kind).keeps_members:
-            report(
-                ("ranking", "reevaluate"),
-                f"{kind} keeps no members from one generation to the next, so there are none to evaluate "
-                "again; leave the key out, or take a method that does, such as nnga",
-            )
+    if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
+        return
+    if method.operation == "steady_state":
+        for key, unwanted in (("reevaluate", ranking.reevaluate), ("seeds", ranking.seeds == "new")):
+            if unwanted:
+                report(
+                    ("ranking", key),
+                    "in steady state there are no generations with seeds of their own; leave the key out, or "
+                    "take operation: generational",
+                )
+        return
+    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    if ranking.reevaluate and not METHODS.get(kind).keeps_members:
+        report(
+            ("ranking", "reevaluate"),
+            f"{kind} keeps no members from one generation to the next, so there are none to evaluate again; "
+            "leave the key out, or take a method that does, such as nnga",
+        )
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file

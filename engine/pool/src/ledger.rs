@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use crate::work::Work;
+use crate::work::{Work, WorkError};
 
 /// How many of the evaluations `queued`, from the first on and at most `most`, make a rectangle: whole candidates, or
 /// some episodes of one. At least 1, unless nothing is queued.
@@ -26,6 +26,20 @@ pub struct Results {
     /// (candidates, episodes, metrics that are needed), row-major, NaN where all attempts failed.
     pub metrics: Vec<f64>,
 }
+
+/// Candidates of which all episodes have ended.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Settled {
+    /// Their numbers, in the order in which they ended.
+    pub candidates: Vec<usize>,
+    /// (candidates, episodes), row-major, NaN where all attempts failed.
+    pub fitness: Vec<f64>,
+    /// (candidates, episodes, metrics that are needed), row-major, NaN where all attempts failed.
+    pub metrics: Vec<f64>,
+}
+
+/// Fewer evaluations than these are not worth forgetting.
+const WORTH: usize = 4096;
 
 /// Evaluations in a row that have the same past.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -81,29 +95,90 @@ pub(crate) struct Ledger {
     metrics: usize,
     settled: Vec<bool>,
     done: usize,
+    /// Evaluations before this one are forgotten; they have ended. `results` and `settled` begin here.
+    forgotten: usize,
+    /// Candidates, counted from the first that is not forgotten: episodes that have not ended.
+    open: Vec<usize>,
+    /// Candidates that have ended since `take_settled`.
+    fresh: Vec<usize>,
 }
 
 impl Ledger {
     pub fn new(work: Work, metrics: usize) -> Self {
         let count = work.len();
-        let whole = Piece {
-            evaluations: 0..count,
-            tries: 0,
-            failed_on: Vec::new(),
-            largest: usize::MAX,
-        };
-        Self {
+        let mut ledger = Self {
             work: Some(work),
-            queue: (count > 0).then_some(whole).into_iter().collect(),
-            queued: count,
-            results: Results {
-                fitness: vec![f64::NAN; count],
-                metrics: vec![f64::NAN; count * metrics],
-            },
             metrics,
-            settled: vec![false; count],
-            done: 0,
+            ..Self::default()
+        };
+        ledger.enqueue(0..count);
+        ledger
+    }
+
+    /// Adds candidates behind the others; see [`Work::extend`].
+    pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
+        let Some(work) = &mut self.work else {
+            return Ok(());
+        };
+        let before = work.len();
+        work.extend(genomes)?;
+        let after = work.len();
+        self.enqueue(before..after);
+        Ok(())
+    }
+
+    fn enqueue(&mut self, evaluations: Range<usize>) {
+        let (count, episodes) = (evaluations.len(), self.episodes());
+        if count == 0 {
+            return;
         }
+        let size = self.settled.len() + count;
+        self.results.fitness.resize(size, f64::NAN);
+        self.results.metrics.resize(size * self.metrics, f64::NAN);
+        self.settled.resize(size, false);
+        self.open.resize(size / episodes, episodes);
+        self.queued += count;
+        // What was never tried waits in one piece.
+        match self.queue.back_mut() {
+            Some(last) if last.tries == 0 && last.evaluations.end == evaluations.start => {
+                last.evaluations.end = evaluations.end;
+            }
+            _ => self.queue.push_back(Piece {
+                evaluations,
+                tries: 0,
+                failed_on: Vec::new(),
+                largest: usize::MAX,
+            }),
+        }
+    }
+
+    /// The candidates that have ended since the last call. What they need is forgotten by and by.
+    pub fn take_settled(&mut self) -> Settled {
+        let (episodes, metrics) = (self.episodes(), self.episodes() * self.metrics);
+        let base = self.forgotten / episodes;
+        let mut found = Settled {
+            candidates: std::mem::take(&mut self.fresh),
+            ..Settled::default()
+        };
+        for candidate in &found.candidates {
+            let row = candidate - base;
+            let fitness = &self.results.fitness[row * episodes..][..episodes];
+            found.fitness.extend_from_slice(fitness);
+            let values = &self.results.metrics[row * metrics..][..metrics];
+            found.metrics.extend_from_slice(values);
+        }
+        let ended = self.open.iter().take_while(|open| **open == 0).count();
+        if ended * episodes >= WORTH.max(self.settled.len() / 2) {
+            self.settled.drain(..ended * episodes);
+            self.results.fitness.drain(..ended * episodes);
+            self.results.metrics.drain(..ended * metrics);
+            self.open.drain(..ended);
+            self.forgotten += ended * episodes;
+            if let Some(work) = &mut self.work {
+                work.forget_before(base + ended);
+            }
+        }
+        found
     }
 
     pub fn episodes(&self) -> usize {
@@ -137,7 +212,7 @@ impl Ledger {
     }
 
     pub fn finished(&self) -> bool {
-        self.done == self.settled.len()
+        self.done == self.forgotten + self.settled.len()
     }
 
     /// A rectangle of at most `most` evaluations that this server has not failed, or which all of `servers` have.
@@ -163,7 +238,7 @@ impl Ledger {
     pub fn put_back(&mut self, piece: &Piece) {
         let mut end = piece.evaluations.end;
         while end > piece.first() {
-            let open = |index: &usize| !self.settled[*index];
+            let open = |index: &usize| self.place(*index).is_some();
             let from_end = || (piece.first()..end).rev();
             let Some(last) = from_end().find(open) else {
                 return;
@@ -176,20 +251,35 @@ impl Ledger {
         }
     }
 
+    /// Where an evaluation that has not ended stands in the lists.
+    fn place(&self, evaluation: usize) -> Option<usize> {
+        let place = evaluation.checked_sub(self.forgotten)?;
+        (!self.settled[place]).then_some(place)
+    }
+
     /// An evaluation has ended. Whatever comes later for it is not heard.
     pub fn settle(&mut self, evaluation: usize, fitness: f64, metrics: &[f64]) {
-        if !std::mem::replace(&mut self.settled[evaluation], true) {
-            self.results.fitness[evaluation] = fitness;
-            self.results.metrics[evaluation * self.metrics..][..self.metrics]
-                .copy_from_slice(metrics);
-            self.done += 1;
+        if let Some(place) = self.place(evaluation) {
+            self.results.fitness[place] = fitness;
+            self.results.metrics[place * self.metrics..][..self.metrics].copy_from_slice(metrics);
+            self.end(place);
         }
     }
 
     /// An evaluation has failed for good: its numbers stay NaN.
     pub fn give_up(&mut self, evaluation: usize) {
-        if !std::mem::replace(&mut self.settled[evaluation], true) {
-            self.done += 1;
+        if let Some(place) = self.place(evaluation) {
+            self.end(place);
+        }
+    }
+
+    fn end(&mut self, place: usize) {
+        let episodes = self.episodes();
+        self.settled[place] = true;
+        self.done += 1;
+        self.open[place / episodes] -= 1;
+        if self.open[place / episodes] == 0 {
+            self.fresh.push((self.forgotten + place) / episodes);
         }
     }
 
@@ -256,6 +346,47 @@ mod tests {
             .map(|piece| piece.evaluations)
             .collect();
         assert_eq!(rest, [1..2, 2..3, 5..6, 6..7]);
+    }
+
+    #[test]
+    fn work_that_grows_is_handed_out_once_and_forgotten_when_it_has_ended() {
+        let mut ledger = ledger(4, 2);
+        let (mut seen, mut made) = (Vec::new(), 4);
+        let mut next = 0;
+        while let Some(piece) = ledger.take(1, &[1], 3) {
+            assert_eq!(piece.first(), next);
+            next += piece.len();
+            for index in piece.evaluations.clone().rev() {
+                ledger.settle(index, f64::from(u32::try_from(index).unwrap()), &[]);
+                ledger.settle(index, -1.0, &[]);
+            }
+            let settled = ledger.take_settled();
+            for (row, candidate) in settled.candidates.iter().enumerate() {
+                let first = f64::from(u32::try_from(2 * candidate).unwrap());
+                assert_eq!(settled.fitness[2 * row..][..2], [first, first + 1.0]);
+                seen.push(*candidate);
+                if made < 20_000 {
+                    ledger.extend(&[0.5; 2]).unwrap();
+                    made += 1;
+                }
+            }
+            assert!(ledger.settled.len() < 4 * WORTH);
+            // What comes late for something forgotten changes nothing.
+            ledger.settle(0, -1.0, &[]);
+            ledger.put_back(&piece);
+            assert!(ledger.queued() <= 8);
+        }
+        seen.sort_unstable();
+        assert_eq!(seen, (0..20_000).collect::<Vec<_>>());
+        assert!(ledger.finished());
+        assert!(ledger.forgotten > 0);
+        assert_eq!(
+            ledger.extend(&[f32::NAN, 0.0]),
+            Err(WorkError::NotFinite {
+                candidate: 0,
+                weight: 0
+            })
+        );
     }
 
     #[test]

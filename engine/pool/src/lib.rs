@@ -17,7 +17,7 @@ mod status;
 mod stepwise;
 mod work;
 
-pub use ledger::{Results, rectangle};
+pub use ledger::{Results, Settled, rectangle};
 pub use machine::{Action, Config, Machine};
 pub use mode::Mode;
 pub use offers::{Demand, Offers};

@@ -11,11 +11,11 @@ use serde_json::{Map, Value};
 use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
 
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
-use crate::ledger::{Ledger, Piece, Results};
+use crate::ledger::{Ledger, Piece, Results, Settled};
 use crate::offers::{Demand, Job, Offers};
 use crate::requests::Request;
 use crate::run::Run;
-use crate::work::{Attempt, Work};
+use crate::work::{Attempt, Work, WorkError};
 
 const COMPLAINTS: usize = 1000;
 
@@ -171,6 +171,27 @@ impl Machine {
         self.ledger = Ledger::new(work, self.config.demand.metrics.len());
         self.next_round = self.next_round.min(now + LATER_ROUND);
         self.dispatch(now);
+    }
+
+    /// Adds candidates to the work that is under way; see [`Work::extend`].
+    ///
+    /// # Errors
+    /// As [`Work::extend`].
+    pub fn extend(&mut self, genomes: &[f32], now: Instant) -> Result<(), WorkError> {
+        self.ledger.extend(genomes)?;
+        self.dispatch(now);
+        Ok(())
+    }
+
+    /// The candidates of which all episodes have ended since the last call.
+    pub fn take_settled(&mut self) -> Settled {
+        self.ledger.take_settled()
+    }
+
+    /// Number of evaluations that have been asked for.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        self.ledger.work.as_ref().map_or(0, Work::len)
     }
 
     /// Number of evaluations that have ended.

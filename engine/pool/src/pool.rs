@@ -10,11 +10,11 @@ use swarmwright_mqtt::{
 use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
 
 use crate::discovery::PROBATION;
-use crate::ledger::Results;
+use crate::ledger::{Results, Settled};
 use crate::machine::{Action, Config, Machine};
 use crate::mode::Mode;
 use crate::offers::Demand;
-use crate::work::{Attempt, Work};
+use crate::work::{Attempt, Work, WorkError};
 
 /// How often the caller is asked whether to go on.
 const ASK: Duration = Duration::from_millis(100);
@@ -78,6 +78,9 @@ pub enum PoolError {
     /// Every server refuses the work.
     #[error("no server can do this work: {0}")]
     Rejected(String),
+    /// Genomes that do not fit.
+    #[error(transparent)]
+    Work(#[from] WorkError),
     /// The caller wants to stop.
     #[error("interrupted")]
     Interrupted,
@@ -236,36 +239,85 @@ impl Pool {
         work: Work,
         mut on_progress: impl FnMut(usize, &str) -> bool,
     ) -> Result<Results, PoolError> {
+        self.drive(
+            work,
+            |_| Ok(true),
+            |_, done, waiting_for| on_progress(done, waiting_for),
+        )?;
+        Ok(self.machine.take_results())
+    }
+
+    /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended and how that went, and
+    /// returns the genomes of further ones, (candidates, weights) row-major, or none to stop. The end is reached when all
+    /// have ended and `feed` had no more. `on_progress(done, total, waiting_for)` as for [`evaluate`](Self::evaluate).
+    ///
+    /// # Errors
+    /// As [`evaluate`](Self::evaluate); genomes that do not fit.
+    pub fn stream(
+        &mut self,
+        work: Work,
+        mut feed: impl FnMut(Settled, Vec<Attempt>, Vec<String>) -> Option<Vec<f32>>,
+        mut on_progress: impl FnMut(usize, usize, &str) -> bool,
+    ) -> Result<(), PoolError> {
+        let take = |pool: &mut Self| {
+            let settled = pool.machine.take_settled();
+            if settled.candidates.is_empty() {
+                return Ok(true);
+            }
+            let Some(genomes) = feed(settled, pool.take_journal(), pool.take_warnings()) else {
+                return Ok(false);
+            };
+            pool.machine.extend(&genomes, Instant::now())?;
+            pool.act();
+            Ok(true)
+        };
+        self.drive(work, take, |pool, done, waiting_for| {
+            on_progress(done, pool.machine.total(), waiting_for)
+        })
+    }
+
+    /// Works until all has ended, or `step`, called whenever something may have come, says no.
+    fn drive(
+        &mut self,
+        work: Work,
+        mut step: impl FnMut(&mut Self) -> Result<bool, PoolError>,
+        mut on_progress: impl FnMut(&Self, usize, &str) -> bool,
+    ) -> Result<(), PoolError> {
         self.machine.submit(work, Instant::now());
         let mut asked = Instant::now();
         let patience = self.discovery_timeout.max(self.step_timeout);
         let mut free_since = asked;
-        let error = loop {
+        let result = loop {
             self.poll(asked + ASK);
+            match step(self) {
+                Ok(true) => {}
+                Ok(false) => break Ok(()),
+                Err(error) => break Err(error),
+            }
             let now = Instant::now();
             if self.machine.finished() {
-                on_progress(self.machine.done(), "");
-                return Ok(self.machine.take_results());
+                on_progress(self, self.machine.done(), "");
+                return Ok(());
             }
             if now.duration_since(asked) >= ASK {
                 asked = now;
                 if let Some(reason) = self.machine.rejected(now) {
-                    break PoolError::Rejected(reason);
+                    break Err(PoolError::Rejected(reason));
                 }
                 let lonely = self.machine.lonely(now);
                 if self.machine.busy_elsewhere().is_some() {
                     free_since = now;
                 } else if lonely.min(now.duration_since(free_since)) >= patience {
-                    break self.no_server(lonely);
+                    break Err(self.no_server(lonely));
                 }
-                if !on_progress(self.machine.done(), &self.machine.waiting_for(now)) {
-                    break PoolError::Interrupted;
+                if !on_progress(self, self.machine.done(), &self.machine.waiting_for(now)) {
+                    break Err(PoolError::Interrupted);
                 }
             }
         };
         self.machine.cancel();
         self.poll(Instant::now());
-        Err(error)
+        result
     }
 
     /// Metrics that servers with this simulation announce, sorted.

@@ -11,7 +11,9 @@ use swarmwright_controllers::{Architecture, Controller, ControllerError, Specifi
 pub struct Work {
     architecture: Arc<Architecture>,
     specification: Map<String, Value>,
+    /// Those of candidate `forgotten` and later ones.
     genomes: Vec<f32>,
+    forgotten: usize,
     seeds: Vec<u64>,
 }
 
@@ -55,7 +57,15 @@ pub fn check_work(
     seeds: &[u64],
 ) -> Result<Architecture, WorkError> {
     let checked = Architecture::from_json(architecture)?;
-    let weights = checked.weight_count();
+    check_genomes(&checked, genomes)?;
+    if seeds.is_empty() {
+        return Err(WorkError::NoEpisode);
+    }
+    Ok(checked)
+}
+
+fn check_genomes(architecture: &Architecture, genomes: &[f32]) -> Result<(), WorkError> {
+    let weights = architecture.weight_count();
     if !genomes.len().is_multiple_of(weights) {
         return Err(WorkError::Shape {
             numbers: genomes.len(),
@@ -74,10 +84,7 @@ pub fn check_work(
             weight: index % weights,
         });
     }
-    if seeds.is_empty() {
-        return Err(WorkError::NoEpisode);
-    }
-    Ok(checked)
+    Ok(())
 }
 
 impl Work {
@@ -95,6 +102,7 @@ impl Work {
             architecture: Arc::new(checked),
             specification,
             genomes,
+            forgotten: 0,
             seeds,
         })
     }
@@ -123,23 +131,38 @@ impl Work {
         &self.seeds
     }
 
-    /// All genomes, row-major.
-    #[must_use]
-    pub fn genomes(&self) -> &[f32] {
-        &self.genomes
-    }
-
-    /// The genomes of some candidates.
+    /// The genomes of some candidates that are not forgotten.
     #[must_use]
     pub fn genomes_of(&self, candidates: std::ops::Range<usize>) -> &[f32] {
         let weights = self.architecture.weight_count();
-        &self.genomes[candidates.start * weights..candidates.end * weights]
+        let (start, end) = (
+            candidates.start - self.forgotten,
+            candidates.end - self.forgotten,
+        );
+        &self.genomes[start * weights..end * weights]
     }
 
-    /// Number of candidates.
+    /// Number of candidates, forgotten ones included.
     #[must_use]
     pub fn candidates(&self) -> usize {
-        self.genomes.len() / self.architecture.weight_count()
+        self.forgotten + self.genomes.len() / self.architecture.weight_count()
+    }
+
+    /// Adds candidates behind the others. `genomes`: (more candidates, weights), row-major.
+    ///
+    /// # Errors
+    /// Numbers that are not finite or no whole number of genomes.
+    pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
+        check_genomes(&self.architecture, genomes)?;
+        self.genomes.extend_from_slice(genomes);
+        Ok(())
+    }
+
+    /// Drops the genomes of all candidates before this one, which nobody needs any more.
+    pub fn forget_before(&mut self, candidate: usize) {
+        let weights = self.architecture.weight_count();
+        self.genomes.drain(..(candidate - self.forgotten) * weights);
+        self.forgotten = candidate;
     }
 
     /// Number of episodes of each candidate.
@@ -157,7 +180,7 @@ impl Work {
     /// Whether there is nothing to do.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.genomes.is_empty()
+        self.len() == 0
     }
 
     /// A candidate's controller at the start of an episode.

@@ -1,11 +1,11 @@
 //! The optimization tool's side of the broker.
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde_json::json;
 use std::time::Duration;
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{Demand, Options, Pool, PoolError, list_servers};
+use swarmwright_pool::{Attempt, Demand, Options, Pool, PoolError, list_servers};
 use swarmwright_protocol::{Requirements, State};
 
 use crate::errors::{engine, input, object};
@@ -139,18 +139,63 @@ impl PyPool {
         });
         raised.map_or(Ok(()), Err)?;
         let results = result.map_err(|failed| error(&failed))?;
-        let journal: Vec<String> = pool
-            .take_warnings()
-            .into_iter()
-            .map(|warning| json!({"warning": warning}).to_string())
-            .chain(
-                pool.take_journal()
-                    .into_iter()
-                    .map(|attempt| json!(attempt).to_string()),
-            )
-            .collect();
+        let journal = lines(pool.take_warnings(), pool.take_journal());
         let (fitness, metrics) = arrays(py, results.fitness, results.metrics, shape)?;
-        Ok((fitness, metrics, journal.join("\n")))
+        Ok((fitness, metrics, journal))
+    }
+
+    #[pyo3(signature = (architecture, genomes, seeds, feed, on_progress=None))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn stream(
+        &mut self,
+        py: Python<'_>,
+        architecture: &str,
+        genomes: PyReadonlyArray2<'_, f32>,
+        seeds: Vec<u64>,
+        feed: Py<PyAny>,
+        on_progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        let needed = self.metrics;
+        let pool = self.pool()?;
+        let work = work(architecture, &genomes, seeds)?;
+        let (episodes, columns) = (work.episodes(), genomes.shape()[1]);
+        // Each of the two callbacks may raise.
+        let (mut in_feed, mut in_progress): (Option<PyErr>, Option<PyErr>) = (None, None);
+        let result = py.detach(|| {
+            pool.stream(
+                work,
+                |settled, attempts, warnings| {
+                    let called = Python::attach(|py| {
+                        let shape = [settled.candidates.len(), episodes, needed];
+                        let (fitness, metrics) =
+                            arrays(py, settled.fitness, settled.metrics, shape)?;
+                        let journal = lines(warnings, attempts);
+                        let more =
+                            feed.call1(py, (settled.candidates, fitness, metrics, journal))?;
+                        further(py, &more, columns)
+                    });
+                    called.unwrap_or_else(|error| {
+                        in_feed = Some(error);
+                        None
+                    })
+                },
+                |done, total, waiting_for| {
+                    let called = Python::attach(|py| {
+                        py.check_signals()?;
+                        on_progress.as_ref().map_or(Ok(()), |call| {
+                            call.call1(py, (done, total, waiting_for)).map(|_| ())
+                        })
+                    });
+                    called.map_err(|error| in_progress = Some(error)).is_ok()
+                },
+            )
+        });
+        in_feed.map_or(Ok(()), Err)?;
+        in_progress.map_or(Ok(()), Err)?;
+        result.map_err(|failed| error(&failed))
     }
 
     fn close(&mut self, py: Python<'_>) {
@@ -158,6 +203,32 @@ impl PyPool {
             py.detach(|| pool.close());
         }
     }
+}
+
+/// Warnings and attempts as JSON, a line each.
+fn lines(warnings: Vec<String>, attempts: Vec<Attempt>) -> String {
+    let warnings = warnings
+        .into_iter()
+        .map(|warning| json!({"warning": warning}).to_string());
+    let attempts = attempts
+        .into_iter()
+        .map(|attempt| json!(attempt).to_string());
+    warnings.chain(attempts).collect::<Vec<_>>().join("\n")
+}
+
+/// Further genomes from what `feed` returned; none when it returned None.
+fn further(py: Python<'_>, returned: &Py<PyAny>, columns: usize) -> PyResult<Option<Vec<f32>>> {
+    if returned.is_none(py) {
+        return Ok(None);
+    }
+    let genomes: PyReadonlyArray2<'_, f32> = returned.extract(py)?;
+    if genomes.shape()[1] != columns {
+        return Err(input(format!(
+            "genomes: have {} weights each, but these controllers have {columns}",
+            genomes.shape()[1]
+        )));
+    }
+    Ok(Some(genomes.as_array().iter().copied().collect()))
 }
 
 impl PyPool {

@@ -1,0 +1,137 @@
+"""The optimization loop in steady state: candidate by candidate, so that no server waits for the slowest.
+
+What makes it repeatable: candidate n is made of the results of candidates 0 to n - in_flight, told in this
+order, and of no later one. Results that come earlier wait here. So neither the number of servers nor their
+speed leaves a trace. A generation of the record is so many candidates in a row as a population has members.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright._backend import Backend, Crews, Progress, Results
+from swarmwright._errors import RunError
+from swarmwright._loop import Loop, OnGeneration, strayed
+from swarmwright._store import Evaluated, StoreReader
+from swarmwright.representations._base import Genome, Genomes
+
+
+@dataclass
+class _Part:
+    """The candidates told since the last whole generation."""
+
+    genomes: list[Genome] = field(default_factory=list)
+    episodes: list[NDArray[np.float64]] = field(default_factory=list)
+    metrics: list[NDArray[np.float64]] = field(default_factory=list)
+    fitness: list[float] = field(default_factory=list)
+
+    def results(self) -> Results:
+        return Results(np.array(self.episodes), np.array(self.metrics), [])
+
+
+class SteadyLoop(Loop):
+    """See `Loop`; here every server has work as long as there is any."""
+
+    def __init__(self, *arguments: Any) -> None:  # noqa: ANN401 - those of `Loop`
+        super().__init__(*arguments)
+        self._seeds = self._ranking.seeds(self._first_seed)
+        self._flying: deque[Genome] = deque()  # asked for and not told
+        self._early: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+        self._part = _Part()
+        self._journal: list[dict[str, Any]] = []
+
+    def replay(self, reader: StoreReader) -> None:
+        """Go through the generations in a store; see `Loop.replay`."""
+        for evaluated in reader.generations():
+            rows = zip(evaluated.genomes, evaluated.episodes, evaluated.metrics, strict=True)
+            for genome, episodes, metrics in rows:
+                self._ask_all()
+                if not self._flying or self._flying[0].tobytes() != genome.tobytes():
+                    raise RunError(strayed(reader, evaluated.generation))
+                self._tell_first(episodes, metrics)
+            again = self._whole()
+            if again.fitness.tobytes() != evaluated.fitness.tobytes():
+                raise RunError(strayed(reader, evaluated.generation))
+        self._resumed_at = self._evaluations
+
+    def _ask_all(self) -> list[Genome]:
+        """Ask for all candidates that can be had now; return the new ones."""
+        new = []
+        while self._method.can_ask:
+            _, genome = self._method.ask_next()
+            new.append(genome)
+        self._flying.extend(new)
+        return new
+
+    def _tell_first(self, episodes: NDArray[np.float64], metrics: NDArray[np.float64]) -> None:
+        """Tell the fitness of the first candidate in flight."""
+        fitness = float(self._ranking.score(episodes[np.newaxis])[0])
+        part = self._part
+        part.genomes.append(self._flying.popleft())
+        part.episodes.append(episodes)
+        part.metrics.append(metrics)
+        part.fitness.append(fitness)
+        self._method.tell_next(fitness)
+
+    def _whole(self) -> Evaluated:
+        """Return the candidates told as a generation, and begin the next one."""
+        part, self._part = self._part, _Part()
+        number = self._evaluations // self._method.generation_size
+        genomes: Genomes = np.array(part.genomes, dtype=np.float32)
+        fitness = np.array(part.fitness)
+        return self._evaluated(number, genomes, self._seeds, part.results(), fitness)
+
+    def _go_on(
+        self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
+    ) -> bool:
+        stopped = False
+        first = self._method.evaluations  # the backend counts from 0
+
+        def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
+            nonlocal stopped
+            self._journal += [self._placed(entry, first) for entry in results.journal]
+            for row, candidate in enumerate(candidates):
+                self._early[first + candidate] = (results.fitness[row], results.metrics[row])
+            while not self._method.done and self._method.evaluations in self._early:
+                self._tell_first(*self._early.pop(self._method.evaluations))
+                whole = len(self._part.genomes) == self._method.generation_size
+                if whole or self._method.done:
+                    stopped = not self._complete(on_generation)
+                if stopped:
+                    return None
+            return None if self._method.done else self._weights(self._ask_all())
+
+        self._ask_all()
+        crews = Crews.of(self._representation, np.array(self._flying, dtype=np.float32))
+        backend.stream(crews, self._seeds, feed, self._watched(on_progress))
+        return stopped
+
+    def _complete(self, on_generation: OnGeneration | None) -> bool:
+        """Store a generation; return whether to go on."""
+        number = self._evaluations // self._method.generation_size
+        fitness = np.array(self._part.fitness)
+        journal, self._journal = self._journal, []
+        with self._kept(number, journal):
+            self._check(fitness, number)
+        return self._commit(self._whole(), journal, on_generation)
+
+    def _placed(self, entry: dict[str, Any], first: int) -> dict[str, Any]:
+        """Return a journal entry with the candidate's number in the whole run."""
+        return entry if "warning" in entry else {**entry, "candidate": first + entry["candidate"]}
+
+    def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
+        if not genomes:
+            return np.empty((0, self._weight_count), dtype=np.float32)
+        rows = np.array(genomes, dtype=np.float32)
+        return np.ascontiguousarray(self._representation.weights(rows), dtype=np.float32)
+
+    @property
+    def _weight_count(self) -> int:
+        width: int = self._representation.weights(
+            np.zeros((1, self._representation.genome_size), dtype=np.float32)
+        ).shape[1]
+        return width
