@@ -1,4 +1,4 @@
-"""Every representation with every method and ranking: it runs, everywhere alike, or is refused and told why."""
+"""Every representation with every method and ranking: it runs everywhere alike, or is refused and why."""
 
 from itertools import product
 from pathlib import Path
@@ -70,7 +70,9 @@ def test_it_runs_everywhere_alike_or_is_refused(
         refused(str(refusal), controller, method, operation, ranking)
         return
     run = optimize(made, out=tmp_path / "run")
-    assert run.generations == 3
+    # A restart of CMA-ES doubles its population, and its generations become fewer.
+    assert run.generations == 3 or (method.endswith("cma_es") and run.generations == 2)
+    assert run.state == "done"
     assert run.evaluations == len(run.record.fitness) > 0
     part = optimize(made, lambda now: now.generation < 1, out=tmp_path / "part")
     same_record(resume(part), run)

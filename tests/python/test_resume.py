@@ -74,7 +74,7 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
 @pytest.mark.timeout(180)
 def test_killed_fifty_times(tmp_path: Path) -> None:
     """kill -9 at random moments, of whatever it is doing: starting, evaluating, committing, replaying."""
-    experiment = EXPERIMENT.replace(method={"population": 20, "generations": 600}, ranking={"episodes": 10})
+    experiment = EXPERIMENT.replace(method={"population": 20, "generations": 1200}, ranking={"episodes": 30})
     whole = optimize(experiment, out=tmp_path / "whole")
     experiment.save(tmp_path / "x.yaml")
     folder = tmp_path / "run"
