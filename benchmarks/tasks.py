@@ -78,7 +78,8 @@ class TaskSuite:
             single.against = self._bare
         self._work = {
             "Minisim": minisim(200_000 // scale),
-            "Stadium": stadium(6_000 // scale),
+            # Half a second of work: with less, the last blocks decide, which are never equally large.
+            "Stadium": stadium(60_000 // scale),
         }
         self._local: dict[str, Samples] = {}
         self._offloaded: dict[str, Samples] = {}

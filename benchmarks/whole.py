@@ -86,7 +86,9 @@ def _children() -> float:
 
 
 def _output(*arguments: str, cwd: Path) -> str:
-    environment = os.environ | {"PYTHONPATH": ""}
+    # As users have it: modules are compiled once, not at every start.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment |= {"PYTHONPATH": ""}
     command = [*PROGRAM, *arguments]
     result = subprocess.run(
         command, check=False, capture_output=True, text=True, timeout=300, cwd=cwd, env=environment
