@@ -127,7 +127,7 @@ def _run(
     representation = experiment.representation(backend.sensors, backend.actuators)
     loop = loop or new_loop(experiment, representation, store)
     store.begin(backend.description)
-    # The plotting library takes a quarter of a second to load: while the simulations run, that is free.
+    # What draws the plot is loaded while the simulations run.
     threading.Thread(target=prepare, daemon=True).start()
     try:
         store.conclude(loop.run(backend, on_generation, on_progress))

@@ -99,6 +99,12 @@ def describe(output: Output, run: "Run") -> None:
         f"  {run.generations} of {facts['of']} generations, {run.evaluations} evaluations, "
         f"{duration(run.seconds)}"
     )
+    if run.experiment.method.operation == "steady_state":
+        window = run.experiment.method.in_flight
+        output.text(
+            f"  steady state: candidate n was made when the results of candidates 0 to n - {window} were known, "
+            "and no later one"
+        )
     if best is not None:
         output.text(
             f"  best {best['fitness']:.6g} (generation {best['generation']}, candidate {best['candidate']})"
