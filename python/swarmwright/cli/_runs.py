@@ -102,8 +102,8 @@ def describe(output: Output, run: "Run") -> None:
     if run.experiment.method.operation == "steady_state":
         window = run.experiment.method.in_flight
         output.text(
-            f"  steady state: candidate n was made when the results of candidates 0 to n - {window} were known, "
-            "and no later one"
+            f"  steady state: candidate n was made when the results of candidates 0 to n - {window} were "
+            "known, and no later one"
         )
     if best is not None:
         output.text(
