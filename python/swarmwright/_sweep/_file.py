@@ -54,7 +54,7 @@ class Sweep:
         folder, relative to where the program is started, default runs/<name of the file>.
 
         Where a variant has another kind of method, controller or ranking than the experiment, the options
-        that the other kind can have as well are kept.
+        that the experiment names and the other kind can have as well are kept.
 
         Args:
             path: of the file.
@@ -168,10 +168,12 @@ def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
 
 
 def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Return the options of the experiment that another kind can have as well."""
-    old = getattr(base, section).model_dump(exclude_none=True)
-    if not isinstance(kind, str) or kind == old["kind"]:
+    """Return the options of the experiment's file that another kind can have as well."""
+    options = getattr(base, section)
+    if not isinstance(kind, str) or kind == options.kind:
         return {}
+    # Defaults are not kept: another kind has its own.
+    old = options.model_dump(exclude_none=True, exclude_unset=True)
     known = registry.get(kind).options_model.model_fields
     return {
         name: value

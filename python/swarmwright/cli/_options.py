@@ -99,7 +99,10 @@ class ServerCount(click.ParamType[Servers]):
 
 
 def broker_option(*, default: str | None, text: str) -> Decorator:
-    """`--broker URL`. With a default the environment's SWARMWRIGHT_BROKER comes before it."""
+    """`--broker URL`. The environment's SWARMWRIGHT_BROKER comes before a default.
+
+    Commands without a default read it themselves, after the experiment file: see `experiment_broker`.
+    """
     return click.option(
         "--broker",
         type=BrokerUrl(),

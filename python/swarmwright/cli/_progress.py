@@ -91,7 +91,7 @@ class PlainProgress:
     def generation(self, generation: "Generation") -> None:
         """Print a line."""
         self._output.text(
-            f"generation {generation.generation + 1}/{self._total}  best {generation.best_so_far:.6g}  "
+            f"{generation.generation + 1} of {self._total} generations  best {generation.best_so_far:.6g}  "
             f"mean {generation.mean:.6g}  {generation.evaluations} evaluations "
             f"({generation.evaluations_per_second:.0f}/s)  {duration(generation.seconds_left)} left"
         )
@@ -131,14 +131,18 @@ class BarProgress:
 
         last = self._last
         finished = 0 if last is None else last.generation + 1
-        name = "generation " if options.max_width >= 50 else ""
+        done = (
+            f"{finished} of {self._total} generations"
+            if options.max_width >= 50
+            else f"{finished}/{self._total}"
+        )
         left = "" if last is None else f"{duration(last.seconds_left)} left"
         line = Table.grid(padding=(0, 1), expand=True)
         line.add_column(no_wrap=True)
         line.add_column(ratio=1)
         line.add_column(no_wrap=True)
         line.add_row(
-            Text(f"{name}{finished}/{self._total}"),
+            Text(done),
             ProgressBar(
                 total=max(self._total, 1),
                 completed=min(finished + self._part, self._total),

@@ -25,7 +25,10 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @candidate_options
-@broker_option(default=None, text="Use the servers on this broker. Default: as the run was started.")
+@broker_option(
+    default=None,
+    text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
+)
 @servers_option
 @json_option
 def command(

@@ -21,7 +21,10 @@ from swarmwright.cli._output import Output, show_warnings
     "optimize", cls=Command, example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2"
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
-@broker_option(default=None, text="Use the servers on this broker. Default: start a broker and servers here.")
+@broker_option(
+    default=None,
+    text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
+)
 @click.option("--seed", type=click.IntRange(min=0), metavar="S", help="Seed of the run. Default: the file's.")
 @click.option(
     "--out",
@@ -44,8 +47,7 @@ def command(
 ) -> int:
     """Evolve a controller as the experiment FILE says.
 
-    Ctrl-C ends it early and keeps the results so far; `swarmwright resume` goes on. Without --broker and a
-    broker in FILE, the environment's SWARMWRIGHT_BROKER is used.
+    Ctrl-C ends it early and keeps the results so far; `swarmwright resume` goes on.
     """
     from swarmwright import Experiment, optimize
 

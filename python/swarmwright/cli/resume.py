@@ -23,7 +23,10 @@ from swarmwright.cli._output import Output, show_warnings
     example="swarmwright resume runs/minisim-1\nswarmwright resume runs/minisim-1 --generations 500",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@broker_option(default=None, text="Use the servers on this broker. Default: as the run was started.")
+@broker_option(
+    default=None,
+    text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
+)
 @servers_option
 @click.option(
     "--generations",

@@ -19,7 +19,10 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="C",
     help="A controller (best.json) or a run folder. Default: a random one.",
 )
-@broker_option(default=None, text="Use a server on this broker. Default: start a broker and a server here.")
+@broker_option(
+    default=None,
+    text="Use a server on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
+)
 @click.option("--visual", is_flag=True, help="Ask the server to draw the run, a frame every step.")
 @json_option
 def command(file: Path, controller: Path | None, broker: str | None, visual: bool, as_json: bool) -> None:

@@ -30,7 +30,10 @@ FAILED = 1
     example="swarmwright sweep methods.yaml --servers 4\nswarmwright sweep methods.yaml --out results",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
-@broker_option(default=None, text="Use the servers on this broker. Default: start a broker and servers here.")
+@broker_option(
+    default=None,
+    text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),

@@ -102,7 +102,7 @@ def _map_config(config: Section, mapped: Mapped) -> None:
             f"CustomName = {one_line(config.shown('CustomName'))}: `--out` names the folder of a run"
         )
     runs = config.take_integer("NumberofRuns", 1)
-    reason = f"NumberofRuns = {runs}: one run at a time; `--seed` gives another"
+    reason = f"NumberofRuns = {runs}: one run at a time; `swarmwright sweep` makes several, with other seeds"
     mapped.not_config.append(reason)
     if runs > 1:
         mapped.notes.append(f"sessionconfig.{reason}")

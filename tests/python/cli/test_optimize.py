@@ -35,7 +35,9 @@ def test_plain_lines_tell_how_far_it_is_and_what_to_do_next(program: Any, quick:
     result = program("optimize", quick, "--servers", "2", "--out", "result")
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
-    assert [line.split()[1] for line in lines[:4]] == ["1/4", "2/4", "3/4", "4/4"]
+    assert [line.split("  ")[0] for line in lines[:4]] == [
+        f"{done} of 4 generations" for done in (1, 2, 3, 4)
+    ]
     assert "\x1b" not in result.stdout
     assert "swarmwright replay result" in result.stdout
     for name in ("best.json", "fitness.png", "run.sqlite", "experiment.yaml"):
@@ -151,7 +153,7 @@ def test_a_terminal_shows_a_bar_that_fits(quick: Path, columns: int) -> None:
         ["optimize", quick.name, "--servers", "local", "--out", "result"], quick.parent, columns=columns
     )
     assert "\x1b[" in shown
-    assert ("generation 4/4" if columns >= 50 else "4/4") in shown
+    assert ("4 of 4 generations" if columns >= 50 else "4/4") in shown
     assert "best" in shown
     assert "Traceback" not in shown
 

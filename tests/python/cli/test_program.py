@@ -41,6 +41,11 @@ def test_help_ends_with_an_example_that_is_accepted(program: Any, names: tuple[s
         assert {word for word in rest if word.startswith("-")} <= known
 
 
+@pytest.mark.parametrize("name", ["optimize", "resume", "sweep", "evaluate", "simulate", "serve", "servers"])
+def test_help_names_the_variable_that_a_broker_may_come_from(name: str, program: Any) -> None:
+    assert "SWARMWRIGHT_BROKER" in program(name, "--help").stdout
+
+
 def test_help_is_quick() -> None:
     def seconds() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -51,6 +51,14 @@ def test_another_kind_keeps_the_options_that_it_knows(tmp_path: Path) -> None:
     assert found.seeds == (3, 1)
 
 
+def test_another_kind_has_its_own_defaults(tmp_path: Path) -> None:
+    # Both have `elite`, `mutate` and `crossover`, with other defaults, and each set of shares adds up to 1.
+    found = sweep(tmp_path, "experiment: base.yaml\ngrid: {method.kind: [cea2d], method.renew: [0.0]}\n")
+    method = found.variants[0].experiment.method
+    assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.2)  # type: ignore[attr-defined]
+    assert (method.elite, method.mutate, method.crossover) == (0.11, 0.59, 0.3)  # type: ignore[attr-defined]
+
+
 def test_options_of_the_same_name_but_of_another_sort_are_not_kept(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
