@@ -112,12 +112,12 @@ def _final(axes: "Axes", one: "Group", index: int) -> None:
         axes.hlines([low, high], index - 0.3, index + 0.3, color=color, linewidth=1.0)
         axes.hlines(middle, index - 0.3, index + 0.3, color=color, linewidth=2.4)
     axes.plot(
-        index + _apart(values), values, "o", markersize=6, color=color, alpha=0.85, markeredgecolor=PAPER,
+        index + apart(values), values, "o", markersize=6, color=color, alpha=0.85, markeredgecolor=PAPER,
         markeredgewidth=0.7, clip_on=False,
     )  # fmt: skip
 
 
-def _apart(values: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def apart(values: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return places beside the middle at which points of about the same value do not cover each other."""
     extent = float(np.ptp(values)) if np.isfinite(np.ptp(values)) else 0.0
     near = np.round((values - values.min()) / (extent / 25)) if extent > 0 else np.zeros(len(values))

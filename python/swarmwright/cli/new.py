@@ -2,22 +2,23 @@
 
 import click
 
-from swarmwright._suggest import unknown
 from swarmwright.cli._commands import Command
 
-TEMPLATES = ("minisim",)
 
-
-@click.command("new", cls=Command, example="swarmwright new minisim > my.yaml")
+@click.command(
+    "new",
+    cls=Command,
+    example="swarmwright new minisim > my.yaml\nswarmwright new emergency_exit > exit.yaml",
+)
 @click.argument("template", metavar="NAME")
 def command(template: str) -> None:
     """Print a commented experiment file to start from.
 
-    NAME is the template: minisim.
+    NAME is the template: minisim or emergency_exit.
     """
-    from swarmwright import templates
+    from swarmwright import InputError, templates
 
-    if template not in TEMPLATES:
-        raise click.UsageError(unknown("template", template, TEMPLATES))
-    make = getattr(templates, template)
-    click.echo(make(), nl=False)
+    try:
+        click.echo(templates.text(template), nl=False)
+    except InputError as error:
+        raise click.UsageError(str(error)) from error

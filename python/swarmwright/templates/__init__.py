@@ -25,3 +25,8 @@ def text(name: str) -> str:
 def minisim() -> str:
     """Return the published Minisim example: one agent has to pass one defender and reach the goal."""
     return text("minisim")
+
+
+def emergency_exit() -> str:
+    """Return Emergency Exit on ten of FREVO's random fields: ten agents, five exits, twenty blockades."""
+    return text("emergency_exit")
