@@ -9,7 +9,7 @@ import time
 from benchmarks.measurement import Samples
 from benchmarks.processes import PROGRAM, ROOT, Broker, embedded, peak_memory, servers
 
-# Starts a program and prints its peak memory in KiB. A child begins with that of its parent: this one has little.
+# Starts a program and prints its peak memory in KiB. It is small: a child begins with the peak of its parent.
 LAUNCHER = """
 import os, sys
 quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
