@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from swarmwright._evaluate import evaluate, simulate
     from swarmwright._experiment import Experiment
     from swarmwright._optimize import Generation, optimize, resume
+    from swarmwright._own._base import Simulation
+    from swarmwright._own._parameter import Parameter
     from swarmwright._repeat import Repeated, repeat
     from swarmwright._results.comparison import Comparison, compare
     from swarmwright._run import Run
@@ -32,9 +34,11 @@ __all__ = [
     "Experiment",
     "Generation",
     "InputError",
+    "Parameter",
     "Repeated",
     "Run",
     "RunError",
+    "Simulation",
     "SwarmwrightError",
     "__version__",
     "callbacks",
@@ -52,8 +56,10 @@ _LAZY = {
     "Controller": "_controller",
     "Experiment": "_experiment",
     "Generation": "_optimize",
+    "Parameter": "_own._parameter",
     "Repeated": "_repeat",
     "Run": "_run",
+    "Simulation": "_own._base",
     "compare": "_results.comparison",
     "evaluate": "_evaluate",
     "optimize": "_optimize",

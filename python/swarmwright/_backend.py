@@ -20,6 +20,7 @@ from swarmwright._errors import InputError, RunError, engine_errors
 from swarmwright._experiment import Experiment
 from swarmwright._fitness import FitnessExpression
 from swarmwright._local_servers import LocalServers, automatic_count
+from swarmwright._own._names import is_own
 from swarmwright._suggest import did_you_mean, unknown
 from swarmwright.representations import Representation
 from swarmwright.representations._base import Genomes
@@ -116,6 +117,11 @@ def open_backend(
         InputError: the simulation is unknown, or broker and local servers are both asked for.
         RunError: no broker, no fitting server, a server that does not start.
     """
+    if "swarmwright._own._load" in sys.modules and sys.modules["swarmwright._own._load"].serving:
+        raise RunError(
+            "this is a simulation server, which imports the file only for its class; put what starts a run "
+            'under `if __name__ == "__main__":`'
+        )
     if broker is not None:
         problem = broker_problem(broker)
         if problem is not None:
@@ -130,8 +136,8 @@ def open_backend(
     if broker is None and wanted == "auto" and not visual and _in_process_is_better(experiment):
         wanted = "local"
     if broker is None and wanted == "local" and not visual:
-        _require_built_in(experiment.simulation)
-        yield LocalBackend(experiment)
+        _require_here(experiment.simulation)
+        yield _local_backend(experiment)
         return
     with ExitStack() as stack:
         address, local = open_servers(stack, experiment, broker, wanted, started=servers, visual=visual)
@@ -146,8 +152,9 @@ def _in_process_is_better(experiment: Experiment) -> bool:
 
     A notebook has no terminal for servers' last words, and people run its cells again and again.
     """
-    asked = experiment.mode != "auto" or experiment.simulation not in _simulations.titles()
-    return "ipykernel" in sys.modules and not asked
+    asked = experiment.mode != "auto" or not _simulations.is_here(experiment.simulation)
+    alone = "ipykernel" in sys.modules or experiment.simulation.startswith("__main__:")
+    return alone and not asked
 
 
 def open_servers(
@@ -174,7 +181,12 @@ def open_servers(
     """
     if broker is not None and not isinstance(started, int):
         return broker, None
-    _require_built_in(experiment.simulation)
+    _require_here(experiment.simulation)
+    if experiment.simulation.startswith("__main__:"):
+        raise InputError(
+            f"simulation: {experiment.label} is defined in this session alone, where no server finds it; "
+            "write the class to a file, or evaluate with servers: local"
+        )
     count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
     if broker is None:
         with engine_errors():
@@ -186,7 +198,7 @@ def open_servers(
         address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
     settings = [
         {
-            "title": experiment.simulation,
+            "simulation": experiment.simulation,
             "broker": address,
             "id": first + index,
             "prefix": experiment.prefix,
@@ -201,7 +213,7 @@ def open_servers(
 def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) -> _engine.Pool:
     return _engine.Pool(
         address,
-        simulation=experiment.simulation,
+        simulation=_simulations.title(experiment.simulation),
         parameters=json.dumps(experiment.parameters, allow_nan=False),
         requirements=experiment.requirements.model_dump_json(exclude_none=True),
         sensors=experiment.sensors,
@@ -221,12 +233,20 @@ def _metrics(expression: FitnessExpression | None) -> tuple[str, ...]:
     return () if expression is None else expression.metrics
 
 
-def _require_built_in(simulation: str) -> None:
-    if simulation not in _simulations.titles():
+def _require_here(simulation: str) -> None:
+    if not _simulations.is_here(simulation):
         raise InputError(
             f"simulation: {unknown('simulation', simulation, _simulations.titles())}; "
             "any other needs a broker on which a server offers it"
         )
+
+
+def _local_backend(experiment: Experiment) -> Backend:
+    if is_own(experiment.simulation):
+        from swarmwright._own._backend import OwnBackend
+
+        return OwnBackend(experiment)
+    return LocalBackend(experiment)
 
 
 class LocalBackend:
@@ -238,23 +258,28 @@ class LocalBackend:
         self.actuators: int = announced["actuators"]
         self.description = "in this process"
         self._simulation = experiment.simulation
-        self._parameters = json.dumps(experiment.parameters, allow_nan=False)
+        self.parameters = json.dumps(experiment.parameters, allow_nan=False)
         self._expression = experiment.fitness_expression
         self.metrics = _metrics(self._expression)
 
     def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
-        """Return the results; nothing can go wrong on the way, so that only a fitness expression can fail."""
+        """Return the results; an episode fails where the fitness expression or the simulation's code does."""
         with engine_errors():
-            fitness, metrics = _engine.evaluate(
-                self._simulation,
-                self._parameters,
-                crews.architecture,
-                crews.weights,
-                list(seeds),
-                on_progress,
-                metrics=self.metrics,
-            )
-        return _judged(self._expression, Results(fitness, metrics, []))
+            results = self.compute(crews, seeds, on_progress)
+        return _judged(self._expression, results)
+
+    def compute(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results with the simulation's own fitness. Raises the engine's errors."""
+        fitness, metrics = _engine.evaluate(
+            self._simulation,
+            self.parameters,
+            crews.architecture,
+            crews.weights,
+            list(seeds),
+            on_progress,
+            metrics=self.metrics,
+        )
+        return Results(fitness, metrics, [])
 
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
@@ -289,7 +314,7 @@ class BrokerBackend:
             self._check_servers()
             known = _simulations.titles()
             title = experiment.simulation
-            hint = "" if title in known else did_you_mean(title, known)
+            hint = "" if _simulations.is_here(title) else did_you_mean(title, known)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
 
     def _metrics_hint(self) -> str:

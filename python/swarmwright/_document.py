@@ -54,13 +54,14 @@ class Document(Options):
 
     simulation: str = Field(min_length=1, max_length=1000)
     """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
-    which a server offers it."""
+    which a server offers it. Or a class in Python, path/to/file.py:Class (relative to this file) or
+    package.module:Class; servers of it are started here, too."""
     requirements: Requirements | None = None
-    """What a simulation server must be able to do. Default: the dimensions that the built-in simulation
-    announces; 2 dimensions for any other."""
+    """What a simulation server must be able to do. Default: the dimensions that the built-in simulation or
+    the class announces; 2 dimensions for any other."""
     parameters: dict[str, Any] = Field(default={})
-    """Parameters of the simulation, sent as they are. Those of built-in simulations are checked before the
-    run."""
+    """Parameters of the simulation, sent as they are. Those of built-in simulations and of classes are
+    checked before the run."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
     """Numbers an agent senses. Needed only when a server does not announce them."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)

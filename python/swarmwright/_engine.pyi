@@ -6,6 +6,8 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright._own._host import Host
+
 __all__ = [
     "Broker",
     "Controller",
@@ -22,6 +24,7 @@ __all__ = [
     "describe",
     "distances",
     "evaluate",
+    "evaluate_own",
     "genome_size",
     "levels",
     "serve",
@@ -233,8 +236,25 @@ class Broker:
     def port(self) -> int: ...
     def stop(self) -> None: ...
 
+def evaluate_own(
+    simulation: Host,
+    parameters: str,
+    architecture: str,
+    genomes: NDArray[np.float32],
+    seeds: Sequence[int],
+    on_progress: Callable[[int, int, str], None] | None = None,
+    *,
+    metrics: Sequence[str] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[tuple[int, int, str]]]:
+    """Evaluate a simulation in Python in this process, one episode after the other; arguments as in `evaluate`.
+
+    Returns fitness and metrics as `evaluate`, NaN where the simulation's code failed, and those evaluations:
+    (candidate, episode, reason).
+    Raises InputError for parameters that the simulation refuses, controllers that do not fit it.
+    """
+
 def serve(
-    title: str,
+    simulation: str | Host,
     broker: str,
     *,
     id: int,
@@ -244,7 +264,7 @@ def serve(
     alone: bool = False,
     on_event: Callable[[str], None] | None = None,
 ) -> None:
-    """Offer a built-in simulation on the broker until interrupted (KeyboardInterrupt) or the process ends.
+    """Offer a simulation, built in (its title) or in Python, on the broker until interrupted (KeyboardInterrupt) or the process ends.
 
     alone: no other server can have this id; without, it listens 0.1 s for one before it begins.
 

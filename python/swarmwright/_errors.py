@@ -30,6 +30,10 @@ class RunError(SwarmwrightError):
     exit_status: ClassVar[int] = 1
 
 
+class SimulationError(RunError):
+    """The code of a simulation failed. The message says in which method, what, and in which line."""
+
+
 @contextmanager
 def engine_errors(where: str = "") -> Iterator[None]:
     """Turn the compiled engine's errors into InputError and RunError.

@@ -139,7 +139,7 @@ def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:
 
 def _check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
     if controller.parameters:
-        if simulation in _simulations.titles():
+        if _simulations.is_here(simulation):
             for name, message in unknown(simulation, controller.parameters):
                 raise InputError(f"controller: {name}: {message}")
         return

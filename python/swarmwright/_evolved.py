@@ -15,17 +15,22 @@ _AT: Path_ = ("controller", "parameters")
 
 
 def problems(
-    simulation: str, parameters: Mapping[str, Any], evolved: Mapping[str, Parameter]
+    simulation: str, parameters: Mapping[str, Any], evolved: Mapping[str, Parameter], *, here: bool
 ) -> Iterator[tuple[Path_, str]]:
-    """Yield where and why evolved parameters do not fit a simulation with the parameters that are fixed."""
+    """Yield where and why evolved parameters do not fit a simulation with the parameters that are fixed.
+
+    here: whether the simulation can be asked.
+    """
     for name in evolved:
         if name in parameters:
             yield (*_AT, name), "stands among the experiment's parameters, too; leave it out there"
-    if simulation not in _simulations.titles():
+    if not here:
         return
     for name, message in unknown(simulation, evolved):
         yield (*_AT, name), message
-    known = {name: one for name, one in evolved.items() if name in _simulations.parameter_names(simulation)}
+    everything = _simulations.takes_any(simulation)
+    names = _simulations.parameter_names(simulation)
+    known = {name: one for name, one in evolved.items() if everything or name in names}
     fixed = {name: value for name, value in parameters.items() if name not in evolved}
     if len(known) < len(evolved) or _simulations.parameters_problem(simulation, fixed):
         return
@@ -34,22 +39,25 @@ def problems(
     if not found and not all(
         _simulations.steers_itself(simulation, values) for _, _, values in _corners(fixed, known)
     ):
+        title = _simulations.title(simulation)
         cure = "take a controller that steers, such as layered"
-        if "steering" in _simulations.parameter_names(simulation):
+        if "steering" in names:
             cure = "set parameters.steering to rule"
         yield (
             ("controller", "kind"),
-            f"parameter_set steers nobody, but agents of {simulation} wait to be steered; {cure}",
+            f"parameter_set steers nobody, but agents of {title} wait to be steered; {cure}",
         )
 
 
 def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each name that is no parameter of a built-in simulation, with what to say of it."""
-    known = _simulations.parameter_names(simulation)
+    """Yield each name that is no parameter of a simulation, with what to say of it."""
+    if _simulations.takes_any(simulation):
+        return
+    known, title = _simulations.parameter_names(simulation), _simulations.title(simulation)
     for name in names:
         if name not in known:
             hint = did_you_mean(name, known) or f"; known parameters: {', '.join(known)}"
-            yield name, f"unknown parameter of {simulation}{hint}"
+            yield name, f"unknown parameter of {title}{hint}"
 
 
 def _refusals(
@@ -59,7 +67,7 @@ def _refusals(
         problem = _simulations.parameters_problem(simulation, values)
         if problem is not None:
             reason = problem.removeprefix(f"parameter {name}: ")
-            yield (*_AT, name), f"{simulation} refuses {value!r}: {reason}"
+            yield (*_AT, name), f"{_simulations.title(simulation)} refuses {value!r}: {reason}"
 
 
 def _corners(

@@ -9,6 +9,7 @@ from swarmwright._document import Requirements, Timeouts
 from swarmwright._errors import InputError
 from swarmwright._files import write_text
 from swarmwright._fitness import FitnessExpression
+from swarmwright._own._names import is_own
 from swarmwright._yaml import Source, dump, read
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
@@ -58,14 +59,27 @@ class Experiment:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Make an experiment of plain values, keys as in the file. Raises InputError with every problem."""
+        """Make an experiment of plain values, keys as in the file; `simulation` can be a class, too.
+
+        Raises InputError with every problem.
+        """
+        simulation = values.get("simulation")
+        if isinstance(simulation, type):
+            from swarmwright._own._names import name_of
+
+            values = {**values, "simulation": name_of(simulation)}
         return cls._checked(Source("", values=_plain(values)), None)
 
     @classmethod
-    def _checked(cls, source: Source, path: Path | None) -> Self:
+    def _stored(cls, values: Mapping[str, Any]) -> Self:
+        """Make an experiment of what a run holds, without importing its class: reading runs no code."""
+        return cls._checked(Source("", values=dict(values)), None, ask=False)
+
+    @classmethod
+    def _checked(cls, source: Source, path: Path | None, *, ask: bool = True) -> Self:
         from swarmwright._validate import check
 
-        return cls(**check(source), path=path)
+        return cls(**check(source, ask=ask), path=path)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, every default written out; keys without a value are left out."""
@@ -137,6 +151,11 @@ class Experiment:
     def steers(self) -> bool:
         """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
         return REPRESENTATIONS.get(self.controller.kind).steers
+
+    @property
+    def label(self) -> str:
+        """What the simulation is called in figures and folders: its title, or its class."""
+        return self.simulation.rpartition(":")[2] if is_own(self.simulation) else self.simulation
 
     @property
     def generations(self) -> int:

@@ -10,7 +10,7 @@ RUNS = Path("runs")
 
 def default_folder(experiment: Experiment) -> Path:
     """Return runs/<file stem or simulation>-<seed>, with a number behind it when that exists."""
-    name = experiment.path.stem if experiment.path is not None else experiment.simulation
+    name = experiment.path.stem if experiment.path is not None else experiment.label
     safe = (
         "".join(sign if sign.isalnum() or sign in "-_." else "_" for sign in name).lstrip(".")[:100] or "run"
     )

@@ -96,7 +96,8 @@ class LocalServers:
     """Server processes for the time of a `with` block.
 
     Args:
-        settings: the arguments of `_engine.serve`, one mapping per server.
+        settings: the arguments of `_engine.serve`, one mapping per server; a simulation in Python by its
+            class.
         visual: let the servers draw on this process's standard output.
 
     Raises:

@@ -31,7 +31,7 @@ def draw(run: "Run", path: Path) -> None:
         np.array([one.upper_quartile for one in history]),
     ]
     chart = Chart(
-        title=f"{experiment.simulation}: {method} evolves a {experiment.controller.kind} controller",
+        title=f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller",
         subtitle=(
             f"{run.evaluations:,} evaluations in {run.generations:,} generations, seed {experiment.seed}"
         ),

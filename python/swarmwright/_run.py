@@ -67,7 +67,7 @@ class Run:
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
-        experiment = Experiment.from_mapping(self.store.experiment())
+        experiment = Experiment._stored(self.store.experiment())
         object.__setattr__(experiment, "path", self.path / "experiment.yaml")
         return experiment
 

@@ -1,9 +1,10 @@
 """One simulation server in a process of its own, for a run's own servers and for `swarmwright serve`.
 
-Arguments: a file descriptor, to which events go as JSON lines (as `_engine.serve` reports them, and
-{"event": "error", "message"} when it fails), then the arguments of `_engine.serve` as a JSON object. Standard
-input is a pipe from the parent: when it closes the parent is done or gone, however it ended, and so is this
-process.
+Arguments: a file descriptor, to which events go as JSON lines, then the arguments of `_engine.serve` as a
+JSON object, where a simulation in Python is named by its class. Events are what `_engine.serve` reports,
+{"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
+{"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
+the parent is done or gone, however it ended, and so is this process.
 """
 
 import json
@@ -11,9 +12,12 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
-from swarmwright import _engine
+from swarmwright import _engine, _simulations
+from swarmwright._errors import SwarmwrightError, engine_errors
 
 GRACE = 2.0
 """Seconds for saying good-bye to the broker."""
@@ -29,6 +33,17 @@ def _end_with_parent() -> None:
         os._exit(0)
 
 
+def _simulation(name: str, report: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
+    """Return what `_engine.serve` takes: the title of a built-in simulation, or a host of a user's class."""
+    if name in _simulations.titles():
+        return name
+    from swarmwright._own import _load
+    from swarmwright._own._host import Host
+
+    _load.serving = True
+    return Host(_load.load(name), report)
+
+
 def main() -> int:
     """Serve until the parent ends; return 0, or the exit status of what went wrong."""
     events = int(sys.argv[1])
@@ -41,16 +56,30 @@ def main() -> int:
     # The parent may have been started with SIGINT ignored, as shells do in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    settings = json.loads(sys.argv[2])
+
+    def failed(reason: str, traceback: str) -> None:
+        event = {"event": "failure", "server": settings["id"], "message": reason, "traceback": traceback}
+        report(json.dumps(event))
+        sys.stderr.write(f"{traceback or reason}\n")
+
     try:
-        _engine.serve(**json.loads(sys.argv[2]), on_event=report)
+        with engine_errors():
+            simulation = _simulation(settings.pop("simulation"), failed)
+            _engine.serve(simulation, **settings, on_event=report)
     except KeyboardInterrupt:
         return 0
-    except (_engine.InputError, _engine.EngineError) as error:
+    except SwarmwrightError as error:
         report(json.dumps({"event": "error", "message": str(error)}))
         sys.stderr.write(f"{error}\n")
-        return 2 if isinstance(error, _engine.InputError) else 1
+        return error.exit_status
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    status = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Not `sys.exit`: another thread may be within the code of a simulation, which an interpreter that is
+    # being taken down would end in the middle, and the process with it.
+    os._exit(status)

@@ -1,10 +1,11 @@
-"""What the engine's built-in simulations say about themselves."""
+"""What simulations say about themselves: built in ones, and those that are named by a class in Python."""
 
 import json
 from functools import cache
 from typing import Any
 
 from swarmwright._errors import InputError, engine_errors
+from swarmwright._own._names import is_own
 
 
 @cache
@@ -23,38 +24,78 @@ def _description(title: str) -> str:
         return _engine.describe(title)
 
 
-def description(title: str) -> dict[str, Any]:
-    """Return what a built-in simulation says of itself.
+@cache
+def _own_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+    from swarmwright._own._host import Host
+    from swarmwright._own._load import load
+
+    return Host(load(name)).description
+
+
+def is_here(simulation: str) -> bool:
+    """Whether a simulation can be run by this machine: it is built in, or named by its class."""
+    return simulation in titles() or is_own(simulation)
+
+
+def title(simulation: str) -> str:
+    """Return the title of a simulation in discovery. Raises InputError for a class that cannot be loaded."""
+    return str(_own_description(simulation).title) if is_own(simulation) else simulation
+
+
+def description(simulation: str) -> dict[str, Any]:
+    """Return what a simulation that is here says of itself.
 
     Title, dimensions, max_agents, sensors, actuators, parameters, and metrics (name -> unit, description).
+    Raises InputError for a class that cannot be loaded.
     """
-    described: dict[str, Any] = json.loads(_description(title))
+    if is_own(simulation):
+        plain: dict[str, Any] = _own_description(simulation).plain()
+        return plain
+    described: dict[str, Any] = json.loads(_description(simulation))
     return described
 
 
-def parameter_names(title: str) -> list[str]:
-    """Return the names of a built-in simulation's parameters, the seed among them."""
-    return list(dict.fromkeys([*description(title)["parameters"], "seed"]))
+def parameter_names(simulation: str) -> list[str]:
+    """Return the names of the parameters of a simulation that is here, the seed among them."""
+    return list(dict.fromkeys([*description(simulation)["parameters"], "seed"]))
 
 
-def steers_itself(title: str, parameters: dict[str, Any]) -> bool:
-    """Return whether the agents of a built-in simulation steer themselves with these parameters.
+def takes_any(simulation: str) -> bool:
+    """Return whether any other parameter is possible, too: in a class that declares none."""
+    return is_own(simulation) and not description(simulation)["parameters"]
+
+
+def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
+    """Return whether the agents of a simulation that is here steer themselves with these parameters.
 
     Raises InputError for parameters that the simulation refuses.
     """
     from swarmwright import _engine
 
+    text = json.dumps(parameters, allow_nan=False)
     with engine_errors():
-        return _engine.steers_itself(title, json.dumps(parameters, allow_nan=False))
+        if is_own(simulation):
+            from swarmwright._own._host import Host
+            from swarmwright._own._load import load
+
+            acting, _, done = Host(load(simulation)).reset(text)
+            return not len(acting) and not done
+        return _engine.steers_itself(simulation, text)
 
 
-def parameters_problem(title: str, parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong with the parameters of a built-in simulation, None when nothing is."""
+def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong with the parameters of a simulation that is here, None when nothing is."""
     from swarmwright import _engine
 
     try:
+        text = json.dumps(parameters, allow_nan=False)
+        if is_own(simulation):
+            from swarmwright._own._parameter import filled_in
+
+            filled_in(_own_description(simulation).parameters, parameters)
+            return None
         with engine_errors():
-            _engine.check_parameters(title, json.dumps(parameters, allow_nan=False))
+            _engine.check_parameters(simulation, text)
     except InputError as error:
         return str(error)
     except ValueError:

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from swarmwright._document import DEFAULT_KINDS, Document, Requirements
-from swarmwright._errors import InputError
+from swarmwright._errors import InputError, SwarmwrightError
 from swarmwright._fitness import FitnessExpression
 from swarmwright._options import Options
 from swarmwright._parameter_files import resolve
@@ -33,8 +33,10 @@ Checked = dict[str, Any]
 """Key -> checked value; the sections named in REGISTRIES as their own options."""
 
 
-def check(source: Source) -> Checked:
+def check(source: Source, *, ask: bool = True) -> Checked:
     """Check what a file (or mapping) says.
+
+    ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
 
     Raise InputError with every problem, a line each, in the file's order.
     """
@@ -51,7 +53,8 @@ def check(source: Source) -> Checked:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
         folder = Path(source.name).parent if source.name else Path()
-        checked = _check_values(_with_files(values, folder, report), report)
+        here = _with_simulation(values, folder, report, ask=ask)
+        checked = _check_values(_with_files(values, folder, report), here, report)
     if problems:
         broken = {path for path, line, _ in problems if line}
         lines = [
@@ -79,6 +82,26 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
     return Source(source.name, lines={path: line}).place(path) + message
 
 
+def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
+    """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
+    from swarmwright import _simulations
+    from swarmwright._own._names import absolute, is_own
+
+    simulation = values.get("simulation")
+    if not isinstance(simulation, str):
+        return False
+    if not is_own(simulation):
+        return simulation in _simulations.titles()
+    values["simulation"] = absolute(simulation, folder)
+    if ask:
+        try:
+            _simulations.description(values["simulation"])
+        except SwarmwrightError as error:
+            report(("simulation",), str(error))
+            return False
+    return ask
+
+
 def _with_files(values: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
     """Return the values with files in the place of parameters that are too large to stand there."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
@@ -90,7 +113,7 @@ def _with_files(values: dict[str, Any], folder: Path, report: Report) -> dict[st
     return {**values, "parameters": resolved}
 
 
-def _check_values(values: dict[str, Any], report: Report) -> Checked:
+def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked:
     checked: Checked = {}
     try:
         document = Document.model_validate(values)
@@ -105,12 +128,12 @@ def _check_values(values: dict[str, Any], report: Report) -> Checked:
     _check_reevaluation(checked, report)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
-        _check_parameters(values["simulation"], dict(parameters), report)
+        _check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
-        _fill_in(checked, report)
+        _fill_in(checked, here, report)
         representation = _check_representation(checked, report)
         _check_method(checked, representation, report)
-        _check_evolved(checked, report)
+        _check_evolved(checked, here, report)
     return checked
 
 
@@ -207,31 +230,34 @@ def _check_method(checked: Checked, representation: Representation | None, repor
             report(("method", name), reason)
 
 
-def _check_evolved(checked: Checked, report: Report) -> None:
+def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
     """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
     from swarmwright._evolved import problems
     from swarmwright.representations.parameter_set import ParameterSetOptions
 
     options = checked.get("controller")
     if isinstance(options, ParameterSetOptions):
-        for path, message in problems(checked["simulation"], checked["parameters"], options.parameters):
+        for path, message in problems(
+            checked["simulation"], checked["parameters"], options.parameters, here=here
+        ):
             report(path, message)
 
 
-def _check_parameters(simulation: str, parameters: dict[str, Any], report: Report) -> None:
+def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
     from swarmwright import _simulations
 
     for path, problem in _unsendable(parameters, ("parameters",)):
         report(path, problem)
         return
-    if simulation not in _simulations.titles():
+    if simulation is None:
         return
     from swarmwright._evolved import unknown
 
     known = _simulations.parameter_names(simulation)
     for key, problem in unknown(simulation, parameters):
         report(("parameters", key), problem)
-    given = {key: value for key, value in parameters.items() if key in known}
+    everything = _simulations.takes_any(simulation)
+    given = {key: value for key, value in parameters.items() if everything or key in known}
     wrong = _simulations.parameters_problem(simulation, given)
     if wrong is not None:
         place, _, reason = wrong.removeprefix("parameter ").partition(": ")
@@ -260,11 +286,11 @@ def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa
         yield path, f"a value of the type {type(value).__name__} cannot be sent to a simulation"
 
 
-def _fill_in(checked: Checked, report: Report) -> None:
-    """Write out what a built-in simulation announces; check that the file does not contradict it."""
+def _fill_in(checked: Checked, here: bool, report: Report) -> None:
+    """Write out what a simulation that can be asked announces; check that the file does not contradict it."""
     from swarmwright import _simulations
 
-    if checked["simulation"] not in _simulations.titles():
+    if not here:
         checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
         return
     announced = _simulations.description(checked["simulation"])
@@ -274,11 +300,11 @@ def _fill_in(checked: Checked, report: Report) -> None:
         elif checked[name] != announced[name]:
             report(
                 (name,),
-                f"{checked['simulation']} has {announced[name]}, not {checked[name]}; leave the key out",
+                f"{announced['title']} has {announced[name]}, not {checked[name]}; leave the key out",
             )
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
     if checked["fitness"] is not None:
         known = list(announced["metrics"])
-        problem = FitnessExpression(checked["fitness"]).unknown(known, checked["simulation"])
+        problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
         if problem is not None:
             report(("fitness",), problem)

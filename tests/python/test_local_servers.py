@@ -14,7 +14,7 @@ from swarmwright._local_servers import LocalServers, automatic_count
 
 
 def settings(broker: str, identifier: int = 1) -> dict[str, Any]:
-    return {"title": "minisim", "broker": broker, "id": identifier, "prefix": "", "step_timeout": 5.0}
+    return {"simulation": "minisim", "broker": broker, "id": identifier, "prefix": "", "step_timeout": 5.0}
 
 
 def listed(broker: str) -> dict[int, str]:

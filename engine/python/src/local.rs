@@ -18,7 +18,7 @@ const PART: Duration = Duration::from_millis(30);
 /// Evaluations of the first part, which tells how long they take.
 const FIRST: usize = 64;
 /// Pause between two reports.
-const REPORT: Duration = Duration::from_millis(100);
+pub const REPORT: Duration = Duration::from_millis(100);
 
 /// Instruction sets that this processor has.
 #[pyfunction]

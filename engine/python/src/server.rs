@@ -10,15 +10,15 @@ use swarmwright_worlds::{TextStyle, render};
 use swarmwright_wrapper::{Notice, Options, Scene, SimulationServer};
 
 use crate::errors::{engine, input};
-use crate::worlds::create;
+use crate::simulation::any;
 
-/// Offers a built-in simulation until interrupted.
+/// Offers a simulation until interrupted.
 #[pyfunction]
-#[pyo3(signature = (title, broker, *, id, prefix="", step_timeout=60.0, display=true, alone=false, on_event=None))]
+#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=60.0, display=true, alone=false, on_event=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn serve(
     py: Python<'_>,
-    title: &str,
+    simulation: &Bound<'_, PyAny>,
     broker: &str,
     id: u64,
     prefix: &str,
@@ -27,7 +27,7 @@ pub fn serve(
     alone: bool,
     on_event: Option<Py<PyAny>>,
 ) -> PyResult<()> {
-    let simulation = create(title)?;
+    let simulation = any(simulation)?;
     let options = Options {
         id,
         settings: Settings::from_environment(broker).map_err(input)?,

@@ -3,6 +3,7 @@
 mod block;
 mod counter;
 mod emergency_exit;
+mod failure;
 mod minisim;
 mod parameters;
 mod registry;
@@ -12,6 +13,7 @@ mod text;
 
 pub use block::{Block, Means};
 pub use emergency_exit::EmergencyExit;
+pub use failure::{Failure, fail};
 pub use minisim::Minisim;
 pub use parameters::ParameterReader;
 pub use registry::{create, describe, description, evaluate, titles};

@@ -2,9 +2,17 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use swarmwright_worlds::Failure;
+
 /// Runs the simulation's code; its panics become an error, so that one candidate cannot end the server.
-pub(crate) fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+///
+/// # Errors
+/// What the simulation said by [`fail`](swarmwright_worlds::fail), or that it panicked.
+pub fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(call)).map_err(|cause| {
+        if let Some(Failure(reason)) = cause.downcast_ref() {
+            return reason.clone();
+        }
         let text = cause
             .downcast_ref::<&str>()
             .map(ToString::to_string)

@@ -20,10 +20,12 @@ mod notice;
 mod run;
 mod server;
 
+pub use guard::guarded;
 pub use identity::Identity;
 pub use job::{Done, Job};
 pub use machine::{Action, Machine, Notice};
 pub use server::{Options, ServeError, SimulationServer};
 pub use swarmwright_worlds::{
-    Block, Body, Description, Means, ParameterError, Parameters, RolloutError, Scene, Simulation,
+    Block, Body, Description, Failure, Means, ParameterError, Parameters, RolloutError, Scene,
+    Simulation, fail,
 };

@@ -104,7 +104,7 @@ fn an_episode_without_agents_has_its_fitness_at_once() {
 
 #[test]
 fn an_episode_that_fails_is_named_and_the_others_go_on() {
-    for trouble in ["panic", "reset", "sensor", "fitness"] {
+    for trouble in ["panic", "fail", "reset", "sensor", "fitness"] {
         let mut server = Server::of_walks();
         let mut message = batch(1);
         message.seeds = U64s(vec![1, 3, 4, 6, 7]);

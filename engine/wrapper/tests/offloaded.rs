@@ -316,7 +316,8 @@ fn requests_for_other_servers_and_leftovers_are_not_read() {
 #[test]
 fn an_episode_that_fails_is_named_and_the_others_count() {
     for (trouble, reason) in [
-        ("panic", "a wall came down"),
+        ("panic", "the simulation panicked: a wall came down"),
+        ("fail", "no way on"),
         ("reset", "no start"),
         ("sensor", "sensors[1]"),
         ("fitness", "NaN"),

@@ -41,7 +41,7 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     right.grid(visible=False, axis="x")
     right.set_xlabel("group", fontsize=11, color=INK)
     right.set_title(_verdict(comparison), loc="left", fontsize=10, color=SOFT)
-    simulations = sorted({one.runs[0].experiment.simulation for one in groups})
+    simulations = sorted({one.runs[0].experiment.label for one in groups})
     figure.suptitle(
         f"{', '.join(simulations)}: {sum(len(one.runs) for one in groups)} runs",
         x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,

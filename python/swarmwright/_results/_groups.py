@@ -144,4 +144,4 @@ def _shortest(key: str, differs: Mapping[str, Any]) -> str:
 
 def _name(experiment: Experiment) -> str:
     method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
-    return f"{experiment.simulation}, {method}"
+    return f"{experiment.label}, {method}"

@@ -36,7 +36,7 @@ def draw(run: Run, *, x: str = "evaluations") -> "Figure":
     method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
     failed = sum(one.failed for one in history)
     figure.suptitle(
-        f"{experiment.simulation}: {method} evolves a {experiment.controller.kind} controller",
+        f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller",
         x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
     upper.set_title(

@@ -84,7 +84,7 @@ class Replay:
     @property
     def title(self) -> str:
         """What is played, in a line."""
-        return f"{self.run.experiment.simulation}: {self._who}{self._which}"
+        return f"{self.run.experiment.label}: {self._who}{self._which}"
 
     @property
     def _who(self) -> str:

@@ -73,7 +73,7 @@ class StoreWriter:
             raise
         facts = {
             "experiment": json.dumps(experiment.to_mapping(), allow_nan=False),
-            "name": experiment.path.stem if experiment.path is not None else experiment.simulation,
+            "name": experiment.path.stem if experiment.path is not None else experiment.label,
             "metrics": json.dumps(list(metrics)),
             "created": _now(),
         }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright._own._names import is_own
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import Progress, duration, progress
 from swarmwright.cli._signals import INTERRUPTED, check
@@ -138,6 +139,8 @@ def _conclude(output: Output, run: "Run") -> None:
     for name, meaning in FILES.items():
         if (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")
+    if is_own(run.experiment.simulation):
+        return  # it has nothing to show
     output.text()
     output.text("See the best controller at work:")
     folder = shlex.quote(str(run.path))

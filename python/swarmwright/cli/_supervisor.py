@@ -21,7 +21,7 @@ GRACE = 5.0
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a server reported: `ready`, `busy`, `warning`, `lost` or `error`."""
+    """Something that a server reported: `ready`, `busy`, `warning`, `failure`, `lost` or `error`."""
 
     server: int
     pid: int
@@ -53,7 +53,8 @@ class _Child:
 class Supervisor:
     """Processes that each run `_engine.serve`; a context manager that stops them all.
 
-    settings: one mapping of `_engine.serve`'s arguments per server, with its `id`.
+    settings: one mapping of `_engine.serve`'s arguments per server, with its `id`; a simulation in Python
+    by its class.
     """
 
     def __init__(self, settings: Sequence[Mapping[str, Any]]) -> None:

@@ -70,7 +70,7 @@ def command(
         experiment = run.experiment
         drawn = figure(
             specification,
-            title=f"{experiment.simulation}: candidate {chosen.candidate} of generation {chosen.generation}, "
+            title=f"{experiment.label}: candidate {chosen.candidate} of generation {chosen.generation}, "
             f"fitness {chosen.fitness + 0.0:.4g}",
             simulation=simulation or experiment.simulation,
             options=experiment.controller.model_dump(),

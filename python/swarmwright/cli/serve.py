@@ -19,7 +19,9 @@ LARGEST_ID = 2**31 - 1
 
 
 @click.command(
-    "serve", cls=Command, example="swarmwright serve minisim --broker mqtt://localhost:1883 --count 4"
+    "serve",
+    cls=Command,
+    example="swarmwright serve minisim --count 4\nswarmwright serve gather.py:Gather --broker mqtt://localhost:1883",
 )
 @click.argument("simulation", metavar="SIMULATION")
 @broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
@@ -52,22 +54,21 @@ def command(
     step_timeout: float,
     as_json: bool,
 ) -> int:
-    """Offer a built-in SIMULATION on a broker until Ctrl-C.
+    """Offer a SIMULATION on a broker until Ctrl-C.
+
+    SIMULATION is the title of one that is built in, or a class in Python, as path/to/file.py:Class or
+    package.module:Class, which derives from swarmwright.Simulation.
 
     Every server is a process of its own and serves one optimization tool at a time.
     """
-    from swarmwright import _engine
-
-    known = _engine.simulations()
-    if simulation not in known:
-        raise click.UsageError(unknown("simulation", simulation, known))
+    title = _title(simulation)
     if first is None:
         first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
     elif first + count - 1 > LARGEST_ID:
         raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
-    shared = {"title": simulation, "broker": broker, "prefix": prefix, "step_timeout": step_timeout}
+    shared = {"simulation": simulation, "broker": broker, "prefix": prefix, "step_timeout": step_timeout}
     settings = [{**shared, "id": first + i} for i in range(count)]
-    reporter = Reporter(Output(as_json=as_json), simulation, broker)
+    reporter = Reporter(Output(as_json=as_json), title, broker)
     try:
         with Supervisor(settings) as servers:
             for item in servers.news():
@@ -75,6 +76,21 @@ def command(
     except Terminated:
         pass  # SIGTERM is how a service is asked to end
     return reporter.status
+
+
+def _title(simulation: str) -> str:
+    """The title of what is to be offered; complains before any server is started."""
+    from swarmwright import _simulations
+    from swarmwright._own._names import is_own
+
+    if is_own(simulation):
+        return _simulations.title(simulation)
+    known = _simulations.titles()
+    if simulation not in known:
+        raise click.UsageError(
+            f"{unknown('simulation', simulation, known)}; a class in Python is named like file.py:Class"
+        )
+    return simulation
 
 
 class Reporter:
@@ -99,6 +115,10 @@ class Reporter:
             self._errors[item.server] = str(item.report.get("message"))
             return
         self._output.json({"server": item.server, "pid": item.pid, **item.report})
+        if item.report.get("event") == "failure":
+            self._output.text(f"server {item.server}: {item.report['message']}")
+            self._output.text("\n".join(f"  {line}" for line in str(item.report["traceback"]).splitlines()))
+            return
         line = self._sentence(item.server, item.pid, item.report)
         if line != self._last.get(item.server):
             self._output.text(line)

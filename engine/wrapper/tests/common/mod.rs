@@ -9,7 +9,9 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s,
     Message, ToServer, ToTool, Topic, Topics, U64s,
 };
-use swarmwright_worlds::{Description, Means, MetricInfo, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{
+    Description, Means, MetricInfo, ParameterError, Parameters, Simulation, fail,
+};
 use swarmwright_wrapper::{Action, Identity, Job, Machine, Notice};
 
 pub const ID: u64 = 7;
@@ -103,6 +105,9 @@ impl Simulation for Walk {
 
     fn step(&mut self, actuators: &[f32]) {
         assert!(!self.is_in("panic"), "a wall came down");
+        if self.is_in("fail") {
+            fail("no way on".to_owned());
+        }
         for (agent, actuator) in self.acting.iter().zip(actuators) {
             self.sum = self.sum * 1.1 + f64::from(*actuator) * f64::from(agent + 1);
         }

@@ -1,0 +1,302 @@
+//! Simulations written in Python: what `swarmwright._own._host.Host` says becomes a [`Simulation`].
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+use serde_json::Value;
+use swarmwright_controllers::Controller;
+use swarmwright_pool::check_work;
+use swarmwright_worlds::{
+    Block, Description, MetricInfo, ParameterError, Parameters, RolloutError, Simulation, fail,
+    measure, rollout,
+};
+use swarmwright_wrapper::guarded;
+
+use crate::errors::{InputError, input, object};
+use crate::genomes::rows;
+use crate::local::REPORT;
+use crate::results::{Fitness, Metrics, apart, arrays};
+use crate::worlds::create;
+
+/// A simulation from Python: the title of a built-in one, or a host.
+pub fn any(simulation: &Bound<'_, PyAny>) -> PyResult<Box<dyn Simulation>> {
+    if simulation.is_instance_of::<PyString>() {
+        create(&simulation.extract::<String>()?)
+    } else {
+        Ok(Box::new(Hosted::new(simulation.clone())?))
+    }
+}
+
+/// A simulation whose code is Python's. What that says has been checked by the host.
+struct Hosted {
+    host: Py<PyAny>,
+    description: Description,
+    copies: bool,
+    agents: usize,
+    acting: Vec<u32>,
+    done: bool,
+    /// (agents, sensors), row-major.
+    observations: Vec<f32>,
+}
+
+/// What `reset` and `step` of a host return: the agents that act next, (agents, sensors), whether the episode has ended.
+type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
+
+/// Why a call did not return anything.
+enum Trouble {
+    /// The parameters are refused.
+    Refused(String),
+    Failed(String),
+}
+
+impl Hosted {
+    fn new(host: Bound<'_, PyAny>) -> PyResult<Self> {
+        let metrics: Vec<(String, String)> = host.getattr("metrics")?.extract()?;
+        Ok(Self {
+            description: Description {
+                title: host.getattr("title")?.extract()?,
+                dimensions: host.getattr("dimensions")?.extract()?,
+                max_agents: host.getattr("max_agents")?.extract()?,
+                sensors: host.getattr("sensors")?.extract()?,
+                actuators: host.getattr("actuators")?.extract()?,
+                metrics: metrics.into_iter().map(metric).collect(),
+            },
+            copies: host.getattr("copies")?.extract()?,
+            host: host.unbind(),
+            agents: 0,
+            acting: Vec::new(),
+            done: true,
+            observations: Vec::new(),
+        })
+    }
+
+    /// Runs Python's code; its exceptions become a reason.
+    fn call<T>(&self, call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, Trouble> {
+        Python::attach(|py| {
+            call(self.host.bind(py)).map_err(|error| {
+                if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+                    // It is for whoever waits for the episode; there it arrives again.
+                    let again = py
+                        .import("_thread")
+                        .and_then(|m| m.call_method0("interrupt_main"));
+                    return Trouble::Failed(
+                        again.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned()),
+                    );
+                }
+                let reason = error.value(py).to_string();
+                if error.is_instance_of::<InputError>(py) {
+                    Trouble::Refused(reason)
+                } else {
+                    Trouble::Failed(reason)
+                }
+            })
+        })
+    }
+
+    /// A call after which agents act.
+    fn proceed(
+        &mut self,
+        call: impl for<'py> FnOnce(&Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>>,
+    ) -> Result<(), Trouble> {
+        let (mut acting, mut observations) = (
+            std::mem::take(&mut self.acting),
+            std::mem::take(&mut self.observations),
+        );
+        acting.clear();
+        observations.clear();
+        // An episode whose code failed has ended.
+        self.done = true;
+        (self.agents, self.done) = self.call(|host| {
+            let returned = call(host)?;
+            let (agents, rows, done): Seen<'_> = returned.extract()?;
+            acting.extend(agents.as_array());
+            observations.extend(rows.as_array());
+            Ok((rows.shape()[0], done))
+        })?;
+        (self.acting, self.observations) = (acting, observations);
+        Ok(())
+    }
+}
+
+/// A metric by its name and description.
+fn metric((name, description): (String, String)) -> MetricInfo {
+    MetricInfo {
+        name: name.into(),
+        unit: "".into(),
+        description: description.into(),
+    }
+}
+
+/// Ends the episode with the reason.
+fn or_fail<T>(result: Result<T, Trouble>) -> T {
+    match result {
+        Ok(value) => value,
+        Err(Trouble::Refused(reason) | Trouble::Failed(reason)) => fail(reason),
+    }
+}
+
+impl Simulation for Hosted {
+    fn description(&self) -> Description {
+        self.description.clone()
+    }
+
+    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        let text = Value::Object(parameters.clone()).to_string();
+        match self.proceed(|host| host.call_method1("reset", (text,))) {
+            Err(Trouble::Refused(text)) => {
+                let (name, reason) = text.split_once(": ").unwrap_or(("", &text));
+                Err(ParameterError {
+                    name: name.to_owned(),
+                    reason: reason.to_owned(),
+                })
+            }
+            other => {
+                or_fail(other);
+                Ok(())
+            }
+        }
+    }
+
+    fn acting(&self) -> &[u32] {
+        &self.acting
+    }
+
+    fn done(&self) -> bool {
+        self.done
+    }
+
+    fn sense(&self, agent: u32, sensors: &mut [f32]) {
+        let first = agent as usize * self.description.sensors;
+        if let Some(row) = self.observations.get(first..first + sensors.len()) {
+            sensors.copy_from_slice(row);
+        }
+    }
+
+    fn step(&mut self, actuators: &[f32]) {
+        let (agents, width) = (self.agents, self.description.actuators);
+        let mut all = vec![0.0; agents * width];
+        for (agent, row) in self.acting.iter().zip(actuators.chunks_exact(width)) {
+            all[*agent as usize * width..][..width].copy_from_slice(row);
+        }
+        or_fail(self.proceed(|host| {
+            let actions = PyArray1::from_vec(host.py(), all).reshape([agents, width])?;
+            host.call_method1("step", (actions,))
+        }));
+    }
+
+    fn fitness(&self) -> f64 {
+        or_fail(self.call(|host| host.call_method0("fitness")?.extract()))
+    }
+
+    fn metrics(&self) -> Vec<f64> {
+        or_fail(self.call(|host| host.call_method0("measure")?.extract()))
+    }
+
+    fn duplicate(&self) -> Option<Box<dyn Simulation>> {
+        if !self.copies {
+            return None;
+        }
+        let another = self.call(|host| Self::new(host.call_method0("another")?));
+        Some(Box::new(or_fail(another)))
+    }
+}
+
+/// Candidate, episode, reason.
+type EpisodeFailure = (usize, usize, String);
+
+/// Evaluates controllers on a host in this process.
+#[pyfunction]
+#[pyo3(signature = (simulation, parameters, architecture, genomes, seeds, on_progress=None, *, metrics=None))]
+#[expect(
+    clippy::needless_pass_by_value,
+    clippy::too_many_arguments,
+    reason = "pyo3 hands arguments over by value, keywords in Python"
+)]
+pub fn evaluate_own<'py>(
+    py: Python<'py>,
+    simulation: Bound<'py, PyAny>,
+    parameters: &str,
+    architecture: &str,
+    genomes: PyReadonlyArray2<'py, f32>,
+    seeds: Vec<u64>,
+    on_progress: Option<Py<PyAny>>,
+    metrics: Option<Vec<String>>,
+) -> PyResult<(Fitness<'py>, Metrics<'py>, Vec<EpisodeFailure>)> {
+    // Nothing is detached: the simulation's code needs the interpreter all the time.
+    let mut simulation = Hosted::new(simulation)?;
+    let metrics = simulation
+        .description
+        .metrics_named(&metrics.unwrap_or_default())
+        .map_err(input)?;
+    let parameters = object("parameters", parameters)?;
+    let rows = rows(architecture, &genomes)?;
+    let architecture = check_work(architecture, &rows, &seeds).map_err(input)?;
+    let block = Block {
+        architecture: &architecture,
+        genomes: &rows,
+        parameters: &parameters,
+        seeds: &seeds,
+        metrics: &metrics,
+    };
+    let shared = Arc::new(architecture.clone());
+    let episodes: Vec<Parameters> = (0..seeds.len()).map(|e| block.parameters_of(e)).collect();
+    let numbers = block.numbers();
+    let mut results = Vec::with_capacity(block.len() * numbers);
+    let mut failures = Vec::new();
+    let mut reported = Instant::now();
+    for candidate in 0..block.candidates() {
+        let controller =
+            Controller::with_weights(&shared, block.genome(candidate).into()).map_err(input)?;
+        for (episode, parameters) in episodes.iter().enumerate() {
+            let first = results.len();
+            results.resize(first + numbers, f64::NAN);
+            let place = &mut results[first..];
+            let failure = evaluated(&mut simulation, parameters, &controller, &metrics, place)
+                .map_err(input)?;
+            py.check_signals()?;
+            if let Some(reason) = failure {
+                results[first..].fill(f64::NAN);
+                failures.push((candidate, episode, reason));
+            }
+            let done = results.len() / numbers;
+            if reported.elapsed() >= REPORT || done == block.len() {
+                reported = Instant::now();
+                if let Some(call) = &on_progress {
+                    call.call1(py, (done, block.len(), ""))?;
+                }
+            }
+        }
+    }
+    let shape = [block.candidates(), seeds.len(), metrics.len()];
+    let (fitness, values) = apart(results, numbers);
+    let (fitness, values) = arrays(py, fitness, values, shape)?;
+    Ok((fitness, values, failures))
+}
+
+/// Writes the fitness of an episode and its metrics; returns why it failed.
+///
+/// # Errors
+/// Parameters or a controller with which no episode could go well.
+fn evaluated(
+    simulation: &mut Hosted,
+    parameters: &Parameters,
+    controller: &Controller,
+    metrics: &[usize],
+    results: &mut [f64],
+) -> Result<Option<String>, RolloutError> {
+    let run = || {
+        results[0] = rollout(simulation, parameters, controller)?;
+        measure(simulation, metrics, &mut results[1..]);
+        Ok(())
+    };
+    match guarded(run) {
+        Ok(Ok(())) => Ok(None),
+        Ok(Err(error @ RolloutError::Controller { .. })) => Ok(Some(error.to_string())),
+        Ok(Err(error)) => Err(error),
+        Err(reason) => Ok(Some(reason)),
+    }
+}

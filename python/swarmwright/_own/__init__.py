@@ -1,0 +1,1 @@
+"""Simulations that users write in Python."""

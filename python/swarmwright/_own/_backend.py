@@ -1,0 +1,34 @@
+"""Evaluation of a user's simulation in this process."""
+
+from collections.abc import Sequence
+
+from swarmwright import _engine
+from swarmwright._backend import Crews, LocalBackend, Progress, Results
+from swarmwright._experiment import Experiment
+from swarmwright._own._host import Host
+from swarmwright._own._load import load
+
+
+class OwnBackend(LocalBackend):
+    """Runs one episode after the other, without broker and servers."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        super().__init__(experiment)
+        self._host = Host(load(experiment.simulation))
+
+    def compute(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results, NaN where the code failed, and why it did. Raises the engine's errors."""
+        fitness, metrics, failures = _engine.evaluate_own(
+            self._host,
+            self.parameters,
+            crews.architecture,
+            crews.weights,
+            list(seeds),
+            on_progress,
+            metrics=self.metrics,
+        )
+        journal = [
+            {"warning": f"candidate {candidate}, episode {episode} failed: {reason}", "error": reason}
+            for candidate, episode, reason in failures
+        ]
+        return Results(fitness, metrics, journal)

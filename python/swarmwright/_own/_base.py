@@ -1,0 +1,113 @@
+"""The class that a simulation in Python derives from."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+class Simulation(ABC):
+    """A simulation: agents sense, controllers compute, agents act, until the episode ends with a fitness.
+
+        class Gather(Simulation):
+            title, dimensions, sensors, actuators = "gather", 1, 1, 1
+
+            def reset(self, parameters, seed):
+                self.x = np.random.default_rng(seed).uniform(-1, 1, (5, 1))
+                self.steps = 0
+                return self.x
+
+            def step(self, actions):
+                self.x += 0.1 * actions
+                self.steps += 1
+                return self.x
+
+            def done(self):
+                return self.steps == 30
+
+            def fitness(self):
+                return -float(np.abs(self.x).mean())
+
+    `swarmwright serve file.py:Gather` makes simulation servers of it; an experiment names it by its title, or
+    as `simulation: file.py:Gather` and then starts the servers by itself.
+
+    One object runs one episode at a time, any number in turn: `reset`, then `step` until `done`, then
+    `fitness`. It is made without arguments. An exception ends the episode: its evaluation has failed, the
+    next one begins with `reset`. For runs that can be repeated, whatever happens must follow from the
+    parameters and the seed.
+    """
+
+    title: str = ""
+    """The name in discovery, which experiments may give; default: the name of the class in small letters."""
+    dimensions: int = 2
+    """Spatial dimensions, which experiments may require."""
+    max_agents: int | None = None
+    """Most agents that are possible; None: no limit."""
+    sensors: int
+    """Numbers that an agent senses, at least 1."""
+    actuators: int
+    """Numbers that an agent is steered by, at least 1."""
+    parameters: Mapping[str, Any] = {}
+    """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
+
+    Where any are declared, an experiment that names the class cannot set others."""
+    metrics: Sequence[str] | Mapping[str, str] = ()
+    """What `measure` returns: names, or name -> description. Experiments can make the fitness of them."""
+    copies: bool = True
+    """Whether one process can have several objects of this class, whose episodes are then stepped side by
+    side in the mode `batched`. False for those that hold something there is only one of: a window, a robot, a
+    port."""
+
+    @abstractmethod
+    def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike:
+        """Go to the start of an episode.
+
+        Args:
+            parameters: those of the experiment; those that are declared have been checked, and have their
+                defaults when they were left out.
+            seed: of the episode, 0 to 2**64 - 1; the only source of chance.
+
+        Returns:
+            Observations, (agents, sensors), finite: a row for each agent. Numbers are rounded to binary32.
+
+        Raises:
+            swarmwright.InputError: the parameters cannot be used, "name: why"; no other episode is tried with
+            them.
+        """
+
+    @abstractmethod
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike:
+        """Go on by one step.
+
+        Args:
+            actions: (agents, actuators), float32, -1 to 1; rows of agents that did not act are 0.
+
+        Returns:
+            Observations as from `reset`, with as many rows. Rows of agents that do not act next do not count,
+            and none does when the episode is done.
+        """
+
+    @abstractmethod
+    def done(self) -> bool:
+        """Return whether the episode has ended; asked after `reset` and after every step."""
+
+    @abstractmethod
+    def fitness(self) -> float:
+        """Return how well it went, more is better, finite; asked when the episode has ended."""
+
+    def measure(self) -> Mapping[str, float]:
+        """Return the metrics of the episode, all that `metrics` names, finite.
+
+        Asked when the episode has ended, only where an experiment wants them.
+        """
+        return {}
+
+    def acting(self) -> ArrayLike | None:
+        """Return who acts next: indices of agents, or (agents,) booleans; None, the default, for all.
+
+        Leave out agents that have dropped out. Where agents act one after the other, return one at a time.
+        While nobody acts the simulation goes on by itself: it is stepped until it is done.
+        """
+        return None

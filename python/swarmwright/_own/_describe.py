@@ -1,0 +1,92 @@
+"""What a user's simulation says of itself, checked."""
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright._errors import InputError
+from swarmwright._own._base import Simulation
+from swarmwright._own._parameter import Parameter, declared
+
+_LARGEST = 1_000_000
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a simulation says of itself; see the attributes of `Simulation`."""
+
+    title: str
+    dimensions: int
+    max_agents: int | None
+    sensors: int
+    actuators: int
+    parameters: Mapping[str, Parameter]
+    metrics: Mapping[str, str]
+    copies: bool
+
+    def plain(self) -> dict[str, Any]:
+        """Return what `_engine.describe` says of a built-in simulation."""
+        return {
+            "title": self.title,
+            "dimensions": self.dimensions,
+            "max_agents": self.max_agents,
+            "sensors": self.sensors,
+            "actuators": self.actuators,
+            "parameters": {
+                name: {"type": one.kind, "default": one.default, "description": one.description}
+                for name, one in self.parameters.items()
+            },
+            "metrics": {name: {"unit": "", "description": text} for name, text in self.metrics.items()},
+        }
+
+
+def describe(simulation: Simulation) -> Description:
+    """Ask a simulation. Raises InputError, naming class and attribute, for what cannot be."""
+    where = type(simulation).__name__
+    title: Any = simulation.title or where.lower()
+    if not isinstance(title, str) or len(title) > 1000:
+        raise InputError(f"{where}.title: {title!r} found, expected text of at most 1000 characters")
+    parameters = declared(simulation.parameters, where)
+    for name, one in parameters.items():
+        try:
+            json.dumps(one.default, allow_nan=False)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{where}.parameters[{name!r}]: default: {one.default!r} found, expected what JSON can hold"
+            ) from None
+    most = simulation.max_agents
+    return Description(
+        title=title,
+        dimensions=_count(where, "dimensions", simulation.dimensions, least=0),
+        max_agents=None if most is None else _count(where, "max_agents", most),
+        sensors=_count(where, "sensors", getattr(simulation, "sensors", None)),
+        actuators=_count(where, "actuators", getattr(simulation, "actuators", None)),
+        parameters=parameters,
+        metrics=_metrics(where, simulation.metrics),
+        copies=bool(simulation.copies),
+    )
+
+
+def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the class says
+    """Return name -> description."""
+    if isinstance(metrics, str) or not isinstance(metrics, Iterable):
+        raise InputError(f"{where}.metrics: {metrics!r} found, expected names, or names with descriptions")
+    named = dict(metrics) if isinstance(metrics, Mapping) else dict.fromkeys(metrics, "")
+    for name, text in named.items():
+        if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "fitness":
+            raise InputError(
+                f"{where}.metrics: {name!r} found, "
+                "expected a letter or _, then letters, digits and _; fitness is the simulation's own"
+            )
+        if not isinstance(text, str):
+            raise InputError(f"{where}.metrics[{name!r}]: {text!r} found, expected a description")
+    return named
+
+
+def _count(where: str, name: str, value: Any, *, least: int = 1) -> int:  # noqa: ANN401 - whatever the class says
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= _LARGEST:
+        raise InputError(f"{where}.{name}: {value!r} found, expected an integer from {least} to {_LARGEST}")
+    return value

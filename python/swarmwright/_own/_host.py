@@ -1,0 +1,258 @@
+"""Runs the code of a user's simulation for the engine: checks what it returns, explains what it raises."""
+
+import contextlib
+import json
+import math
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+from swarmwright._errors import InputError, SimulationError
+from swarmwright._own._base import Simulation
+from swarmwright._own._describe import Description, describe
+from swarmwright._own._parameter import filled_in
+
+Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
+"""The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""
+
+_REMEMBERED = 100
+"""Different failures that are reported, so that each is reported once."""
+
+
+class Host:
+    """One object of a simulation's class, as the engine steps it.
+
+    Args:
+        kind: the class.
+        report: gets (reason, traceback) of a failure, once for each reason.
+        description: of the class; default: asked.
+
+    Raises InputError when the class does not describe itself properly.
+
+    """
+
+    def __init__(
+        self,
+        kind: type[Simulation],
+        report: Callable[[str, str], None] | None = None,
+        description: Description | None = None,
+    ) -> None:
+        self._kind = kind
+        self._report = report or (lambda _reason, _traceback: None)
+        self._reported: set[str] = set()
+        self._simulation: Simulation | None = None
+        if description is None:
+            with self._explained("__init__"):
+                self._simulation = kind()
+            description = describe(self._simulation)
+        self.description = description
+        self.title = description.title
+        self.dimensions = description.dimensions
+        self.max_agents = description.max_agents
+        self.sensors = description.sensors
+        self.actuators = description.actuators
+        self.copies = description.copies
+        self.metrics = list(description.metrics.items())
+        self._agents = 0
+
+    def another(self) -> "Host":
+        """Return a host with an object of its own, which is made when it is reset."""
+        other = Host(self._kind, self._report, self.description)
+        other._reported = self._reported
+        return other
+
+    def reset(self, parameters: str) -> Seen:
+        """Go to the start of an episode.
+
+        parameters: JSON object; its `seed` is the episode's, default 0. Raises the engine's InputError for
+        parameters that are refused, SimulationError when the code fails.
+        """
+        given: dict[str, Any] = json.loads(parameters)
+        try:
+            seed = _seed(given.pop("seed", 0))
+            values = filled_in(self.description.parameters, given)
+        except InputError as error:
+            raise _engine.InputError(str(error)) from None
+        if self._simulation is None:
+            with self._explained("__init__"):
+                self._simulation = self._kind()
+        with self._explained("reset", refusing=True):
+            returned = self._simulation.reset(values, seed)
+        return self._seen("reset", returned, first=True)
+
+    def step(self, actions: NDArray[np.float32]) -> Seen:
+        """Go on by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
+        with self._explained("step"):
+            returned = self._running.step(actions)
+        return self._seen("step", returned, first=False)
+
+    def fitness(self) -> float:
+        """Return the fitness. Raises SimulationError when the code fails."""
+        with self._explained("fitness"):
+            returned = self._running.fitness()
+        value = _number(returned)
+        if not math.isfinite(value):
+            self._fail(f"fitness: {_short(returned)} returned, expected a finite number")
+        return value
+
+    def measure(self) -> list[float]:
+        """Return the metrics, in the order of `metrics`. Raises SimulationError when the code fails."""
+        with self._explained("measure"):
+            returned = self._running.measure()
+        if not isinstance(returned, Mapping):
+            self._fail(f"measure: {_short(returned)} returned, expected a mapping from names to numbers")
+        values = []
+        for name, _ in self.metrics:
+            if name not in returned:
+                self._fail(f"measure: {_short(dict(returned))} returned, which lacks {name!r}")
+            values.append(_number(returned[name]))
+            if not math.isfinite(values[-1]):
+                self._fail(f"measure: {name!r} is {_short(returned[name])}, expected a finite number")
+        return values
+
+    @property
+    def _running(self) -> Simulation:
+        assert self._simulation is not None, "reset comes first"
+        return self._simulation
+
+    def _seen(self, method: str, returned: Any, *, first: bool) -> Seen:  # noqa: ANN401 - whatever it returns
+        """Check observations; ask who acts."""
+        with self._explained("done"):
+            done = bool(self._running.done())
+        if done and not first:
+            return np.empty(0, np.uint32), np.empty((self._agents, self.sensors), np.float32), True
+        rows = self._rows(method, returned, first=first)
+        acting = np.empty(0, np.uint32) if done else self._acting()
+        finite = np.logical_and.reduce(np.isfinite(rows), axis=1)
+        for agent in acting:
+            if not finite[agent]:
+                sensor = int(np.flatnonzero(~np.isfinite(rows[agent]))[0])
+                self._fail(
+                    f"{method}: sensor {sensor} of agent {agent} is {rows[agent, sensor]}, "
+                    "expected a finite number (binary32)"
+                )
+        return acting, rows, done
+
+    def _rows(self, method: str, returned: Any, *, first: bool) -> NDArray[np.float32]:  # noqa: ANN401
+        expected = f"({'agents' if first else self._agents}, {self.sensors})"
+        try:
+            given = np.asarray(returned)
+        except (TypeError, ValueError):  # ragged
+            given = np.empty(0, object)
+        if given.dtype.kind not in "biuf":
+            self._fail(f"{method}: {_short(returned)} returned, expected numbers of the shape {expected}")
+        if given.ndim != 2 or given.shape[1] != self.sensors or not (first or len(given) == self._agents):
+            self._fail(
+                f"{method}: observations of the shape {given.shape} returned, expected {expected}: "
+                f"a row of {self.sensors} for each agent"
+            )
+        with np.errstate(over="ignore"):
+            rows = np.ascontiguousarray(given, dtype=np.float32)
+        if first:
+            self._agents = len(rows)
+            most = self.max_agents
+            if not self._agents or (most is not None and self._agents > most):
+                limit = "" if most is None else f" and at most {most}, the simulation's max_agents"
+                self._fail(f"{method}: {self._agents} agents returned, expected at least 1{limit}")
+        return rows
+
+    def _acting(self) -> NDArray[np.uint32]:
+        with self._explained("acting"):
+            returned = self._running.acting()
+        if returned is None:
+            return np.arange(self._agents, dtype=np.uint32)
+        agents = np.asarray(returned)
+        if agents.dtype == np.bool_ and agents.shape == (self._agents,):
+            return np.flatnonzero(agents).astype(np.uint32)
+        if not agents.size:
+            return np.empty(0, np.uint32)
+        if agents.dtype.kind not in "iu" or agents.ndim != 1:
+            self._fail(
+                f"acting: {_short(returned)} returned, "
+                f"expected indices of agents, ({self._agents},) booleans or None"
+            )
+        if agents.min() < 0 or agents.max() >= self._agents:
+            self._fail(
+                f"acting: {_short(returned)} returned, "
+                f"but there are {self._agents} agents, from 0 to {self._agents - 1}"
+            )
+        return np.unique(agents).astype(np.uint32)
+
+    @contextlib.contextmanager
+    def _explained(self, method: str, *, refusing: bool = False) -> Iterator[None]:
+        """Turn what the user's code raises into SimulationError.
+
+        refusing: InputError is about the parameters and stays.
+        """
+        try:
+            yield
+        except (InputError, _engine.InputError) as error:
+            if refusing:
+                raise _engine.InputError(str(error)) from None
+            self._fail(self._cause(method, error), error)
+        except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
+            self._fail(self._cause(method, error), error)
+
+    def _cause(self, method: str, error: BaseException) -> str:
+        """What was raised, and the last line of the user's file that led there, or else the last of all."""
+        frames = traceback.extract_tb(error.__traceback__)[1:]
+        own = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
+        mine = [frame for frame in frames if frame.filename == own] or frames
+        where = f" ({_shown(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
+        words = str(error)
+        return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
+
+    def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
+        """Report and raise."""
+        reason = f"{self._kind.__name__}.{reason}"
+        if reason not in self._reported and len(self._reported) < _REMEMBERED:
+            self._reported.add(reason)
+            self._report(reason, "" if error is None else _traceback(error))
+        raise SimulationError(reason) from error
+
+
+def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
+    """Return a number, NaN for what is none."""
+    try:
+        return math.nan if isinstance(value, str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _seed(value: Any) -> int:  # noqa: ANN401 - any JSON value
+    whole = isinstance(value, int | float) and not isinstance(value, bool) and float(value).is_integer()
+    if not whole or not 0 <= value < 2**64:
+        raise InputError(f"seed: {value!r} found, expected an integer from 0 to 2**64 - 1")
+    return int(value)
+
+
+def _shown(file: str) -> str:
+    """A file's path, relative where it lies below the working folder."""
+    path = Path(file)
+    with contextlib.suppress(OSError):
+        folder = Path.cwd()
+        return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+    return file
+
+
+def _short(value: Any) -> str:  # noqa: ANN401 - any object
+    with contextlib.suppress(Exception):
+        text = " ".join(repr(value).split())
+        return text if len(text) <= 60 else f"{text[:57]}..."
+    return f"a {type(value).__name__}"
+
+
+def _traceback(error: BaseException) -> str:
+    """The traceback from the user's code on, without the lines of this file."""
+    own = os.path.abspath(__file__)  # noqa: PTH100 - as in frames
+    trace = error.__traceback__
+    while trace is not None and os.path.abspath(trace.tb_frame.f_code.co_filename) == own:  # noqa: PTH100
+        trace = trace.tb_next
+    return "".join(traceback.format_exception(type(error), error, trace)).rstrip()
