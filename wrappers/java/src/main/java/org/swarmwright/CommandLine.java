@@ -1,0 +1,125 @@
+package org.swarmwright;
+
+import java.util.ArrayDeque;
+import java.util.Deque;
+import java.util.List;
+import java.util.function.Supplier;
+
+/** The arguments of a server's program. */
+public final class CommandLine {
+  private static final String USAGE =
+      "usage: [--broker URL] [--id NUMBER] [--prefix PREFIX] [--step-timeout SECONDS]\n"
+          + "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; mqtt://localhost:1883 by default\n"
+          + "  --id            the server's ID, from 0, its own on the broker; 1 by default\n"
+          + "  --prefix        what stands before all topics; nothing by default\n"
+          + "  --step-timeout  after how long a step that misses actuators is given up; 60 by default";
+
+  /** URL of the broker. */
+  public String broker = "mqtt://localhost:1883";
+
+  /** ID of the server. */
+  public long id = 1;
+
+  /** Topic prefix. */
+  public String prefix = "";
+
+  /** Seconds. */
+  public double stepTimeout = 60;
+
+  /**
+   * Reads arguments.
+   *
+   * @throws IllegalArgumentException if one is unknown or has no value, or none that it can have
+   */
+  public CommandLine(List<String> arguments) {
+    Deque<String> rest = new ArrayDeque<>();
+    for (String argument : arguments) {
+      int equals = argument.startsWith("--") ? argument.indexOf('=') : -1;
+      if (equals > 0) {
+        rest.add(argument.substring(0, equals));
+        rest.add(argument.substring(equals + 1));
+      } else {
+        rest.add(argument);
+      }
+    }
+    while (!rest.isEmpty()) {
+      String name = rest.remove();
+      if (!List.of("--broker", "--id", "--prefix", "--step-timeout").contains(name)) {
+        throw new IllegalArgumentException(name + ": unknown\n" + USAGE);
+      }
+      if (rest.isEmpty()) {
+        throw new IllegalArgumentException(name + ": expected a value behind it");
+      }
+      set(name, rest.remove());
+    }
+  }
+
+  private void set(String name, String value) {
+    try {
+      switch (name) {
+        case "--broker":
+          broker = value;
+          break;
+        case "--id":
+          id = Long.parseLong(value);
+          break;
+        case "--prefix":
+          prefix = value;
+          break;
+        default:
+          stepTimeout = Double.parseDouble(value);
+          break;
+      }
+    } catch (NumberFormatException error) {
+      throw new IllegalArgumentException(name + ": \"" + value + "\" is no number");
+    }
+  }
+
+  static void serve(String[] arguments, Supplier<? extends Simulation> maker) {
+    run(
+        arguments,
+        options ->
+            SimulationServer.offering(maker)
+                .broker(options.broker)
+                .id(options.id)
+                .prefix(options.prefix)
+                .stepTimeout(options.stepTimeout)
+                .start());
+  }
+
+  /** What is started from the arguments, and closed when the program is told to end. */
+  public interface Program {
+    /** Starts it. */
+    AutoCloseable start(CommandLine options);
+  }
+
+  /** Starts a server and leaves it to its threads; errors become a line and an exit status. */
+  public static void run(String[] arguments, Program program) {
+    if (List.of(arguments).contains("--help")) {
+      System.out.println(USAGE);
+      return;
+    }
+    try {
+      AutoCloseable server = program.start(new CommandLine(List.of(arguments)));
+      Thread farewell =
+          new Thread(
+              () -> {
+                try {
+                  server.close();
+                } catch (Exception error) {
+                  System.err.println("leaving: " + error);
+                }
+              });
+      Runtime.getRuntime().addShutdownHook(farewell);
+      Thread.currentThread().join();
+    } catch (InterruptedException error) {
+      Thread.currentThread().interrupt();
+    } catch (IllegalArgumentException error) {
+      System.err.println("error: " + error.getMessage());
+      System.exit(2);
+    } catch (BrokerException | IllegalStateException error) {
+      System.err.println("error: " + error.getMessage());
+      System.exit(1);
+    }
+  }
+}

@@ -1,0 +1,90 @@
+package org.swarmwright.controllers;
+
+import com.google.gson.JsonObject;
+
+/** A controller without its weights: what sensors and weights become, for one agent. */
+public abstract strictfp class Architecture {
+  /** Most weights that a controller may have. */
+  public static final int MAX_WEIGHTS = 1_000_000;
+
+  private final int sensors;
+  private final int actuators;
+
+  Architecture(int sensors, int actuators) {
+    this.sensors = sensors;
+    this.actuators = actuators;
+  }
+
+  /**
+   * Reads a specification (protocol/schemas/controller.schema.json); its weights may be missing and are ignored.
+   *
+   * @throws SpecificationException if a field is missing, unknown, of the wrong type or out of range
+   */
+  public static Architecture read(JsonObject specification) {
+    SpecificationReader reader = new SpecificationReader(specification);
+    reader.count("version", 1, 1);
+    String kind = reader.text("kind", "\"layered\", \"fully_meshed\" or \"mealy_fsm\"");
+    Architecture architecture;
+    switch (kind) {
+      case "layered":
+        architecture = Layered.read(reader);
+        break;
+      case "fully_meshed":
+        architecture = FullyMeshed.read(reader);
+        break;
+      case "mealy_fsm":
+        architecture = MealyFsm.read(reader);
+        break;
+      default:
+        throw new SpecificationException(
+            "kind", "\"" + kind + "\" found, expected \"layered\", \"fully_meshed\" or \"mealy_fsm\"");
+    }
+    reader.end();
+    if (architecture.weightCount() > MAX_WEIGHTS) {
+      throw new SpecificationException(
+          kind.equals("mealy_fsm") ? "thresholds" : "hidden",
+          "makes " + architecture.weightCount() + " weights; at most " + MAX_WEIGHTS + " are possible");
+    }
+    return architecture;
+  }
+
+  /** Numbers in. */
+  public int sensors() {
+    return sensors;
+  }
+
+  /** Numbers out. */
+  public int actuators() {
+    return actuators;
+  }
+
+  /** Number of weights, biases included; more than any int for what could never be. */
+  public abstract long weightCount();
+
+  /** Numbers that are kept between steps, all 0 at the start of an episode. */
+  abstract int stateLength();
+
+  /** Numbers of which a step needs room for. */
+  abstract int scratchLength();
+
+  /** One step: sensors in, actuators out. {@code first} is the index of the first weight. */
+  abstract void step(float[] weights, int first, float[] state, float[] scratch, float[] sensors, float[] actuators);
+
+  /** a * b, or a number beyond every limit. */
+  static long times(long a, long b) {
+    try {
+      return Math.multiplyExact(a, b);
+    } catch (ArithmeticException error) {
+      return Long.MAX_VALUE;
+    }
+  }
+
+  /** a + b, or a number beyond every limit. */
+  static long plus(long a, long b) {
+    try {
+      return Math.addExact(a, b);
+    } catch (ArithmeticException error) {
+      return Long.MAX_VALUE;
+    }
+  }
+}

@@ -1,0 +1,136 @@
+package org.swarmwright.controllers;
+
+import com.google.gson.JsonArray;
+import com.google.gson.JsonElement;
+import com.google.gson.JsonObject;
+import java.util.Arrays;
+import java.util.HashSet;
+import java.util.Set;
+import java.util.stream.Collectors;
+
+/** Reads the fields of a specification one by one, so that every complaint names its field. */
+final class SpecificationReader {
+  private final JsonObject fields;
+  private final Set<String> known = new HashSet<>(Set.of("weights"));
+
+  SpecificationReader(JsonObject fields) {
+    this.fields = fields;
+  }
+
+  private JsonElement take(String field, String expected) {
+    known.add(field);
+    JsonElement value = fields.get(field);
+    if (value == null) {
+      throw new SpecificationException(field, "is missing; expected " + expected);
+    }
+    return value;
+  }
+
+  private static SpecificationException wrong(String field, JsonElement value, String expected) {
+    String text = value.toString();
+    String shown = text.length() <= 40 ? text : text.substring(0, 37) + "...";
+    return new SpecificationException(field, shown + " found, expected " + expected);
+  }
+
+  String text(String field, String expected) {
+    JsonElement value = take(field, expected);
+    if (!value.isJsonPrimitive() || !value.getAsJsonPrimitive().isString()) {
+      throw wrong(field, value, expected);
+    }
+    return value.getAsString();
+  }
+
+  /** A whole number in low..high; 8.0 counts as 8. */
+  int count(String field, int low, int high) {
+    String expected = low == high ? "" + low : "a whole number from " + low + " to " + high;
+    return whole(field, take(field, expected), low, high, expected);
+  }
+
+  int[] counts(String field, int low, int high) {
+    String expected = "a list of whole numbers from " + low + " to " + high;
+    JsonArray values = array(field, take(field, expected), expected);
+    int[] counts = new int[values.size()];
+    for (int i = 0; i < counts.length; i++) {
+      counts[i] = whole(field + "[" + i + "]", values.get(i), low, high, "a whole number from " + low + " to " + high);
+    }
+    return counts;
+  }
+
+  Activation activation(Activation... allowed) {
+    String expected = "one of " + Arrays.stream(allowed).map(Activation::text).collect(Collectors.joining(", "));
+    String found = text("activation", expected);
+    for (Activation activation : allowed) {
+      if (activation.text().equals(found)) {
+        return activation;
+      }
+    }
+    throw new SpecificationException("activation", "\"" + found + "\" found, expected " + expected);
+  }
+
+  OutputRange outputRange() {
+    String expected = "[low, high] with low < high, such as [-1, 1] or [0, 1]";
+    JsonElement value = take("output_range", expected);
+    JsonArray pair = array("output_range", value, expected);
+    OutputRange range = pair.size() == 2 ? OutputRange.of(single(pair.get(0)), single(pair.get(1))) : null;
+    if (range == null) {
+      throw wrong("output_range", value, expected);
+    }
+    return range;
+  }
+
+  /** A list for each sensor, of finite binary32 numbers, ascending. */
+  float[][] thresholds(int sensors) {
+    String expected = "a list of " + sensors + " lists of ascending numbers, such as [[-0.5, 0.5], [0]]";
+    JsonElement value = take("thresholds", expected);
+    JsonArray lists = array("thresholds", value, expected);
+    if (lists.size() != sensors) {
+      throw wrong("thresholds", value, expected);
+    }
+    float[][] thresholds = new float[sensors][];
+    for (int i = 0; i < sensors; i++) {
+      JsonArray list = array("thresholds", lists.get(i), expected);
+      thresholds[i] = new float[list.size()];
+      for (int j = 0; j < thresholds[i].length; j++) {
+        float threshold = single(list.get(j));
+        if (!Float.isFinite(threshold) || j > 0 && !(thresholds[i][j - 1] < threshold)) {
+          throw new SpecificationException(
+              "thresholds[" + i + "]", "must hold finite binary32 numbers, each greater than the one before");
+        }
+        thresholds[i][j] = threshold;
+      }
+    }
+    return thresholds;
+  }
+
+  /** Complains of fields that nobody asked for. */
+  void end() {
+    for (String field : fields.keySet()) {
+      if (!known.contains(field)) {
+        known.remove("weights");
+        throw new SpecificationException(field, "is unknown; expected " + String.join(", ", known));
+      }
+    }
+  }
+
+  private static JsonArray array(String field, JsonElement value, String expected) {
+    if (!value.isJsonArray()) {
+      throw wrong(field, value, expected);
+    }
+    return value.getAsJsonArray();
+  }
+
+  private static int whole(String field, JsonElement value, int low, int high, String expected) {
+    boolean number = value.isJsonPrimitive() && value.getAsJsonPrimitive().isNumber();
+    double count = number ? value.getAsDouble() : Double.NaN;
+    if (!(count >= low && count <= high && count == Math.rint(count))) {
+      throw wrong(field, value, expected);
+    }
+    return (int) count;
+  }
+
+  /** The binary32 nearest to a decimal, NaN if it is none; binary64 rounds to it without a decimal between. */
+  private static float single(JsonElement value) {
+    boolean number = value.isJsonPrimitive() && value.getAsJsonPrimitive().isNumber();
+    return number ? value.getAsFloat() : Float.NaN;
+  }
+}

@@ -1,0 +1,34 @@
+package org.swarmwright.extension;
+
+import com.google.gson.JsonObject;
+
+/** Request for offloaded evaluation: every candidate in every episode (protocol/schemas/evaluate.schema.json). */
+public final class Evaluate extends Request {
+  /** Parameters; seed in them is replaced by each of the seeds. */
+  public final JsonObject parameters;
+
+  /** Controller specification without its weights. */
+  public final JsonObject controller;
+
+  /** (candidates, weights), row-major, finite. */
+  public final float[] genomes;
+
+  /** One seed per episode, at least one; the bits of unsigned numbers. */
+  public final long[] seeds;
+
+  /** 1 for the first try of this work. */
+  public final long attempt;
+
+  /** Seconds after which the tool gives the work to somebody else; 0 or less for never. */
+  public final double lease;
+
+  Evaluate(MapReader map) {
+    super(map);
+    parameters = map.object("parameters");
+    controller = map.object("controller");
+    genomes = map.singles("genomes");
+    seeds = seeds(map);
+    attempt = map.count("attempt", 0xFFFFFFFFL);
+    lease = map.number("lease");
+  }
+}

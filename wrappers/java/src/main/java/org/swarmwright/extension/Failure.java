@@ -1,0 +1,20 @@
+package org.swarmwright.extension;
+
+/** One episode that failed. */
+public final class Failure {
+  /** Index of the candidate in the request. */
+  public final long candidate;
+
+  /** Index of the seed in the request. */
+  public final long episode;
+
+  /** What went wrong, for people. */
+  public final String reason;
+
+  /** One episode that failed. */
+  public Failure(long candidate, long episode, String reason) {
+    this.candidate = candidate;
+    this.episode = episode;
+    this.reason = reason;
+  }
+}

@@ -1,0 +1,56 @@
+package org.swarmwright.messages;
+
+import java.math.BigDecimal;
+import java.math.BigInteger;
+import java.util.function.Predicate;
+
+/** The shortest decimals that read back as the same number; Java's own are longer now and then before version 19. */
+public final class Decimals {
+  private static final boolean EXACT = Runtime.version().feature() >= 19;
+
+  private Decimals() {}
+
+  /** The decimal of a finite binary32, as JSON. */
+  public static String shortest(float number) {
+    String text = Float.toString(number);
+    return EXACT || text.length() < 8 ? trim(text) : shorten(text, shorter -> Float.parseFloat(shorter) == number);
+  }
+
+  /** The decimal of a finite binary64, as JSON. */
+  public static String shortest(double number) {
+    String text = Double.toString(number);
+    return EXACT || text.length() < 17 ? trim(text) : shorten(text, shorter -> Double.parseDouble(shorter) == number);
+  }
+
+  /** 2.0 becomes 2, -0.0 remains what it is. */
+  private static String trim(String text) {
+    boolean whole = text.endsWith(".0") && !text.equals("-0.0");
+    return whole ? text.substring(0, text.length() - 2) : text;
+  }
+
+  /** Takes away digits while the number stays the same: of two decimals between which it lies, one will do, or none shorter. */
+  private static String shorten(String text, Predicate<String> same) {
+    String best = text;
+    BigDecimal exact = new BigDecimal(text).stripTrailingZeros();
+    BigInteger digits = exact.unscaledValue();
+    int scale = exact.scale();
+    while (digits.abs().compareTo(BigInteger.TEN) >= 0) {
+      BigInteger below = digits.divide(BigInteger.TEN);
+      BigInteger above = below.add(BigInteger.valueOf(digits.signum()));
+      boolean up = digits.abs().mod(BigInteger.TEN).intValue() >= 5;
+      scale--;
+      String near = new BigDecimal(up ? above : below, scale).toString();
+      String far = new BigDecimal(up ? below : above, scale).toString();
+      if (same.test(near)) {
+        digits = up ? above : below;
+        best = near;
+      } else if (same.test(far)) {
+        digits = up ? below : above;
+        best = far;
+      } else {
+        break;
+      }
+    }
+    return trim(best);
+  }
+}

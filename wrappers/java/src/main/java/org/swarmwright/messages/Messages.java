@@ -1,0 +1,193 @@
+package org.swarmwright.messages;
+
+import com.google.gson.Gson;
+import com.google.gson.GsonBuilder;
+import com.google.gson.JsonElement;
+import com.google.gson.JsonObject;
+import com.google.gson.ToNumberPolicy;
+import com.google.gson.reflect.TypeToken;
+import java.nio.charset.StandardCharsets;
+import java.util.Map;
+import java.util.Set;
+import java.util.function.DoubleFunction;
+
+/**
+ * Turns payloads into the classes generated from protocol/schemas, and back.
+ *
+ * <p>Reading is strict where D6.1 is (required keys, types, finite numbers) and ignores unknown keys. Every {@code read} method throws
+ * {@link MessageException}, which says what is wrong.
+ */
+public final class Messages {
+  private static final Set<String> ADDRESS = Set.of("server", "simulation_hash");
+  private static final Gson GSON = gson(Decimals::shortest);
+
+  /** For what is binary32. */
+  private static final Gson SINGLES = gson(number -> Decimals.shortest((float) number));
+
+  private Messages() {}
+
+  private static Gson gson(DoubleFunction<String> decimals) {
+    return new GsonBuilder()
+        .disableHtmlEscaping()
+        .setObjectToNumberStrategy(ToNumberPolicy.LONG_OR_DOUBLE)
+        .registerTypeAdapter(Double.class, new NumberWriter(decimals))
+        .create();
+  }
+
+  /** Reads a discovery message. */
+  public static Discovery readDiscovery(byte[] payload) {
+    Fields fields = new Fields(JsonText.read(payload));
+    Fields required = fields.object("requirements");
+    return new Discovery()
+        .withSimulation(fields.text("simulation"))
+        .withSimulationHash(fields.text("simulation_hash"))
+        .withRequirements(
+            new Requirements().withDimensions(required.number("dimensions")).withMaxAgents(maxAgents(required)))
+        .withTool(fields.lenient(() -> fields.optionalText("tool")));
+  }
+
+  /** Reads a server message. */
+  public static Server readServer(byte[] payload) {
+    Fields fields = new Fields(JsonText.read(payload));
+    return new Server()
+        .withServer(fields.id("server"))
+        .withSimulationHash(fields.text("simulation_hash"))
+        .withSimulations(fields.texts("simulations"))
+        .withCapabilities(readCapabilities(fields.object("capabilities")));
+  }
+
+  /** Reads a parameters message; the simulation's parameters are its values. */
+  public static Parameters readParameters(byte[] payload) {
+    JsonObject object = JsonText.read(payload);
+    Fields fields = new Fields(object);
+    Parameters parameters =
+        new Parameters().withServer(fields.id("server")).withSimulationHash(fields.text("simulation_hash"));
+    for (Map.Entry<String, JsonElement> entry : object.entrySet()) {
+      if (!ADDRESS.contains(entry.getKey())) {
+        checkNumbers(entry.getKey(), entry.getValue());
+        parameters.getValues().put(entry.getKey(), GSON.fromJson(entry.getValue(), Object.class));
+      }
+    }
+    return parameters;
+  }
+
+  /** The simulation's parameters of a parameters message, as JSON. */
+  public static JsonObject problem(Parameters parameters) {
+    return GSON.toJsonTree(parameters.getValues(), new TypeToken<Map<String, Object>>() {}.getType())
+        .getAsJsonObject();
+  }
+
+  /** Reads a control message. */
+  public static Control readControl(byte[] payload) {
+    Fields fields = new Fields(JsonText.read(payload));
+    Boolean run = fields.optionalFlag("run");
+    Boolean visual = fields.optionalFlag("visual");
+    return new Control()
+        .withServer(fields.id("server"))
+        .withSimulation(fields.optionalText("simulation"))
+        .withSimulationHash(fields.text("simulation_hash"))
+        .withRun(run == null || run)
+        .withVisual(visual != null && visual)
+        .withTool(fields.lenient(() -> fields.optionalText("tool")));
+  }
+
+  /** Reads a sensor message; its numbers are those binary32 that are nearest to the decimals sent. */
+  public static Sensor readSensor(byte[] payload) {
+    Fields fields = new Fields(JsonText.read(payload));
+    return new Sensor()
+        .withSimulation(fields.optionalText("simulation"))
+        .withSimulationHash(fields.text("simulation_hash"))
+        .withAgent(fields.id("agent"))
+        .withSensor(fields.singles("sensor"));
+  }
+
+  /** Reads an actuator message; its numbers are those binary32 that are nearest to the decimals sent. */
+  public static Actuator readActuator(byte[] payload) {
+    Fields fields = new Fields(JsonText.read(payload));
+    return new Actuator()
+        .withSimulation(fields.optionalText("simulation"))
+        .withSimulationHash(fields.text("simulation_hash"))
+        .withAgent(fields.id("agent"))
+        .withActuator(fields.singles("actuator"));
+  }
+
+  /** Reads a fitness message. */
+  public static Fitness readFitness(byte[] payload) {
+    Fields fields = new Fields(JsonText.read(payload));
+    return new Fitness()
+        .withSimulation(fields.optionalText("simulation"))
+        .withSimulationHash(fields.text("simulation_hash"))
+        .withFitness(fields.number("fitness"));
+  }
+
+  /** Reads a presence message (an extension). */
+  public static Presence readPresence(byte[] payload) {
+    return Presence.read(new Fields(JsonText.read(payload)));
+  }
+
+  /**
+   * The payload of any of these messages; what is null is left out.
+   *
+   * @throws MessageException if a number is not finite
+   */
+  public static byte[] write(Object message) {
+    String text;
+    if (message instanceof Parameters) {
+      JsonObject object = GSON.toJsonTree(message).getAsJsonObject();
+      problem((Parameters) message).entrySet().forEach(entry -> object.add(entry.getKey(), entry.getValue()));
+      text = GSON.toJson(object);
+    } else if (message instanceof Sensor || message instanceof Actuator) {
+      text = SINGLES.toJson(message);
+    } else {
+      text = GSON.toJson(message);
+    }
+    return text.getBytes(StandardCharsets.UTF_8);
+  }
+
+  /** What a server can do, of a server or presence message. */
+  static Capabilities readCapabilities(Fields fields) {
+    return new Capabilities()
+        .withDimensions(fields.number("dimensions"))
+        .withMaxAgents(maxAgents(fields))
+        .withSwarmwright(fields.has("swarmwright") ? fields.lenient(() -> announcement(fields)) : null);
+  }
+
+  private static Swarmwright announcement(Fields capabilities) {
+    Fields fields = capabilities.object("swarmwright");
+    return new Swarmwright()
+        .withVersion((int) Math.min(fields.id("version"), Integer.MAX_VALUE))
+        .withModes(fields.lenient(() -> fields.optionalTexts("modes")))
+        .withControllers(fields.lenient(() -> fields.optionalTexts("controllers")))
+        .withBatch(count(fields, "batch"))
+        .withSensors(count(fields, "sensors"))
+        .withActuators(count(fields, "actuators"))
+        .withInstance(fields.lenient(() -> fields.optionalText("instance")))
+        .withHost(fields.lenient(() -> fields.optionalText("host")))
+        .withPid(count(fields, "pid"));
+  }
+
+  private static Integer count(Fields fields, String key) {
+    return fields.has(key)
+        ? fields.lenient(() -> (int) Math.min(fields.id(key), Integer.MAX_VALUE))
+        : null;
+  }
+
+  /** Also in the spelling of the published server schema; where both are present max_agents counts. */
+  private static Double maxAgents(Fields fields) {
+    Double published = fields.optionalNumber("max agents");
+    Double number = fields.optionalNumber("max_agents");
+    return number == null ? published : number;
+  }
+
+  private static void checkNumbers(String name, JsonElement value) {
+    if (value.isJsonObject()) {
+      value.getAsJsonObject().entrySet().forEach(entry -> checkNumbers(name, entry.getValue()));
+    } else if (value.isJsonArray()) {
+      value.getAsJsonArray().forEach(item -> checkNumbers(name, item));
+    } else if (value.isJsonPrimitive() && value.getAsJsonPrimitive().isNumber()) {
+      if (!Double.isFinite(value.getAsDouble())) {
+        throw new MessageException("\"" + name + "\" has a number beyond binary64");
+      }
+    }
+  }
+}

@@ -1,0 +1,32 @@
+package org.swarmwright.messages;
+
+import com.google.gson.TypeAdapter;
+import com.google.gson.stream.JsonReader;
+import com.google.gson.stream.JsonWriter;
+import java.io.IOException;
+import java.util.function.DoubleFunction;
+
+/** Writes numbers by a rule of its own. */
+final class NumberWriter extends TypeAdapter<Double> {
+  private final DoubleFunction<String> decimals;
+
+  NumberWriter(DoubleFunction<String> decimals) {
+    this.decimals = decimals;
+  }
+
+  @Override
+  public void write(JsonWriter out, Double value) throws IOException {
+    if (value == null) {
+      out.nullValue();
+    } else if (Double.isFinite(value)) {
+      out.jsonValue(decimals.apply(value));
+    } else {
+      throw new MessageException(value + " is no number that can be sent");
+    }
+  }
+
+  @Override
+  public Double read(JsonReader in) throws IOException {
+    return in.nextDouble();
+  }
+}

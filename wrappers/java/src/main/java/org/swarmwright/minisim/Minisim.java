@@ -1,0 +1,185 @@
+package org.swarmwright.minisim;
+
+import com.google.gson.JsonObject;
+import java.util.Arrays;
+import java.util.Map;
+import org.swarmwright.Description;
+import org.swarmwright.ParameterReader;
+import org.swarmwright.Simulation;
+import org.swarmwright.controllers.Functions;
+
+/**
+ * Minisim: agents try to reach a goal before slower defenders catch them (D6.1, section 7.2.1).
+ *
+ * <p>The bits are those of Swarmwright's own Minisim: every operation is one of IEEE 754 binary32 in the order written, until the fitness,
+ * which is summed in binary64. Sensors of an agent: the way to the goal and to the closest defender, each by the size of the map. Its
+ * actuator: the heading, as an angle by pi. Fitness: minus the mean distance to the goal at the end, 0 for those that arrived.
+ */
+public final strictfp class Minisim implements Simulation {
+  private static final Description DESCRIPTION = Description.of("minisim", 2, 4, 1).withMaxAgents(Settings.MAX_BODIES);
+
+  private enum State {
+    FREE,
+    ARRIVED,
+    CAUGHT
+  }
+
+  private Settings settings;
+  private float[][] agents;
+  private float[][] defenders;
+  private State[] states;
+  private int[] acting;
+  private long step;
+
+  /** At the start of an episode of D6.1's example. */
+  public Minisim() {
+    reset(new ParameterReader(new JsonObject()));
+  }
+
+  @Override
+  public Description description() {
+    return DESCRIPTION;
+  }
+
+  @Override
+  public void reset(ParameterReader parameters) {
+    settings = new Settings(parameters);
+    agents = settings.agents;
+    defenders = settings.defenders;
+    states = new State[agents.length];
+    Arrays.fill(states, State.FREE);
+    acting = new int[agents.length];
+    Arrays.setAll(acting, i -> i);
+    step = 0;
+  }
+
+  @Override
+  public int[] acting() {
+    return acting;
+  }
+
+  @Override
+  public void sense(int agent, float[] sensors) {
+    float x = agents[agent][0];
+    float y = agents[agent][1];
+    sensors[0] = (settings.goal[0] - x) / settings.width;
+    sensors[1] = (settings.goal[1] - y) / settings.height;
+    float[] defender = closestDefender(agents[agent]);
+    sensors[2] = defender == null ? 0f : (defender[0] - x) / settings.width;
+    sensors[3] = defender == null ? 0f : (defender[1] - y) / settings.height;
+  }
+
+  @Override
+  public void step(float[] actuators) {
+    if (acting.length == 0) {
+      return;
+    }
+    for (int i = 0; i < acting.length; i++) {
+      float[] agent = agents[acting[i]];
+      agent[0] = limit(agent[0] + settings.speedAgents * Functions.cosPi(actuators[i]), settings.width);
+      agent[1] = limit(agent[1] + settings.speedAgents * Functions.sinPi(actuators[i]), settings.height);
+    }
+    for (float[] defender : defenders) {
+      pursue(defender);
+    }
+    for (int agent : acting) {
+      judge(agent);
+    }
+    step++;
+    acting = step >= settings.maxSteps ? new int[0] : free();
+  }
+
+  @Override
+  public double fitness() {
+    double sum = 0;
+    for (int i = 0; i < agents.length; i++) {
+      if (states[i] != State.ARRIVED) {
+        sum += distance(agents[i], settings.goal);
+      }
+    }
+    return 0.0 - sum / agents.length;
+  }
+
+  @Override
+  public Map<String, Double> metrics() {
+    double arrived = Arrays.stream(states).filter(state -> state == State.ARRIVED).count();
+    return Map.of("arrived", arrived, "steps", (double) step);
+  }
+
+  @Override
+  public String picture() {
+    return Picture.draw(settings, step, agents, defenders);
+  }
+
+  @Override
+  public int pictureMillis() {
+    return settings.stepSize;
+  }
+
+  /** A defender goes towards the closest free agent, the first of several. */
+  private void pursue(float[] defender) {
+    float[] target = null;
+    float least = 0f;
+    for (int agent : acting) {
+      float q = squaredDistance(defender, agents[agent]);
+      if (target == null || q < least) {
+        target = agents[agent];
+        least = q;
+      }
+    }
+    float d = (float) Math.sqrt(least);
+    float x = target[0];
+    float y = target[1];
+    if (d > settings.speedDefenders) {
+      float f = settings.speedDefenders / d;
+      float dx = target[0] - defender[0];
+      float dy = target[1] - defender[1];
+      x = defender[0] + dx * f;
+      y = defender[1] + dy * f;
+    }
+    defender[0] = x;
+    defender[1] = y;
+  }
+
+  private void judge(int agent) {
+    float[] defender = closestDefender(agents[agent]);
+    if (distance(agents[agent], settings.goal) <= settings.goalRadius) {
+      states[agent] = State.ARRIVED;
+    } else if (defender != null && distance(agents[agent], defender) <= settings.captureRadius) {
+      states[agent] = State.CAUGHT;
+    }
+  }
+
+  private float[] closestDefender(float[] agent) {
+    float[] closest = null;
+    float least = 0f;
+    for (float[] defender : defenders) {
+      float q = squaredDistance(agent, defender);
+      if (closest == null || q < least) {
+        closest = defender;
+        least = q;
+      }
+    }
+    return closest;
+  }
+
+  private int[] free() {
+    return Arrays.stream(acting).filter(agent -> states[agent] == State.FREE).toArray();
+  }
+
+  private static float squaredDistance(float[] from, float[] to) {
+    float dx = to[0] - from[0];
+    float dy = to[1] - from[1];
+    return dx * dx + dy * dy;
+  }
+
+  /** The square root of a binary32, taken in binary64, rounds to that of binary32 (Figueroa 1995). */
+  private static float distance(float[] from, float[] to) {
+    return (float) Math.sqrt(squaredDistance(from, to));
+  }
+
+  private static float limit(float value, float high) {
+    float v = value < 0f ? 0f : value;
+    return v > high ? high : v;
+  }
+}

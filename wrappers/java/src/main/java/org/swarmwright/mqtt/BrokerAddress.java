@@ -1,0 +1,158 @@
+package org.swarmwright.mqtt;
+
+import java.io.IOException;
+import java.io.InputStream;
+import java.net.URI;
+import java.net.URISyntaxException;
+import java.nio.file.Files;
+import java.nio.file.Path;
+import java.security.GeneralSecurityException;
+import java.security.KeyStore;
+import java.security.cert.Certificate;
+import java.security.cert.CertificateFactory;
+import java.util.List;
+import java.util.Locale;
+import java.util.Map;
+import javax.net.SocketFactory;
+import javax.net.ssl.SSLContext;
+import javax.net.ssl.TrustManagerFactory;
+
+/**
+ * Where a broker is and who asks: a URL, and the credentials that the environment has.
+ *
+ * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line), SWARMWRIGHT_CA_FILE (PEM).
+ */
+public final class BrokerAddress {
+  private static final Map<String, String> SCHEMES =
+      Map.of("mqtt", "tcp", "tcp", "tcp", "mqtts", "ssl", "ssl", "ssl", "tls", "ssl", "ws", "ws", "wss", "wss");
+  private static final Map<String, Integer> PORTS = Map.of("tcp", 1883, "ssl", 8883, "ws", 80, "wss", 443);
+
+  private final String uri;
+  private final boolean tls;
+  private final Map<String, String> environment;
+
+  private BrokerAddress(String uri, boolean tls, Map<String, String> environment) {
+    this.uri = uri;
+    this.tls = tls;
+    this.environment = environment;
+  }
+
+  /**
+   * Reads mqtt://, mqtts://, ws:// or wss://, host and optional port; without a scheme mqtt:// is meant.
+   *
+   * @throws IllegalArgumentException if it is none of these, or has credentials in it
+   */
+  public static BrokerAddress of(String url) {
+    return of(url, System.getenv());
+  }
+
+  static BrokerAddress of(String url, Map<String, String> environment) {
+    String shown = url.contains("@") ? "...@" + url.substring(url.lastIndexOf('@') + 1) : url;
+    URI parsed;
+    try {
+      parsed = new URI(url.contains("://") ? url : "mqtt://" + url);
+    } catch (URISyntaxException error) {
+      throw wrong(shown, "expected HOST or HOST:PORT behind the scheme");
+    }
+    String scheme = SCHEMES.get(parsed.getScheme().toLowerCase(Locale.ROOT));
+    if (scheme == null) {
+      throw wrong(shown, "the scheme must be mqtt://, mqtts://, ws:// or wss://");
+    }
+    if (url.contains("@")) {
+      throw wrong(
+          shown, "credentials do not belong in a URL; set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD instead");
+    }
+    if (parsed.getHost() == null || parsed.getPort() == 0 || parsed.getPort() > 65535) {
+      throw wrong(shown, "expected HOST or HOST:PORT, the port from 1 to 65535");
+    }
+    boolean web = scheme.startsWith("ws");
+    String path = parsed.getPath() == null ? "" : parsed.getPath();
+    if (!web && path.length() > 1) {
+      throw wrong(shown, "mqtt:// and mqtts:// take no path; use a prefix for topics");
+    }
+    int port = parsed.getPort() < 0 ? PORTS.get(scheme) : parsed.getPort();
+    String place = web ? (path.length() > 1 ? path : "/mqtt") : "";
+    return new BrokerAddress(
+        scheme + "://" + parsed.getHost() + ":" + port + place, scheme.equals("ssl") || scheme.equals("wss"), environment);
+  }
+
+  private static IllegalArgumentException wrong(String url, String reason) {
+    return new IllegalArgumentException("broker URL \"" + url + "\": " + reason);
+  }
+
+  /** The address in Paho's spelling. */
+  public String uri() {
+    return uri;
+  }
+
+  /** The account; null for none. */
+  public String username() {
+    return variable("SWARMWRIGHT_USERNAME");
+  }
+
+  /**
+   * The account's password; null for none.
+   *
+   * @throws IllegalArgumentException if it is in a file that cannot be read, or there is no account for it
+   */
+  public String password() {
+    String password = variable("SWARMWRIGHT_PASSWORD");
+    String file = variable("SWARMWRIGHT_PASSWORD_FILE");
+    if (password == null && file != null) {
+      try {
+        List<String> lines = Files.readAllLines(Path.of(file));
+        password = lines.isEmpty() ? "" : lines.get(0);
+      } catch (IOException error) {
+        throw new IllegalArgumentException("SWARMWRIGHT_PASSWORD_FILE " + file + " cannot be read: " + error.getMessage());
+      }
+    }
+    if (password != null && username() == null) {
+      throw new IllegalArgumentException("a password is set but SWARMWRIGHT_USERNAME is not; set both or neither");
+    }
+    return password;
+  }
+
+  /**
+   * Makes sockets that send at once.
+   *
+   * @throws IllegalArgumentException if the certificate authority cannot be read
+   */
+  public SocketFactory sockets() {
+    if (!tls) {
+      return new PromptSockets(SocketFactory.getDefault());
+    }
+    String file = variable("SWARMWRIGHT_CA_FILE");
+    try {
+      SSLContext context = file == null ? SSLContext.getDefault() : trusting(Path.of(file));
+      return new PromptTlsSockets(context.getSocketFactory());
+    } catch (GeneralSecurityException | IOException error) {
+      throw new IllegalArgumentException("SWARMWRIGHT_CA_FILE " + file + " cannot be used: " + error.getMessage());
+    }
+  }
+
+  private static SSLContext trusting(Path file) throws GeneralSecurityException, IOException {
+    KeyStore store = KeyStore.getInstance(KeyStore.getDefaultType());
+    store.load(null, null);
+    try (InputStream stream = Files.newInputStream(file)) {
+      int index = 0;
+      for (Certificate certificate : CertificateFactory.getInstance("X.509").generateCertificates(stream)) {
+        store.setCertificateEntry("authority-" + index++, certificate);
+      }
+    }
+    TrustManagerFactory trust = TrustManagerFactory.getInstance(TrustManagerFactory.getDefaultAlgorithm());
+    trust.init(store);
+    SSLContext context = SSLContext.getInstance("TLS");
+    context.init(null, trust.getTrustManagers(), null);
+    return context;
+  }
+
+  private String variable(String name) {
+    String value = environment.get(name);
+    return value == null || value.isEmpty() ? null : value;
+  }
+
+  @Override
+  public String toString() {
+    return uri;
+  }
+}

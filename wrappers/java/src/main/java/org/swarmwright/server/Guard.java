@@ -1,0 +1,103 @@
+package org.swarmwright.server;
+
+import org.swarmwright.ParameterException;
+import org.swarmwright.ParameterReader;
+import org.swarmwright.Simulation;
+
+/** The simulation's code, called so that it cannot end the server. */
+final class Guard {
+  private static final int MOST_FRAMES = 16;
+  private static final int MOST_CHARACTERS = 4000;
+
+  private Guard() {}
+
+  /** What the simulation threw, with message and stack. */
+  static final class Broken extends Exception {
+    private static final long serialVersionUID = 1L;
+
+    Broken(String reason) {
+      super(reason, null, false, false);
+    }
+
+    Broken(Throwable cause) {
+      this("the simulation threw " + describe(cause));
+    }
+  }
+
+  /** Code of the simulation, with a result. */
+  interface Code<T> {
+    T run() throws Broken;
+  }
+
+  /**
+   * Calls the simulation.
+   *
+   * @throws Broken if it throws anything
+   */
+  static <T> T call(Code<T> code) throws Broken {
+    try {
+      return code.run();
+    } catch (RuntimeException | LinkageError | AssertionError | VirtualMachineError error) {
+      throw new Broken(error);
+    }
+  }
+
+  /** As {@link #call}, without a result. */
+  static void run(Runnable code) throws Broken {
+    call(
+        () -> {
+          code.run();
+          return null;
+        });
+  }
+
+  /**
+   * Resets the simulation.
+   *
+   * @throws ParameterException if it refuses a parameter
+   * @throws Broken if it throws anything else
+   */
+  static void reset(Simulation simulation, ParameterReader parameters) throws Broken {
+    try {
+      simulation.reset(parameters);
+    } catch (ParameterException error) {
+      throw error;
+    } catch (RuntimeException | LinkageError | AssertionError | VirtualMachineError error) {
+      throw new Broken(error);
+    }
+  }
+
+  /**
+   * The fitness, if it can be sent.
+   *
+   * @throws Broken if it is NaN or infinite
+   */
+  static double finite(double fitness) throws Broken {
+    if (!Double.isFinite(fitness)) {
+      throw new Broken("the simulation's fitness is " + fitness + ", not a finite number");
+    }
+    return fitness;
+  }
+
+  /** Message and stack, down to where this library called. */
+  private static String describe(Throwable error) {
+    StringBuilder text = new StringBuilder(error.toString());
+    append(text, error.getStackTrace());
+    Throwable cause = error.getCause();
+    if (cause != null && cause != error) {
+      text.append("\nCaused by: ").append(cause);
+      append(text, cause.getStackTrace());
+    }
+    return text.length() <= MOST_CHARACTERS ? text.toString() : text.substring(0, MOST_CHARACTERS) + "...";
+  }
+
+  private static void append(StringBuilder text, StackTraceElement[] stack) {
+    int shown = 0;
+    for (StackTraceElement frame : stack) {
+      if (frame.getClassName().startsWith("org.swarmwright.server.") || shown++ == MOST_FRAMES) {
+        break;
+      }
+      text.append("\n    at ").append(frame);
+    }
+  }
+}

@@ -1,0 +1,279 @@
+package org.swarmwright.server;
+
+import java.time.Instant;
+import java.time.temporal.ChronoUnit;
+import java.util.ArrayList;
+import java.util.List;
+import java.util.concurrent.CountDownLatch;
+import java.util.concurrent.ExecutorService;
+import java.util.concurrent.Executors;
+import java.util.concurrent.ScheduledExecutorService;
+import java.util.concurrent.ScheduledFuture;
+import java.util.concurrent.ThreadFactory;
+import java.util.concurrent.TimeUnit;
+import java.util.function.Consumer;
+import java.util.function.Supplier;
+import org.eclipse.paho.mqttv5.common.MqttSubscription;
+import org.swarmwright.BrokerException;
+import org.swarmwright.Simulation;
+import org.swarmwright.messages.MessageException;
+import org.swarmwright.messages.Messages;
+import org.swarmwright.messages.Presence;
+import org.swarmwright.messages.Swarmwright;
+import org.swarmwright.messages.Topics;
+import org.swarmwright.messages.Topics.Topic;
+import org.swarmwright.mqtt.BrokerAddress;
+
+/**
+ * A server's shell: connection, clock, a thread for evaluations. All events enter the machine under one lock.
+ *
+ * <p>Part of the library's inside: {@link org.swarmwright.SimulationServer} is the way in.
+ */
+public final class Host implements AutoCloseable, Link.Listener, Outbox {
+  /** For how long a server that starts listens for another with its ID. */
+  private static final long LISTEN_MILLIS = 100;
+
+  private final Object lock = new Object();
+  private final Identity identity;
+  private final Topics topics;
+  private final Consumer<String> notices;
+  private final Consumer<String> pictures;
+  private final Machine machine;
+  private final Link link;
+  private final ScheduledExecutorService clock = Executors.newSingleThreadScheduledExecutor(daemon("clock"));
+  private final ExecutorService evaluation = Executors.newSingleThreadExecutor(daemon("evaluation"));
+  private ScheduledFuture<?> alarm;
+  private Long alarmAt;
+
+  /** What came before it was sure that no other server has the ID; null afterwards. */
+  private List<Runnable> early = new ArrayList<>();
+
+  private Presence rival;
+  private boolean closed;
+  private final CountDownLatch end = new CountDownLatch(1);
+
+  /**
+   * Connects and offers a simulation.
+   *
+   * @param only the simulation, or null to have {@code maker} make them
+   * @throws BrokerException if the broker cannot be reached
+   * @throws IllegalStateException if another server uses the ID
+   */
+  public Host(
+      Simulation only,
+      Supplier<? extends Simulation> maker,
+      String broker,
+      String prefix,
+      long id,
+      double stepTimeout,
+      Consumer<String> notices,
+      Consumer<String> pictures) {
+    identity = new Identity(id);
+    topics = new Topics(prefix);
+    this.notices = notices;
+    this.pictures = pictures;
+    machine = new Machine(identity, only == null ? Offer.of(maker) : Offer.of(only), topics, stepTimeout, this);
+    List<MqttSubscription> subscriptions = new ArrayList<>();
+    for (Topic topic : List.of(Topic.DISCOVERY, Topic.PARAMETERS, Topic.CONTROL, Topic.ACTUATOR)) {
+      subscriptions.add(new MqttSubscription(topics.name(topic), 0));
+    }
+    subscriptions.add(new MqttSubscription(topics.name(Topic.TO_SERVER, id), 0));
+    subscriptions.add(new MqttSubscription(presenceTopic(), 1));
+    link =
+        new Link(
+            BrokerAddress.of(broker),
+            "server-" + id + "-" + identity.instance,
+            subscriptions,
+            presenceTopic(),
+            Messages.write(machine.presence(Presence.State.LOST, stamp())),
+            this);
+    refuseRival();
+    synchronized (lock) {
+      machine.publishPresence(stamp());
+      List<Runnable> waiting = early;
+      early = null;
+      waiting.forEach(Runnable::run);
+      watch();
+    }
+  }
+
+  private static ThreadFactory daemon(String name) {
+    return code -> {
+      Thread thread = new Thread(code, name);
+      thread.setDaemon(true);
+      return thread;
+    };
+  }
+
+  private String presenceTopic() {
+    return topics.name(Topic.PRESENCE, identity.id);
+  }
+
+  private static String stamp() {
+    return Instant.now().truncatedTo(ChronoUnit.SECONDS).toString();
+  }
+
+  /** Listens for a moment for a living server with the same ID. */
+  private void refuseRival() {
+    try {
+      Thread.sleep(LISTEN_MILLIS);
+    } catch (InterruptedException error) {
+      Thread.currentThread().interrupt();
+    }
+    Presence other;
+    synchronized (lock) {
+      other = rival;
+    }
+    if (other != null) {
+      // A good-bye, or the last will would declare the rightful owner of the ID lost.
+      link.close();
+      Swarmwright announced = other.getCapabilities().getSwarmwright();
+      String host = announced == null ? "an unknown host" : announced.getHost() + ", process " + announced.getPid();
+      throw new IllegalStateException(
+          "the id " + identity.id + " is taken by a server on " + host + "; choose another with --id (or, if that server is gone"
+              + " for good: mosquitto_pub -r -n -t " + presenceTopic() + ")");
+    }
+  }
+
+  private boolean isRival(Presence presence) {
+    Swarmwright other = presence.getCapabilities().getSwarmwright();
+    if (presence.getServer() != identity.id || presence.getState() == Presence.State.LOST) {
+      return false;
+    }
+    // A broker that was killed keeps the presence of servers that died with it; on this host that can be seen.
+    boolean gone =
+        other != null
+            && identity.host.equals(other.getHost())
+            && other.getPid() != null
+            && ProcessHandle.of(other.getPid()).isEmpty();
+    return !gone;
+  }
+
+  // What happens.
+
+  @Override
+  public void received(String topic, byte[] payload, boolean retained) {
+    synchronized (lock) {
+      if (early == null) {
+        machine.receive(topic, payload, retained, System.nanoTime());
+        watch();
+      } else if (!topic.equals(presenceTopic())) {
+        early.add(() -> machine.receive(topic, payload, retained, System.nanoTime()));
+      } else if (payload.length > 0) {
+        noteRival(payload);
+      }
+    }
+  }
+
+  private void noteRival(byte[] payload) {
+    try {
+      Presence presence = Messages.readPresence(payload);
+      rival = isRival(presence) ? presence : rival;
+    } catch (MessageException error) {
+      notices.accept("warning: refusing a message on " + presenceTopic() + ": " + error.getMessage());
+    }
+  }
+
+  @Override
+  public void connected() {
+    synchronized (lock) {
+      machine.publishPresence(stamp());
+      watch();
+    }
+  }
+
+  @Override
+  public void disconnected(String reason) {
+    synchronized (lock) {
+      if (!closed) {
+        machine.disconnected(reason, System.nanoTime());
+        watch();
+      }
+    }
+  }
+
+  /** Sets the alarm to when the machine wants to be asked again. */
+  private void watch() {
+    Long next = machine.nextTick();
+    boolean same = alarmAt != null && next != null && alarmAt <= next;
+    if (closed || same || next == null) {
+      return;
+    }
+    if (alarm != null) {
+      alarm.cancel(false);
+    }
+    alarmAt = next;
+    alarm = clock.schedule(this::tick, next - System.nanoTime(), TimeUnit.NANOSECONDS);
+  }
+
+  private void tick() {
+    synchronized (lock) {
+      alarmAt = null;
+      if (!closed) {
+        machine.tick(System.nanoTime(), stamp());
+        watch();
+      }
+    }
+  }
+
+  // What the machine wants done.
+
+  @Override
+  public void publish(Topic topic, byte[] payload) {
+    link.publish(topics.name(topic), payload);
+  }
+
+  @Override
+  public void presence(byte[] payload) {
+    link.retain(presenceTopic(), payload);
+  }
+
+  @Override
+  public void reply(String topic, long request, byte[] payload) {
+    link.reply(topics.under(topic), request, payload);
+  }
+
+  @Override
+  public void evaluate(Job job) {
+    evaluation.execute(
+        () -> {
+          job.run();
+          synchronized (lock) {
+            machine.finished(job, System.nanoTime());
+            watch();
+          }
+        });
+  }
+
+  @Override
+  public void notice(String text) {
+    notices.accept(text);
+  }
+
+  @Override
+  public void show(String picture) {
+    pictures.accept(picture);
+  }
+
+  /** Waits until it is closed. */
+  public void await() throws InterruptedException {
+    end.await();
+  }
+
+  /** Gives up what is under way and leaves the broker in good order. */
+  @Override
+  public void close() {
+    synchronized (lock) {
+      if (closed) {
+        return;
+      }
+      closed = true;
+      machine.free(System.nanoTime());
+      link.retain(presenceTopic(), new byte[0]);
+    }
+    link.close();
+    clock.shutdownNow();
+    evaluation.shutdownNow();
+    end.countDown();
+  }
+}

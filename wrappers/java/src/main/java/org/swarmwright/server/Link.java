@@ -1,0 +1,182 @@
+package org.swarmwright.server;
+
+import java.nio.ByteBuffer;
+import java.util.List;
+import java.util.function.Consumer;
+import org.eclipse.paho.mqttv5.client.IMqttToken;
+import org.eclipse.paho.mqttv5.client.MqttAsyncClient;
+import org.eclipse.paho.mqttv5.client.MqttCallback;
+import org.eclipse.paho.mqttv5.client.MqttConnectionOptions;
+import org.eclipse.paho.mqttv5.client.MqttDisconnectResponse;
+import org.eclipse.paho.mqttv5.client.persist.MemoryPersistence;
+import org.eclipse.paho.mqttv5.common.MqttException;
+import org.eclipse.paho.mqttv5.common.MqttMessage;
+import org.eclipse.paho.mqttv5.common.MqttSubscription;
+import org.eclipse.paho.mqttv5.common.packet.MqttProperties;
+import org.swarmwright.BrokerException;
+import org.swarmwright.mqtt.BrokerAddress;
+
+/** The connection of a server, MQTT 5; it comes back by itself, with its subscriptions. */
+final class Link {
+  private static final int TIMEOUT_MILLIS = 10_000;
+  private static final int KEEP_ALIVE = 20;
+
+  /** For how long the broker keeps the news that a server was lost, seconds. */
+  private static final long LOST_EXPIRY = 3600;
+
+  private final BrokerAddress address;
+  private final MqttAsyncClient client;
+  private final List<MqttSubscription> subscriptions;
+  private final Listener listener;
+
+  /** Who hears of a connection. */
+  interface Listener {
+    void received(String topic, byte[] payload, boolean retained);
+
+    void connected();
+
+    void disconnected(String reason);
+  }
+
+  /**
+   * Connects and subscribes.
+   *
+   * @param will what the broker publishes, retained, when the connection breaks
+   * @throws BrokerException if that cannot be done
+   */
+  Link(
+      BrokerAddress address,
+      String name,
+      List<MqttSubscription> subscriptions,
+      String willTopic,
+      byte[] will,
+      Listener listener) {
+    this.address = address;
+    this.subscriptions = subscriptions;
+    this.listener = listener;
+    MqttConnectionOptions options = new MqttConnectionOptions();
+    options.setCleanStart(true);
+    options.setAutomaticReconnect(true);
+    options.setAutomaticReconnectDelay(1, 5);
+    options.setConnectionTimeout(TIMEOUT_MILLIS / 1000);
+    options.setKeepAliveInterval(KEEP_ALIVE);
+    options.setSocketFactory(address.sockets());
+    if (address.username() != null) {
+      options.setUserName(address.username());
+    }
+    if (address.password() != null) {
+      options.setPassword(address.password().getBytes(java.nio.charset.StandardCharsets.UTF_8));
+    }
+    MqttProperties expiry = new MqttProperties();
+    expiry.setMessageExpiryInterval(LOST_EXPIRY);
+    options.setWill(willTopic, new MqttMessage(will, 1, true, expiry));
+    options.setWillMessageProperties(expiry);
+    try {
+      client = new MqttAsyncClient(address.uri(), name, new MemoryPersistence());
+      client.setCallback(new Callback());
+      client.connect(options).waitForCompletion(TIMEOUT_MILLIS);
+      subscribe().waitForCompletion(TIMEOUT_MILLIS);
+    } catch (MqttException error) {
+      throw new BrokerException(
+          "no connection to the broker at " + address + ": " + reason(error) + "; is it running, and is this its address?", error);
+    }
+  }
+
+  private IMqttToken subscribe() throws MqttException {
+    return client.subscribe(subscriptions.toArray(new MqttSubscription[0]));
+  }
+
+  private static String reason(MqttException error) {
+    Throwable cause = error.getCause() == null ? error : error.getCause();
+    return cause.getMessage() == null ? cause.toString() : cause.getMessage();
+  }
+
+  /** Publishes with QoS 0. */
+  void publish(String topic, byte[] payload) {
+    send(topic, new MqttMessage(payload, 0, false, null));
+  }
+
+  /** Publishes with QoS 1, retained. */
+  void retain(String topic, byte[] payload) {
+    send(topic, new MqttMessage(payload, 1, true, null));
+  }
+
+  /** Publishes the answer to a request, QoS 0. */
+  void reply(String topic, long request, byte[] payload) {
+    MqttProperties properties = new MqttProperties();
+    properties.setContentType("application/msgpack");
+    properties.setCorrelationData(ByteBuffer.allocate(Long.BYTES).putLong(request).array());
+    send(topic, new MqttMessage(payload, 0, false, properties));
+  }
+
+  /** Without a connection the message is lost, as the run is to which it belongs. */
+  private void send(String topic, MqttMessage message) {
+    try {
+      client.publish(topic, message);
+    } catch (MqttException error) {
+      java.util.logging.Logger.getLogger(Link.class.getName())
+          .log(java.util.logging.Level.FINE, "a message on {0} is lost", topic);
+    }
+  }
+
+  /** Leaves in order; what was published goes out first. */
+  void close() {
+    try {
+      client.disconnect(1000).waitForCompletion(2000);
+    } catch (MqttException error) {
+      quietly(() -> client.disconnectForcibly(0, 500, true));
+    }
+    quietly(() -> client.close(true));
+  }
+
+  private interface Action {
+    void run() throws MqttException;
+  }
+
+  private static void quietly(Action action) {
+    try {
+      action.run();
+    } catch (MqttException error) {
+      java.util.logging.Logger.getLogger(Link.class.getName())
+          .log(java.util.logging.Level.FINE, "closing the connection", error);
+    }
+  }
+
+  private final class Callback implements MqttCallback {
+    @Override
+    public void messageArrived(String topic, MqttMessage message) {
+      listener.received(topic, message.getPayload(), message.isRetained());
+    }
+
+    @Override
+    public void connectComplete(boolean again, String uri) {
+      if (again) {
+        quietly(() -> subscribe());
+        listener.connected();
+      }
+    }
+
+    @Override
+    public void disconnected(MqttDisconnectResponse response) {
+      String reason = response.getReasonString();
+      if (reason == null && response.getException() != null) {
+        reason = reason(response.getException());
+      }
+      listener.disconnected(reason == null ? "the connection ended" : reason);
+    }
+
+    @Override
+    public void mqttErrorOccurred(MqttException error) {
+      quietly(
+          () -> {
+            throw error;
+          });
+    }
+
+    @Override
+    public void deliveryComplete(IMqttToken token) {}
+
+    @Override
+    public void authPacketArrived(int reasonCode, MqttProperties properties) {}
+  }
+}

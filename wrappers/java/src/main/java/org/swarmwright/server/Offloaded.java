@@ -1,0 +1,162 @@
+package org.swarmwright.server;
+
+import com.google.gson.JsonObject;
+import java.util.List;
+import java.util.Map;
+import java.util.regex.Pattern;
+import org.swarmwright.Description;
+import org.swarmwright.controllers.Architecture;
+import org.swarmwright.controllers.SpecificationException;
+import org.swarmwright.extension.Answers;
+import org.swarmwright.extension.BatchSensors;
+import org.swarmwright.extension.BatchStart;
+import org.swarmwright.extension.Evaluate;
+import org.swarmwright.extension.MapReader;
+import org.swarmwright.extension.Refusal;
+import org.swarmwright.extension.Request;
+import org.swarmwright.messages.MessageException;
+import org.swarmwright.messages.Topics.Topic;
+
+/** Checks requests of the extensions and writes their answers. */
+final class Offloaded {
+  /** So that the answer has room for every fitness and some reasons. */
+  private static final long MOST_EPISODES = MapReader.MAX_BLOCK / 16;
+
+  private static final double LONGEST_LEASE = 1e6;
+  private static final Pattern REPLY =
+      Pattern.compile(Pattern.quote(Topic.TO_TOOL.text()) + "/[A-Za-z0-9_-]{1,200}");
+
+  private final long server;
+  private final Offer offer;
+  private final Outbox outbox;
+
+  /** The controllers of the last sound request, which are usually those of the next. */
+  private JsonObject specification;
+
+  private Architecture architecture;
+
+  Offloaded(long server, Offer offer, Outbox outbox) {
+    this.server = server;
+    this.offer = offer;
+    this.outbox = outbox;
+  }
+
+  /** Whether an answer can be sent to a topic: none but those of tools, so that nobody can make a server speak elsewhere. */
+  static boolean canReply(String reply) {
+    return REPLY.matcher(reply).matches();
+  }
+
+  void checkTitle(String title) {
+    if (!offer.description().title().equals(title)) {
+      throw invalid("simulation: \"" + title + "\" is not offered here, only " + offer.description().title());
+    }
+  }
+
+  /**
+   * The job of a request.
+   *
+   * @throws Refusal if it cannot be done
+   */
+  Job job(Evaluate request, long now) {
+    checkTitle(request.simulation);
+    Architecture wanted = architecture(request.controller);
+    long weights = wanted.weightCount();
+    int numbers = request.genomes.length;
+    if (numbers % weights != 0) {
+      throw invalid(
+          "genomes: " + numbers + " numbers are no whole number of candidates; the controller has " + weights + " weights");
+    }
+    if (numbers / weights * request.seeds.length > MOST_EPISODES) {
+      throw invalid(
+          "genomes: " + numbers / weights + " candidates in " + request.seeds.length
+              + " episodes are too many for one answer; send fewer at once");
+    }
+    boolean limited = request.lease > 0 && request.lease < LONGEST_LEASE;
+    return new Job(request, offer.first(), wanted, limited ? (Long) (now + (long) (request.lease * 1e9)) : null);
+  }
+
+  private Architecture architecture(JsonObject wanted) {
+    if (wanted.equals(specification)) {
+      return architecture;
+    }
+    Architecture read;
+    try {
+      read = Architecture.read(wanted);
+    } catch (SpecificationException error) {
+      throw invalid(error.getMessage());
+    }
+    Description description = offer.description();
+    check("sensors", read.sensors(), description.sensors());
+    check("actuators", read.actuators(), description.actuators());
+    specification = wanted;
+    architecture = read;
+    return read;
+  }
+
+  private void check(String field, int found, int expected) {
+    if (found != expected) {
+      throw invalid(
+          "controller." + field + ": " + found + ", but simulation " + offer.description().title() + " has " + expected);
+    }
+  }
+
+  private static Refusal invalid(String reason) {
+    return new Refusal(Refusal.Kind.INVALID, reason);
+  }
+
+  void send(Job job) {
+    byte[] payload =
+        job.error != null
+            ? refused(job.request.request, job.error)
+            : Answers.evaluated(
+                job.request.request, server, job.fitness, job.metrics, job.failed, null, job.seconds);
+    if (payload.length > MapReader.MAX_BLOCK) {
+      String reason = "the answer is longer than " + MapReader.MAX_BLOCK + " bytes; send fewer candidates at once";
+      payload = refused(job.request.request, new Refusal(Refusal.Kind.FAILED, reason));
+    }
+    outbox.reply(job.request.reply, job.request.request, payload);
+  }
+
+  void send(BatchStart start, BatchSensors message) {
+    byte[] payload = Answers.sensors(message);
+    if (payload.length > MapReader.MAX_BLOCK) {
+      Refusal refusal = invalid("seeds: a step makes a message of " + payload.length + " bytes; start fewer episodes at once");
+      payload = Answers.sensors(new BatchSensors(message.request, server, message.step, refusal));
+    }
+    outbox.reply(start.reply, start.request, payload);
+  }
+
+  /** Answers that a request is not served. */
+  void refuse(Request request, Refusal refusal) {
+    if (request instanceof Evaluate) {
+      outbox.reply(request.reply, request.request, refused(request.request, refusal));
+    } else {
+      send((BatchStart) request, new BatchSensors(request.request, server, 0, refusal));
+    }
+  }
+
+  private byte[] refused(long request, Refusal refusal) {
+    return Answers.evaluated(request, server, new double[0], Map.of(), List.of(), refusal, 0);
+  }
+
+  /** Answers what could not be read as a whole, if it says where to. */
+  void refuseUnread(byte[] payload, String reason) {
+    try {
+      MapReader map = MapReader.of(payload);
+      String kind = map.text("kind");
+      String reply = map.text("reply");
+      long request = map.bits("request");
+      if (!canReply(reply)) {
+        return;
+      }
+      if (kind.equals("evaluate")) {
+        outbox.reply(reply, request, refused(request, invalid(reason)));
+      } else if (kind.equals("start")) {
+        outbox.reply(reply, request, Answers.sensors(new BatchSensors(request, server, 0, invalid(reason))));
+      }
+    } catch (MessageException error) {
+      // It does not even say who asks.
+      return;
+    }
+  }
+}

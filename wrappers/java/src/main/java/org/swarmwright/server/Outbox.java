@@ -1,0 +1,24 @@
+package org.swarmwright.server;
+
+import org.swarmwright.messages.Topics.Topic;
+
+/** What a server's machine wants done. */
+interface Outbox {
+  /** Publishes on one of the seven topics. */
+  void publish(Topic topic, byte[] payload);
+
+  /** Publishes the server's presence, retained. */
+  void presence(byte[] payload);
+
+  /** Publishes the answer to a request; {@code topic} is without prefix. */
+  void reply(String topic, long request, byte[] payload);
+
+  /** Computes, in a thread of its own, and gives the job to {@link Machine#finished}. */
+  void evaluate(Job job);
+
+  /** Tells the operator. */
+  void notice(String text);
+
+  /** Shows a picture of a run. */
+  void show(String picture);
+}

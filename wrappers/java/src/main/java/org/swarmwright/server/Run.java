@@ -1,0 +1,149 @@
+package org.swarmwright.server;
+
+import com.google.gson.JsonObject;
+import java.nio.charset.StandardCharsets;
+import java.util.Arrays;
+import java.util.List;
+import java.util.function.Consumer;
+import java.util.stream.Collectors;
+import java.util.stream.IntStream;
+import org.swarmwright.ParameterReader;
+import org.swarmwright.Simulation;
+import org.swarmwright.messages.Actuator;
+import org.swarmwright.messages.Decimals;
+import org.swarmwright.messages.MessageException;
+
+/** An episode that is being stepped by single messages: who has to act, whose actuators are there. */
+final class Run {
+  final String hash;
+  final String tool;
+  final boolean visual;
+
+  /** When the step under way began to wait for actuators. */
+  long waitingSince;
+
+  /** Whether somebody was told of the waiting. */
+  boolean told;
+
+  /** When the sensors go out, if the run is being shown; 0 if it need not wait. */
+  long resumeAt;
+
+  private final Simulation simulation;
+  private final String head;
+  private final float[] sensors;
+  private final int perAgent;
+  private int[] acting = {};
+  private boolean[] arrived = {};
+  private int missing;
+  private float[] actuators = {};
+
+  /** At the start: the simulation is reset. */
+  Run(Simulation simulation, JsonObject parameters, String hash, String tool, boolean visual) throws Guard.Broken {
+    this.simulation = simulation;
+    this.hash = hash;
+    this.tool = tool;
+    this.visual = visual;
+    Guard.reset(simulation, new ParameterReader(parameters));
+    String title = new com.google.gson.JsonPrimitive(simulation.description().title()).toString();
+    String text = new com.google.gson.JsonPrimitive(hash).toString();
+    head = "{\"simulation\":" + title + ",\"simulation_hash\":" + text + ",\"agent\":";
+    sensors = new float[simulation.description().sensors()];
+    perAgent = simulation.description().actuators();
+  }
+
+  /**
+   * Sends the sensors of all acting agents.
+   *
+   * @return whether there are any; if not, the episode has ended
+   */
+  boolean sense(long now, Consumer<byte[]> send) throws Guard.Broken {
+    waitingSince = now;
+    told = false;
+    acting = Guard.call(() -> simulation.acting().clone());
+    missing = acting.length;
+    arrived = new boolean[missing];
+    actuators = new float[missing * perAgent];
+    for (int agent : acting) {
+      Guard.call(() -> read(simulation, agent, sensors));
+      StringBuilder text = new StringBuilder(head).append(agent).append(",\"sensor\":[");
+      for (int i = 0; i < sensors.length; i++) {
+        text.append(i == 0 ? "" : ",").append(Decimals.shortest(sensors[i]));
+      }
+      send.accept(text.append("]}").toString().getBytes(StandardCharsets.UTF_8));
+    }
+    return acting.length > 0;
+  }
+
+  /** Reads what an agent senses; numbers that cannot be sent break the episode. */
+  static float[] read(Simulation simulation, int agent, float[] sensors) throws Guard.Broken {
+    simulation.sense(agent, sensors);
+    for (int i = 0; i < sensors.length; i++) {
+      if (!Float.isFinite(sensors[i])) {
+        throw new Guard.Broken("sensor " + i + " of agent " + agent + " is " + sensors[i] + ", not a finite number");
+      }
+    }
+    return sensors;
+  }
+
+  double fitness() throws Guard.Broken {
+    return Guard.finite(Guard.call(simulation::fitness));
+  }
+
+  /**
+   * Takes the actuators of one agent, and makes the step when all are there.
+   *
+   * @return whether it was made
+   * @throws MessageException if they are not those waited for; the run goes on waiting
+   */
+  boolean actuate(Actuator message) throws Guard.Broken {
+    long agent = message.getAgent();
+    int slot = agent > Integer.MAX_VALUE ? -1 : Arrays.binarySearch(acting, (int) agent);
+    if (slot < 0) {
+      throw new MessageException("agent " + agent + " is not among those asked for actuators");
+    }
+    List<Double> values = message.getActuator();
+    if (values.size() != perAgent) {
+      throw new MessageException(values.size() + " actuators for agent " + agent + ", expected " + perAgent);
+    }
+    if (resumeAt != 0 || arrived[slot]) {
+      throw new MessageException("the actuators of agent " + agent + " came a second time");
+    }
+    arrived[slot] = true;
+    for (int i = 0; i < perAgent; i++) {
+      actuators[slot * perAgent + i] = clamp(values.get(i).floatValue());
+    }
+    if (--missing > 0) {
+      return false;
+    }
+    Guard.run(() -> simulation.step(actuators));
+    return true;
+  }
+
+  static float clamp(float value) {
+    return value > 1f ? 1f : value < -1f ? -1f : value;
+  }
+
+  /** Who is missing and for how long, in words. */
+  String waitingFor(long now) {
+    String agents =
+        IntStream.range(0, acting.length)
+            .filter(slot -> !arrived[slot])
+            .mapToObj(slot -> "" + acting[slot])
+            .limit(8)
+            .collect(Collectors.joining(", "));
+    String holder = tool == null ? "the optimization tool" : tool;
+    return String.format(
+        java.util.Locale.ROOT,
+        "%s has not sent actuators for %d of %d agents (%s%s) for %.1f s",
+        holder, missing, acting.length, agents, missing > 8 ? ", ..." : "", (now - waitingSince) / 1e9);
+  }
+
+  /** The picture to show now; null if there is none to show. */
+  String picture() throws Guard.Broken {
+    return visual ? Guard.call(simulation::picture) : null;
+  }
+
+  long pictureNanos() throws Guard.Broken {
+    return 1_000_000L * Math.max(0, Guard.call(simulation::pictureMillis));
+  }
+}
