@@ -1,5 +1,6 @@
 package org.swarmwright;
 
+import java.util.List;
 import java.util.Objects;
 
 /** What a simulation says of itself before it is configured. */
@@ -9,14 +10,22 @@ public final class Description {
   private final int maxAgents;
   private final int sensors;
   private final int actuators;
+  private final List<String> metrics;
 
-  private Description(String title, int dimensions, int maxAgents, int sensors, int actuators) {
+  private Description(String title, int dimensions, int maxAgents, int sensors, int actuators, List<String> metrics) {
     this.title = Objects.requireNonNull(title, "title");
     if (dimensions < 1 || maxAgents < 0 || sensors < 1 || actuators < 1) {
       throw new IllegalArgumentException(
           "a simulation has at least one dimension, sensor and actuator; found dimensions " + dimensions + ", sensors " + sensors
               + ", actuators " + actuators + ", maxAgents " + maxAgents);
     }
+    for (String name : metrics) {
+      if (!name.matches("[A-Za-z_][A-Za-z0-9_]*")) {
+        throw new IllegalArgumentException(
+            "metric \"" + name + "\": a name is a letter or _, then letters, digits and _");
+      }
+    }
+    this.metrics = List.copyOf(metrics);
     this.dimensions = dimensions;
     this.maxAgents = maxAgents;
     this.sensors = sensors;
@@ -33,12 +42,21 @@ public final class Description {
    * @throws IllegalArgumentException if a number is less
    */
   public static Description of(String title, int dimensions, int sensors, int actuators) {
-    return new Description(title, dimensions, 0, sensors, actuators);
+    return new Description(title, dimensions, 0, sensors, actuators, List.of());
   }
 
   /** The same with a largest number of agents; 0 for no limit, the default. */
   public Description withMaxAgents(int number) {
-    return new Description(title, dimensions, number, sensors, actuators);
+    return new Description(title, dimensions, number, sensors, actuators, metrics);
+  }
+
+  /**
+   * The same with names of what {@link Simulation#metrics} gives, none by default.
+   *
+   * @throws IllegalArgumentException if a name is not a letter or _, then letters, digits and _
+   */
+  public Description withMetrics(String... names) {
+    return new Description(title, dimensions, maxAgents, sensors, actuators, List.of(names));
   }
 
   /** What experiment files name it. */
@@ -64,5 +82,10 @@ public final class Description {
   /** Numbers that an agent does in a step. */
   public int actuators() {
     return actuators;
+  }
+
+  /** Names of what is measured in an episode beside the fitness. */
+  public List<String> metrics() {
+    return metrics;
   }
 }

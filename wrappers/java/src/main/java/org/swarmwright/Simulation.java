@@ -1,11 +1,9 @@
 package org.swarmwright;
 
-import java.util.Map;
-
 /**
  * An environment that can be reset and stepped. One object runs one episode at a time, any number of them in turn.
  *
- * <p>An episode: {@link #reset}, then, until {@link #acting} is empty, {@link #sense} for every acting agent and {@link #step} with what
+ * <p>An episode: {@link #reset}, then, until it is {@link #done}, {@link #sense} for every acting agent and {@link #step} with what
  * they do; then {@link #fitness}. The same parameters and actuators must give the same sensors and fitness, to the bit.
  *
  * <p>Whatever a method throws ends the episode, is told to the optimization tool with message and stack, and leaves the server usable:
@@ -26,6 +24,13 @@ public interface Simulation {
   /** The agents whose actuators the next step needs, ascending from 0; none when the episode has ended. */
   int[] acting();
 
+  /**
+   * Whether the episode has ended. A simulation that steers its agents itself lets nobody act before: it is stepped without actuators.
+   */
+  default boolean done() {
+    return acting().length == 0;
+  }
+
   /** Writes what an acting agent senses: finite numbers, as many as the description says. */
   void sense(int agent, float[] sensors);
 
@@ -39,9 +44,9 @@ public interface Simulation {
   /** Fitness of the episode so far, a finite number; larger is better. */
   double fitness();
 
-  /** Whatever else is worth knowing about the episode that has ended, by name; reported beside the fitness. */
-  default Map<String, Double> metrics() {
-    return Map.of();
+  /** What else is measured in the episode, in the order of the description's names: an experiment can make a fitness of it. */
+  default double[] metrics() {
+    return new double[0];
   }
 
   /** What there is to see now, as lines of text for people; null if there is nothing to show. */

@@ -7,6 +7,8 @@ public abstract strictfp class Architecture {
   /** Most weights that a controller may have. */
   public static final int MAX_WEIGHTS = 1_000_000;
 
+  private static final String KINDS = "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"";
+
   private final int sensors;
   private final int actuators;
 
@@ -23,7 +25,7 @@ public abstract strictfp class Architecture {
   public static Architecture read(JsonObject specification) {
     SpecificationReader reader = new SpecificationReader(specification);
     reader.count("version", 1, 1);
-    String kind = reader.text("kind", "\"layered\", \"fully_meshed\" or \"mealy_fsm\"");
+    String kind = reader.text("kind", KINDS);
     Architecture architecture;
     switch (kind) {
       case "layered":
@@ -35,9 +37,12 @@ public abstract strictfp class Architecture {
       case "mealy_fsm":
         architecture = MealyFsm.read(reader);
         break;
+      case "parameter_set":
+        architecture = ParameterSet.read(reader);
+        break;
       default:
         throw new SpecificationException(
-            "kind", "\"" + kind + "\" found, expected \"layered\", \"fully_meshed\" or \"mealy_fsm\"");
+            "kind", "\"" + kind + "\" found, expected " + KINDS);
     }
     reader.end();
     if (architecture.weightCount() > MAX_WEIGHTS) {
@@ -46,6 +51,11 @@ public abstract strictfp class Architecture {
           "makes " + architecture.weightCount() + " weights; at most " + MAX_WEIGHTS + " are possible");
     }
     return architecture;
+  }
+
+  /** Whether it steers agents; a {@link ParameterSet} does not. */
+  public boolean steers() {
+    return true;
   }
 
   /** Numbers in. */

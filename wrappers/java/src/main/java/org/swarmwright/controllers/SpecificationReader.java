@@ -3,13 +3,18 @@ package org.swarmwright.controllers;
 import com.google.gson.JsonArray;
 import com.google.gson.JsonElement;
 import com.google.gson.JsonObject;
+import java.util.ArrayList;
 import java.util.Arrays;
 import java.util.HashSet;
+import java.util.List;
 import java.util.Set;
 import java.util.stream.Collectors;
 
 /** Reads the fields of a specification one by one, so that every complaint names its field. */
 final class SpecificationReader {
+  /** Keys of a parameters message that are no parameters, and the one that every episode has its own of. */
+  private static final Set<String> RESERVED = Set.of("server", "simulation", "simulation_hash", "seed");
+
   private final JsonObject fields;
   private final Set<String> known = new HashSet<>(Set.of("weights"));
 
@@ -100,6 +105,56 @@ final class SpecificationReader {
       }
     }
     return thresholds;
+  }
+
+  /** At least one parameter: a name that no other has, a type, and the choices where there are any. */
+  List<ParameterSet.Parameter> parameters(int most) {
+    String expected = "a list of parameters such as {\"name\": \"range\", \"type\": \"real\"}";
+    JsonArray items = array("parameters", take("parameters", expected), expected);
+    if (items.isEmpty() || items.size() > most) {
+      throw new SpecificationException("parameters", items.size() + " found, expected 1 to " + most);
+    }
+    List<ParameterSet.Parameter> parameters = new ArrayList<>();
+    Set<String> names = new HashSet<>();
+    for (int i = 0; i < items.size(); i++) {
+      String field = "parameters[" + i + "]";
+      if (!items.get(i).isJsonObject()) {
+        throw wrong(field, items.get(i), "an object such as {\"name\": \"range\", \"type\": \"real\"}");
+      }
+      SpecificationReader item = new SpecificationReader(items.get(i).getAsJsonObject());
+      String name = item.text("name", "a text");
+      String type = item.text("type", "real, integer or categorical");
+      List<String> choices = type.equals("categorical") ? item.choices() : List.of();
+      item.known.remove("weights");
+      item.end();
+      if (name.isEmpty() || RESERVED.contains(name)) {
+        throw new SpecificationException(field, "\"" + name + "\" is no name of a parameter to be set");
+      }
+      if (!names.add(name)) {
+        throw new SpecificationException(field, "\"" + name + "\" stands twice");
+      }
+      if (!List.of("real", "integer", "categorical").contains(type)) {
+        throw new SpecificationException(
+            field, "type: \"" + type + "\" found, expected one of real, integer, categorical");
+      }
+      parameters.add(new ParameterSet.Parameter(name, type, choices));
+    }
+    return parameters;
+  }
+
+  private List<String> choices() {
+    String expected = "a list of texts";
+    List<String> choices = new ArrayList<>();
+    for (JsonElement choice : array("choices", take("choices", expected), expected)) {
+      if (!choice.isJsonPrimitive() || !choice.getAsJsonPrimitive().isString()) {
+        throw wrong("choices", choice, "a text");
+      }
+      choices.add(choice.getAsString());
+    }
+    if (choices.isEmpty()) {
+      throw new SpecificationException("choices", "is empty; expected " + expected);
+    }
+    return choices;
   }
 
   /** Complains of fields that nobody asked for. */

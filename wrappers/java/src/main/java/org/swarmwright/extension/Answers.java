@@ -54,7 +54,8 @@ public final class Answers {
   public static byte[] sensors(BatchSensors message) {
     return pack(
         packer -> {
-          packer.packMapHeader(10 + one(!message.failed.isEmpty()) + one(message.error != null));
+          packer.packMapHeader(
+              10 + one(!message.metrics.isEmpty()) + one(!message.failed.isEmpty()) + one(message.error != null));
           head(packer, "sensors", message.request, message.server);
           packer.packString("step");
           unsigned(packer, message.step);
@@ -63,6 +64,12 @@ public final class Answers {
           binary(packer.packString("sensors"), message.sensors.bytes());
           binary(packer.packString("ended"), message.ended.bytes());
           binary(packer.packString("fitness"), message.fitness.bytes());
+          if (!message.metrics.isEmpty()) {
+            packer.packString("metrics").packMapHeader(message.metrics.size());
+            for (Map.Entry<String, Block> metric : message.metrics.entrySet()) {
+              binary(packer.packString(metric.getKey()), metric.getValue().bytes());
+            }
+          }
           tail(packer, message.failed, message.error);
         });
   }

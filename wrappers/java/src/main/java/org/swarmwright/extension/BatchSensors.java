@@ -2,6 +2,8 @@ package org.swarmwright.extension;
 
 import java.util.ArrayList;
 import java.util.List;
+import java.util.Map;
+import java.util.TreeMap;
 
 /** What all agents sense that act next, and the episodes that have ended. */
 public final class BatchSensors {
@@ -28,6 +30,9 @@ public final class BatchSensors {
 
   /** Their fitness, binary64. */
   public final Block fitness = new Block();
+
+  /** Their metrics that were asked for, by name, each of the shape of ended, binary64. */
+  public final Map<String, Block> metrics = new TreeMap<>();
 
   /** Episodes that failed. */
   public final List<Failure> failed = new ArrayList<>();

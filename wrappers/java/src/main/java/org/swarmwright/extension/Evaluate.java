@@ -1,6 +1,7 @@
 package org.swarmwright.extension;
 
 import com.google.gson.JsonObject;
+import java.util.List;
 
 /** Request for offloaded evaluation: every candidate in every episode (protocol/schemas/evaluate.schema.json). */
 public final class Evaluate extends Request {
@@ -16,6 +17,9 @@ public final class Evaluate extends Request {
   /** One seed per episode, at least one; the bits of unsigned numbers. */
   public final long[] seeds;
 
+  /** Names of the metrics that are to come with the fitness. */
+  public final List<String> metrics;
+
   /** 1 for the first try of this work. */
   public final long attempt;
 
@@ -28,6 +32,7 @@ public final class Evaluate extends Request {
     controller = map.object("controller");
     genomes = map.singles("genomes");
     seeds = seeds(map);
+    metrics = map.texts("metrics");
     attempt = map.count("attempt", 0xFFFFFFFFL);
     lease = map.number("lease");
   }

@@ -8,7 +8,9 @@ import com.google.gson.JsonPrimitive;
 import java.io.IOException;
 import java.nio.ByteBuffer;
 import java.nio.ByteOrder;
+import java.util.ArrayList;
 import java.util.HashMap;
+import java.util.List;
 import java.util.Map;
 import org.msgpack.core.MessageFormatException;
 import org.msgpack.core.MessagePack;
@@ -85,6 +87,24 @@ public final class MapReader {
     } catch (MessagePackException error) {
       throw wrong(key, "text in UTF-8");
     }
+  }
+
+  /** Texts, none if the key is absent. */
+  public List<String> texts(String key) {
+    if (!fields.containsKey(key)) {
+      return List.of();
+    }
+    if (!get(key).isArrayValue()) {
+      throw wrong(key, "list of texts");
+    }
+    List<String> texts = new ArrayList<>();
+    for (Value value : get(key).asArrayValue()) {
+      if (!value.isStringValue()) {
+        throw wrong(key, "list of texts");
+      }
+      texts.add(value.asStringValue().asString());
+    }
+    return texts;
   }
 
   /** The bits of an integer from 0 to 2^64 - 1. */

@@ -7,6 +7,9 @@ import com.google.gson.JsonPrimitive;
 import java.math.BigDecimal;
 import java.util.ArrayList;
 import java.util.List;
+import java.util.Map;
+import java.util.TreeMap;
+import java.util.function.Supplier;
 
 /** The keys of a JSON object, each with the type that it must have. Optional ones give null where they are absent. */
 final class Fields {
@@ -122,6 +125,22 @@ final class Fields {
     return numbers;
   }
 
+  /** Of an extension's object what is a finite number; null if there is none, or no object. */
+  Map<String, Double> numbers(String key) {
+    JsonElement value = object.get(key);
+    Map<String, Double> numbers = new TreeMap<>();
+    if (value != null && value.isJsonObject()) {
+      Fields inner = new Fields(value.getAsJsonObject());
+      for (String name : value.getAsJsonObject().keySet()) {
+        Double number = lenient(() -> inner.optionalNumber(name));
+        if (number != null) {
+          numbers.put(name, number);
+        }
+      }
+    }
+    return numbers.isEmpty() ? null : numbers;
+  }
+
   List<String> optionalTexts(String key) {
     String expected = "a list of texts";
     JsonArray values = array(key, expected);
@@ -156,7 +175,7 @@ final class Fields {
   }
 
   /** An extension's key: another peer's own use of its name is as good as none. */
-  <T> T lenient(java.util.function.Supplier<T> read) {
+  <T> T lenient(Supplier<T> read) {
     try {
       return read.get();
     } catch (MessageException error) {

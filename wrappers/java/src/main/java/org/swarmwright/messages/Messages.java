@@ -117,7 +117,8 @@ public final class Messages {
     return new Fitness()
         .withSimulation(fields.optionalText("simulation"))
         .withSimulationHash(fields.text("simulation_hash"))
-        .withFitness(fields.number("fitness"));
+        .withFitness(fields.number("fitness"))
+        .withMetrics(fields.numbers("metrics"));
   }
 
   /** Reads a presence message (an extension). */
@@ -161,6 +162,7 @@ public final class Messages {
         .withBatch(count(fields, "batch"))
         .withSensors(count(fields, "sensors"))
         .withActuators(count(fields, "actuators"))
+        .withMetrics(fields.lenient(() -> fields.optionalTexts("metrics")))
         .withInstance(fields.lenient(() -> fields.optionalText("instance")))
         .withHost(fields.lenient(() -> fields.optionalText("host")))
         .withPid(count(fields, "pid"));

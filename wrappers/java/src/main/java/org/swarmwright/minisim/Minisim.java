@@ -2,7 +2,6 @@ package org.swarmwright.minisim;
 
 import com.google.gson.JsonObject;
 import java.util.Arrays;
-import java.util.Map;
 import org.swarmwright.Description;
 import org.swarmwright.ParameterReader;
 import org.swarmwright.Simulation;
@@ -16,7 +15,11 @@ import org.swarmwright.controllers.Functions;
  * actuator: the heading, as an angle by pi. Fitness: minus the mean distance to the goal at the end, 0 for those that arrived.
  */
 public final strictfp class Minisim implements Simulation {
-  private static final Description DESCRIPTION = Description.of("minisim", 2, 4, 1).withMaxAgents(Settings.MAX_BODIES);
+  private static final Description DESCRIPTION =
+      Description.of("minisim", 2, 4, 1)
+          .withMaxAgents(Settings.MAX_BODIES)
+          .withMetrics("arrived", "caught", "steps", "distance");
+  private static final int[] NOBODY = {};
 
   private enum State {
     FREE,
@@ -28,7 +31,7 @@ public final strictfp class Minisim implements Simulation {
   private float[][] agents;
   private float[][] defenders;
   private State[] states;
-  private int[] acting;
+  private int[] free;
   private long step;
 
   /** At the start of an episode of D6.1's example. */
@@ -48,14 +51,19 @@ public final strictfp class Minisim implements Simulation {
     defenders = settings.defenders;
     states = new State[agents.length];
     Arrays.fill(states, State.FREE);
-    acting = new int[agents.length];
-    Arrays.setAll(acting, i -> i);
+    free = new int[agents.length];
+    Arrays.setAll(free, i -> i);
     step = 0;
   }
 
   @Override
   public int[] acting() {
-    return acting;
+    return settings.rule == null ? free : NOBODY;
+  }
+
+  @Override
+  public boolean done() {
+    return free.length == 0;
   }
 
   @Override
@@ -71,22 +79,24 @@ public final strictfp class Minisim implements Simulation {
 
   @Override
   public void step(float[] actuators) {
-    if (acting.length == 0) {
+    if (free.length == 0) {
       return;
     }
-    for (int i = 0; i < acting.length; i++) {
-      float[] agent = agents[acting[i]];
-      agent[0] = limit(agent[0] + settings.speedAgents * Functions.cosPi(actuators[i]), settings.width);
-      agent[1] = limit(agent[1] + settings.speedAgents * Functions.sinPi(actuators[i]), settings.height);
+    for (int i = 0; i < free.length; i++) {
+      if (settings.rule != null) {
+        moveByRule(agents[free[i]]);
+      } else {
+        move(agents[free[i]], Functions.cosPi(actuators[i]), Functions.sinPi(actuators[i]));
+      }
     }
     for (float[] defender : defenders) {
       pursue(defender);
     }
-    for (int agent : acting) {
+    for (int agent : free) {
       judge(agent);
     }
     step++;
-    acting = step >= settings.maxSteps ? new int[0] : free();
+    free = step >= settings.maxSteps ? NOBODY : Arrays.stream(free).filter(i -> states[i] == State.FREE).toArray();
   }
 
   @Override
@@ -101,9 +111,12 @@ public final strictfp class Minisim implements Simulation {
   }
 
   @Override
-  public Map<String, Double> metrics() {
-    double arrived = Arrays.stream(states).filter(state -> state == State.ARRIVED).count();
-    return Map.of("arrived", arrived, "steps", (double) step);
+  public double[] metrics() {
+    return new double[] {count(State.ARRIVED), count(State.CAUGHT), step, 0.0 - fitness()};
+  }
+
+  private double count(State wanted) {
+    return Arrays.stream(states).filter(state -> state == wanted).count();
   }
 
   @Override
@@ -116,11 +129,24 @@ public final strictfp class Minisim implements Simulation {
     return settings.stepSize;
   }
 
+  private void move(float[] agent, float x, float y) {
+    agent[0] = limit(agent[0] + settings.speedAgents * x, settings.width);
+    agent[1] = limit(agent[1] + settings.speedAgents * y, settings.height);
+  }
+
+  private void moveByRule(float[] agent) {
+    float[] way = settings.rule.way(agent, settings.goal, closestDefender(agent));
+    float n = (float) Math.sqrt(way[0] * way[0] + way[1] * way[1]);
+    if (n > 0f) {
+      move(agent, way[0] / n, way[1] / n);
+    }
+  }
+
   /** A defender goes towards the closest free agent, the first of several. */
   private void pursue(float[] defender) {
     float[] target = null;
     float least = 0f;
-    for (int agent : acting) {
+    for (int agent : free) {
       float q = squaredDistance(defender, agents[agent]);
       if (target == null || q < least) {
         target = agents[agent];
@@ -163,10 +189,6 @@ public final strictfp class Minisim implements Simulation {
     return closest;
   }
 
-  private int[] free() {
-    return Arrays.stream(acting).filter(agent -> states[agent] == State.FREE).toArray();
-  }
-
   private static float squaredDistance(float[] from, float[] to) {
     float dx = to[0] - from[0];
     float dy = to[1] - from[1];
@@ -174,7 +196,7 @@ public final strictfp class Minisim implements Simulation {
   }
 
   /** The square root of a binary32, taken in binary64, rounds to that of binary32 (Figueroa 1995). */
-  private static float distance(float[] from, float[] to) {
+  static float distance(float[] from, float[] to) {
     return (float) Math.sqrt(squaredDistance(from, to));
   }
 

@@ -24,6 +24,9 @@ final strictfp class Settings {
   final float captureRadius;
   final float goalRadius;
 
+  /** How agents steer themselves; null if they are steered. */
+  final Rule rule;
+
   Settings(ParameterReader read) {
     width = read.integer("mapWidth", 1, MAX_EXTENT, 13);
     height = read.integer("mapHeight", 1, MAX_EXTENT, 7);
@@ -42,6 +45,8 @@ final strictfp class Settings {
     maxSteps = read.whole("maxSteps", 1, 4_294_967_295L, 15);
     captureRadius = read.notNegative("captureRadius", 0.5f);
     goalRadius = read.notNegative("goalRadius", 0.5f);
+    Rule steering = new Rule(read);
+    rule = read.choice("steering", "controller", "rule").equals("rule") ? steering : null;
   }
 
   private float[][] listed(ParameterReader read, String list, String number, int least) {

@@ -8,6 +8,7 @@ import org.swarmwright.Simulation;
 import org.swarmwright.extension.BatchActuators;
 import org.swarmwright.extension.BatchSensors;
 import org.swarmwright.extension.BatchStart;
+import org.swarmwright.extension.Block;
 import org.swarmwright.extension.Failure;
 import org.swarmwright.extension.MapReader;
 import org.swarmwright.extension.Refusal;
@@ -24,6 +25,9 @@ final class Batch {
 
   /** Whether somebody was told of the waiting. */
   boolean told;
+
+  /** Whether an episode goes on by itself, so that nobody's actuators are waited for. */
+  boolean goesOn;
 
   private final long server;
   private final Description description;
@@ -63,6 +67,24 @@ final class Batch {
   private void fail(int episode, Guard.Broken broken, List<Failure> list) {
     rows[episode] = ENDED;
     list.add(new Failure(0, episode, broken.getMessage()));
+  }
+
+  /** Makes a step of every episode whose simulation steers its agents itself; whether there is one. */
+  boolean goOn(long now) {
+    waitingSince = now;
+    goesOn = false;
+    for (int episode = 0; episode < rows.length; episode++) {
+      Simulation simulation = simulations.get(episode);
+      try {
+        if (rows[episode] != ENDED && Guard.call(() -> simulation.acting().length == 0 && !simulation.done())) {
+          Guard.run(() -> simulation.step(new float[0]));
+          goesOn = true;
+        }
+      } catch (Guard.Broken broken) {
+        fail(episode, broken, failed);
+      }
+    }
+    return goesOn;
   }
 
   /** Whether all episodes have ended, or failed. */
@@ -116,10 +138,13 @@ final class Batch {
       }
     }
     if (acting.length == 0) {
-      double fitness = Guard.finite(Guard.call(simulation::fitness));
+      double[] results = Guard.results(simulation, start.metrics);
       rows[episode] = ENDED;
       message.ended.add(episode);
-      message.fitness.add(fitness);
+      message.fitness.add(results[0]);
+      for (int i = 0; i < start.metrics.size(); i++) {
+        message.metrics.computeIfAbsent(start.metrics.get(i), name -> new Block()).add(results[1 + i]);
+      }
       return;
     }
     rows[episode] = acting.length;

@@ -1,5 +1,6 @@
 package org.swarmwright.server;
 
+import java.util.List;
 import org.swarmwright.ParameterException;
 import org.swarmwright.ParameterReader;
 import org.swarmwright.Simulation;
@@ -77,6 +78,29 @@ final class Guard {
       throw new Broken("the simulation's fitness is " + fitness + ", not a finite number");
     }
     return fitness;
+  }
+
+  /**
+   * The fitness of the episode that has ended, and behind it the metrics with these names.
+   *
+   * @throws Broken if one is NaN or infinite, or the simulation throws
+   */
+  static double[] results(Simulation simulation, List<String> names) throws Broken {
+    double[] results = new double[1 + names.size()];
+    results[0] = finite(call(simulation::fitness));
+    if (names.isEmpty()) {
+      return results;
+    }
+    double[] all = call(simulation::metrics);
+    List<String> known = simulation.description().metrics();
+    for (int i = 0; i < names.size(); i++) {
+      int index = known.indexOf(names.get(i));
+      results[1 + i] = index < all.length ? all[index] : Double.NaN;
+      if (!Double.isFinite(results[1 + i])) {
+        throw new Broken("the simulation's metric " + names.get(i) + " is " + results[1 + i] + ", not a finite number");
+      }
+    }
+    return results;
   }
 
   /** Message and stack, down to where this library called. */

@@ -17,7 +17,6 @@ import org.swarmwright.messages.Actuator;
 import org.swarmwright.messages.Capabilities;
 import org.swarmwright.messages.Control;
 import org.swarmwright.messages.Discovery;
-import org.swarmwright.messages.Fitness;
 import org.swarmwright.messages.MessageException;
 import org.swarmwright.messages.Messages;
 import org.swarmwright.messages.Parameters;
@@ -259,27 +258,37 @@ final class Machine {
   /** A step begins: shows it where that is wanted, then sends the sensors, or the fitness. */
   private void proceed(long now) {
     try {
-      String picture = run.picture();
-      if (picture != null) {
-        outbox.show(picture);
-        run.resumeAt = now + run.pictureNanos();
-        return;
+      if (!show(now)) {
+        sense(now);
       }
-      sense(now);
     } catch (Guard.Broken broken) {
       fail(broken, now);
     }
   }
 
+  /** Whether there is a picture to show, at the pace of people. */
+  private boolean show(long now) throws Guard.Broken {
+    String picture = run.picture();
+    if (picture != null) {
+      outbox.show(picture);
+      run.resumeAt = now + run.pictureNanos();
+    }
+    return picture != null;
+  }
+
   private void sense(long now) throws Guard.Broken {
-    if (!run.sense(now, payload -> outbox.publish(Topic.SENSOR, payload))) {
-      Fitness fitness =
-          new Fitness()
-              .withSimulation(offer.description().title())
-              .withSimulationHash(run.hash)
-              .withFitness(run.fitness());
-      outbox.publish(Topic.FITNESS, Messages.write(fitness));
-      leave(now);
+    switch (run.sense(now, payload -> outbox.publish(Topic.SENSOR, payload))) {
+      case STEP:
+        // In between, the server looks at its messages.
+        run.resumeAt = now;
+        show(now);
+        break;
+      case FITNESS:
+        outbox.publish(Topic.FITNESS, Messages.write(run.fitness()));
+        leave(now);
+        break;
+      default:
+        break;
     }
   }
 
@@ -367,6 +376,7 @@ final class Machine {
 
   private void startBatch(BatchStart start, long now) {
     offloaded.checkTitle(start.simulation);
+    offloaded.checkMetrics(start.metrics);
     Batch started = new Batch(start, identity.id, offer.description(), offer.several(start.seeds.length));
     enter(State.STEPPING, now);
     batch = started;
@@ -388,6 +398,9 @@ final class Machine {
   }
 
   private void senseBatch(long now) {
+    if (batch.goOn(now)) {
+      return;
+    }
     try {
       offloaded.send(batch.start, batch.sense(now));
       if (batch.isOver()) {
@@ -409,7 +422,7 @@ final class Machine {
     } else if (state == State.RUNNING) {
       own = run.resumeAt != 0 ? run.resumeAt : deadline(run.waitingSince, run.told);
     } else if (state == State.STEPPING) {
-      own = deadline(batch.waitingSince, batch.told);
+      own = batch.goesOn ? (Long) batch.waitingSince : (Long) deadline(batch.waitingSince, batch.told);
     }
     Long settled = changedAt == null ? null : changedAt + SETTLE;
     return own == null ? settled : settled == null ? own : (Long) Math.min(own, settled);
@@ -457,6 +470,10 @@ final class Machine {
   }
 
   private void tickBatch(long now) {
+    if (batch.goesOn) {
+      senseBatch(now);
+      return;
+    }
     String words = batch.waitingFor(now);
     if (now - batch.waitingSince >= stepTimeout) {
       offloaded.send(batch.start, batch.refused(new Refusal(Refusal.Kind.FAILED, words)));

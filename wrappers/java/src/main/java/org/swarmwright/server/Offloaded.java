@@ -19,8 +19,8 @@ import org.swarmwright.messages.Topics.Topic;
 
 /** Checks requests of the extensions and writes their answers. */
 final class Offloaded {
-  /** So that the answer has room for every fitness and some reasons. */
-  private static final long MOST_EPISODES = MapReader.MAX_BLOCK / 16;
+  /** Numbers of an answer: a fitness and some metrics for every episode, and as much room again for reasons. */
+  private static final long MOST_NUMBERS = MapReader.MAX_BLOCK / 8;
 
   private static final double LONGEST_LEASE = 1e6;
   private static final Pattern REPLY =
@@ -52,6 +52,17 @@ final class Offloaded {
     }
   }
 
+  void checkMetrics(List<String> names) {
+    List<String> known = offer.description().metrics();
+    for (String name : names) {
+      if (!known.contains(name)) {
+        throw invalid(
+            "metrics: \"" + name + "\" is none of " + offer.description().title() + "'s; "
+                + (known.isEmpty() ? "it has none" : "it has " + String.join(", ", known)));
+      }
+    }
+  }
+
   /**
    * The job of a request.
    *
@@ -59,6 +70,7 @@ final class Offloaded {
    */
   Job job(Evaluate request, long now) {
     checkTitle(request.simulation);
+    checkMetrics(request.metrics);
     Architecture wanted = architecture(request.controller);
     long weights = wanted.weightCount();
     int numbers = request.genomes.length;
@@ -66,7 +78,7 @@ final class Offloaded {
       throw invalid(
           "genomes: " + numbers + " numbers are no whole number of candidates; the controller has " + weights + " weights");
     }
-    if (numbers / weights * request.seeds.length > MOST_EPISODES) {
+    if (numbers / weights * request.seeds.length > MOST_NUMBERS / (2 + request.metrics.size())) {
       throw invalid(
           "genomes: " + numbers / weights + " candidates in " + request.seeds.length
               + " episodes are too many for one answer; send fewer at once");
@@ -86,8 +98,10 @@ final class Offloaded {
       throw invalid(error.getMessage());
     }
     Description description = offer.description();
-    check("sensors", read.sensors(), description.sensors());
-    check("actuators", read.actuators(), description.actuators());
+    if (read.steers()) {
+      check("sensors", read.sensors(), description.sensors());
+      check("actuators", read.actuators(), description.actuators());
+    }
     specification = wanted;
     architecture = read;
     return read;

@@ -4,6 +4,8 @@ import com.google.gson.JsonObject;
 import java.nio.charset.StandardCharsets;
 import java.util.Arrays;
 import java.util.List;
+import java.util.Map;
+import java.util.TreeMap;
 import java.util.function.Consumer;
 import java.util.stream.Collectors;
 import java.util.stream.IntStream;
@@ -11,6 +13,7 @@ import org.swarmwright.ParameterReader;
 import org.swarmwright.Simulation;
 import org.swarmwright.messages.Actuator;
 import org.swarmwright.messages.Decimals;
+import org.swarmwright.messages.Fitness;
 import org.swarmwright.messages.MessageException;
 
 /** An episode that is being stepped by single messages: who has to act, whose actuators are there. */
@@ -25,7 +28,7 @@ final class Run {
   /** Whether somebody was told of the waiting. */
   boolean told;
 
-  /** When the sensors go out, if the run is being shown; 0 if it need not wait. */
+  /** When the run goes on, if nobody's actuators are waited for: it is being shown, or the simulation steers itself; else 0. */
   long resumeAt;
 
   private final Simulation simulation;
@@ -51,15 +54,28 @@ final class Run {
     perAgent = simulation.description().actuators();
   }
 
-  /**
-   * Sends the sensors of all acting agents.
-   *
-   * @return whether there are any; if not, the episode has ended
-   */
-  boolean sense(long now, Consumer<byte[]> send) throws Guard.Broken {
+  /** What becomes of an episode after a step. */
+  enum Next {
+    /** Actuators are waited for. */
+    ACTUATORS,
+    /** The simulation, which steers its agents itself, has made a step and can make another. */
+    STEP,
+    /** It has ended. */
+    FITNESS
+  }
+
+  /** Sends the sensors of all acting agents, or has a simulation that steers its agents itself make a step. */
+  Next sense(long now, Consumer<byte[]> send) throws Guard.Broken {
     waitingSince = now;
     told = false;
     acting = Guard.call(() -> simulation.acting().clone());
+    if (acting.length == 0) {
+      if (Guard.call(simulation::done)) {
+        return Next.FITNESS;
+      }
+      Guard.run(() -> simulation.step(actuators));
+      return Next.STEP;
+    }
     missing = acting.length;
     arrived = new boolean[missing];
     actuators = new float[missing * perAgent];
@@ -71,7 +87,7 @@ final class Run {
       }
       send.accept(text.append("]}").toString().getBytes(StandardCharsets.UTF_8));
     }
-    return acting.length > 0;
+    return Next.ACTUATORS;
   }
 
   /** Reads what an agent senses; numbers that cannot be sent break the episode. */
@@ -85,8 +101,21 @@ final class Run {
     return sensors;
   }
 
-  double fitness() throws Guard.Broken {
-    return Guard.finite(Guard.call(simulation::fitness));
+  /** The message that ends the episode, with all metrics but those that no message can carry. */
+  Fitness fitness() throws Guard.Broken {
+    List<String> names = simulation.description().metrics();
+    double[] values = names.isEmpty() ? new double[0] : Guard.call(simulation::metrics);
+    Map<String, Double> metrics = new TreeMap<>();
+    for (int i = 0; i < Math.min(values.length, names.size()); i++) {
+      if (Double.isFinite(values[i])) {
+        metrics.put(names.get(i), values[i]);
+      }
+    }
+    return new Fitness()
+        .withSimulation(simulation.description().title())
+        .withSimulationHash(hash)
+        .withFitness(Guard.finite(Guard.call(simulation::fitness)))
+        .withMetrics(metrics.isEmpty() ? null : metrics);
   }
 
   /**
