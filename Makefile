@@ -1,4 +1,5 @@
 # make demo    set up what is missing and evolve the example
+# make java    the simulation wrapper for Java and its example server
 # make test    every test
 # make lint    every check that needs no run
 # make bench   measure, into build/bench.json
@@ -10,7 +11,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-engine test-python lint lint-engine lint-python lint-protocol bench docs clean
+.PHONY: help demo java test test-engine test-java test-python lint lint-engine lint-python lint-protocol bench docs clean
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -21,6 +22,9 @@ unexport PYTHONHOME
 
 CARGO := cargo
 MANIFEST := --manifest-path engine/Cargo.toml
+JAVA := wrappers/java/target/minisim.jar
+JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
+MAVEN := mvn -q -B -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
 
 # Installs Debian packages where that is allowed, else says which ones are missing.
@@ -41,13 +45,18 @@ help:
 demo: $(VENV)/.engine
 	@$(BIN)/swarmwright optimize experiments/minisim.yaml --servers 2
 
-test: test-engine test-python
+java: $(JAVA)
+
+test: test-engine test-java test-python
 
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	$(CARGO) test $(MANIFEST) --workspace --no-fail-fast --quiet
 
-test-python: $(VENV)/.engine $(VENV)/.dev
+test-java: $(JAVA)
+	$(MAVEN) test
+
+test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	$(BIN)/python -m pytest
@@ -77,13 +86,19 @@ bench: $(VENV)/.engine $(VENV)/.dev $(VENV)/.bench
 	$(BIN)/python -m benchmarks build/bench.json
 
 clean:
-	rm -rf build engine/target $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build engine/target wrappers/java/target $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
 
 docs: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright._reference > docs/reference/experiment.md
+
+# The wrapper with all that it needs, and the example server in it.
+$(JAVA): $(JAVA_SOURCES)
+	@command -v mvn > /dev/null && command -v javac > /dev/null || { $(call install,maven default-jdk-headless); }
+	$(MAVEN) -DskipTests package
+	touch $@
 
 # A virtual environment of the newest Python that is there, 3.11 at least.
 $(VENV)/.created:

@@ -3,6 +3,10 @@ package org.swarmwright;
 import java.util.ArrayDeque;
 import java.util.Deque;
 import java.util.List;
+import java.util.concurrent.CompletableFuture;
+import java.util.concurrent.ExecutionException;
+import java.util.concurrent.TimeUnit;
+import java.util.concurrent.TimeoutException;
 import java.util.function.Supplier;
 
 /** The arguments of a server's program. */
@@ -99,27 +103,35 @@ public final class CommandLine {
       System.out.println(USAGE);
       return;
     }
+    CompletableFuture<AutoCloseable> started = new CompletableFuture<>();
+    // Before the start: who is told to end while starting, or right afterwards, leaves in order all the same.
+    Runtime.getRuntime().addShutdownHook(new Thread(() -> leave(started)));
     try {
-      AutoCloseable server = program.start(new CommandLine(List.of(arguments)));
-      Thread farewell =
-          new Thread(
-              () -> {
-                try {
-                  server.close();
-                } catch (Exception error) {
-                  System.err.println("leaving: " + error);
-                }
-              });
-      Runtime.getRuntime().addShutdownHook(farewell);
+      started.complete(program.start(new CommandLine(List.of(arguments))));
       Thread.currentThread().join();
     } catch (InterruptedException error) {
       Thread.currentThread().interrupt();
     } catch (IllegalArgumentException error) {
-      System.err.println("error: " + error.getMessage());
-      System.exit(2);
+      fail(2, error, started);
     } catch (BrokerException | IllegalStateException error) {
-      System.err.println("error: " + error.getMessage());
-      System.exit(1);
+      fail(1, error, started);
+    }
+  }
+
+  private static void fail(int status, RuntimeException error, CompletableFuture<AutoCloseable> started) {
+    System.err.println("error: " + error.getMessage());
+    started.completeExceptionally(error);
+    System.exit(status);
+  }
+
+  private static void leave(CompletableFuture<AutoCloseable> started) {
+    try {
+      started.get(10, TimeUnit.SECONDS).close();
+    } catch (ExecutionException | TimeoutException error) {
+      // It never started.
+      return;
+    } catch (Exception error) {
+      System.err.println("leaving: " + error);
     }
   }
 }

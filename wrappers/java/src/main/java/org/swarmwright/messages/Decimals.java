@@ -13,13 +13,13 @@ public final class Decimals {
   /** The decimal of a finite binary32, as JSON. */
   public static String shortest(float number) {
     String text = Float.toString(number);
-    return EXACT || text.length() < 8 ? trim(text) : shorten(text, shorter -> Float.parseFloat(shorter) == number);
+    return EXACT || text.length() < 8 && Math.abs(number) >= Float.MIN_NORMAL ? trim(text) : shorten(text, shorter -> Float.parseFloat(shorter) == number);
   }
 
   /** The decimal of a finite binary64, as JSON. */
   public static String shortest(double number) {
     String text = Double.toString(number);
-    return EXACT || text.length() < 17 ? trim(text) : shorten(text, shorter -> Double.parseDouble(shorter) == number);
+    return EXACT || text.length() < 17 && Math.abs(number) >= Double.MIN_NORMAL ? trim(text) : shorten(text, shorter -> Double.parseDouble(shorter) == number);
   }
 
   /** 2.0 becomes 2, -0.0 remains what it is. */

@@ -1,30 +1,32 @@
 package org.swarmwright.messages;
 
+import com.google.gson.JsonArray;
 import com.google.gson.JsonElement;
+import com.google.gson.JsonNull;
 import com.google.gson.JsonObject;
-import com.google.gson.JsonParseException;
-import com.google.gson.Strictness;
-import com.google.gson.TypeAdapter;
-import com.google.gson.internal.bind.TypeAdapters;
-import com.google.gson.stream.JsonReader;
-import com.google.gson.stream.JsonToken;
-import com.google.gson.stream.MalformedJsonException;
-import java.io.IOException;
-import java.io.StringReader;
+import com.google.gson.JsonPrimitive;
+import com.google.gson.internal.LazilyParsedNumber;
 import java.nio.ByteBuffer;
 import java.nio.charset.CharacterCodingException;
 import java.nio.charset.StandardCharsets;
-import java.util.Map;
 
-/** Reads payloads as strictly as JSON is written down (RFC 8259); of repeated keys the last one counts. */
+/**
+ * Reads payloads as strictly as JSON is written down (RFC 8259); of repeated keys the last one counts.
+ *
+ * <p>Gson's own reader is more generous (half a surrogate pair), and refuses some long integers. Numbers keep their decimals.
+ */
 final class JsonText {
   /** Larger payloads are refused unread, bytes. */
   static final int MAX_PAYLOAD = 1 << 20;
 
   private static final int MAX_NESTING = 127;
-  private static final TypeAdapter<JsonElement> ELEMENTS = TypeAdapters.JSON_ELEMENT;
 
-  private JsonText() {}
+  private final String text;
+  private int at;
+
+  private JsonText(String text) {
+    this.text = text;
+  }
 
   /**
    * Reads one JSON object.
@@ -35,59 +37,208 @@ final class JsonText {
     if (payload.length > MAX_PAYLOAD) {
       throw new MessageException(payload.length + " bytes are more than the " + MAX_PAYLOAD + " of a message");
     }
-    String text = utf8(payload);
-    if (text.startsWith("\uFEFF")) {
-      throw new MessageException("no JSON: it begins with a byte order mark");
-    }
-    JsonReader reader = new JsonReader(new StringReader(text));
-    reader.setStrictness(Strictness.STRICT);
-    reader.setNestingLimit(MAX_NESTING);
-    JsonElement element;
+    JsonText json;
     try {
-      element = ELEMENTS.read(reader);
-      if (reader.peek() != JsonToken.END_DOCUMENT) {
-        throw new MessageException("more than one JSON object");
-      }
-    } catch (MalformedJsonException | JsonParseException error) {
-      throw new MessageException("no JSON: " + error.getMessage());
-    } catch (IOException | IllegalStateException | NumberFormatException error) {
-      throw new MessageException("no JSON: " + error.getMessage());
+      json = new JsonText(StandardCharsets.UTF_8.newDecoder().decode(ByteBuffer.wrap(payload)).toString());
+    } catch (CharacterCodingException error) {
+      throw new MessageException("no UTF-8");
+    }
+    json.blank();
+    JsonElement element = json.value(0);
+    json.blank();
+    if (json.at < json.text.length()) {
+      throw json.wrong("nothing more");
     }
     if (!element.isJsonObject()) {
       throw new MessageException("no JSON object");
     }
-    // Only an escape can make half a surrogate pair of what was UTF-8.
-    if (text.contains("\\u")) {
-      checkUnicode(element);
-    }
     return element.getAsJsonObject();
   }
 
-  private static String utf8(byte[] payload) {
-    try {
-      return StandardCharsets.UTF_8.newDecoder().decode(ByteBuffer.wrap(payload)).toString();
-    } catch (CharacterCodingException error) {
-      throw new MessageException("no UTF-8");
+  private MessageException wrong(String expected) {
+    return new MessageException("no JSON: expected " + expected + " at character " + (at + 1));
+  }
+
+  private char peek() {
+    return at < text.length() ? text.charAt(at) : '\0';
+  }
+
+  private void blank() {
+    while (peek() == ' ' || peek() == '\n' || peek() == '\r' || peek() == '\t') {
+      at++;
     }
   }
 
-  private static void checkUnicode(JsonElement element) {
-    if (element.isJsonObject()) {
-      for (Map.Entry<String, JsonElement> entry : element.getAsJsonObject().entrySet()) {
-        checkUnicode(entry.getKey());
-        checkUnicode(entry.getValue());
+  private boolean take(char c) {
+    boolean found = peek() == c && at < text.length();
+    at += found ? 1 : 0;
+    return found;
+  }
+
+  private JsonElement value(int depth) {
+    char c = peek();
+    if (c == '{') {
+      return object(depth + 1);
+    }
+    if (c == '[') {
+      return array(depth + 1);
+    }
+    if (c == '"') {
+      return new JsonPrimitive(string());
+    }
+    if (c == '-' || c >= '0' && c <= '9') {
+      return new JsonPrimitive(new LazilyParsedNumber(number()));
+    }
+    if (word("true")) {
+      return new JsonPrimitive(true);
+    }
+    if (word("false")) {
+      return new JsonPrimitive(false);
+    }
+    if (word("null")) {
+      return JsonNull.INSTANCE;
+    }
+    throw wrong("a value");
+  }
+
+  private boolean word(String word) {
+    boolean found = text.startsWith(word, at);
+    at += found ? word.length() : 0;
+    return found;
+  }
+
+  private void nest(int depth) {
+    if (depth > MAX_NESTING) {
+      throw new MessageException("no JSON of at most " + MAX_NESTING + " levels");
+    }
+    at++;
+    blank();
+  }
+
+  private JsonObject object(int depth) {
+    nest(depth);
+    JsonObject object = new JsonObject();
+    if (take('}')) {
+      return object;
+    }
+    do {
+      blank();
+      if (peek() != '"') {
+        throw wrong("a key");
       }
-    } else if (element.isJsonArray()) {
-      element.getAsJsonArray().forEach(JsonText::checkUnicode);
-    } else if (element.isJsonPrimitive() && element.getAsJsonPrimitive().isString()) {
-      checkUnicode(element.getAsString());
+      String key = string();
+      blank();
+      if (!take(':')) {
+        throw wrong(":");
+      }
+      blank();
+      object.add(key, value(depth));
+      blank();
+    } while (take(','));
+    if (!take('}')) {
+      throw wrong("}");
+    }
+    return object;
+  }
+
+  private JsonArray array(int depth) {
+    nest(depth);
+    JsonArray array = new JsonArray();
+    if (take(']')) {
+      return array;
+    }
+    do {
+      blank();
+      array.add(value(depth));
+      blank();
+    } while (take(','));
+    if (!take(']')) {
+      throw wrong("]");
+    }
+    return array;
+  }
+
+  private String number() {
+    int start = at;
+    take('-');
+    if (!take('0')) {
+      digits();
+    }
+    if (take('.')) {
+      digits();
+    }
+    if (take('e') || take('E')) {
+      if (!take('+')) {
+        take('-');
+      }
+      digits();
+    }
+    return text.substring(start, at);
+  }
+
+  private void digits() {
+    int start = at;
+    while (peek() >= '0' && peek() <= '9') {
+      at++;
+    }
+    if (at == start) {
+      throw wrong("a digit");
     }
   }
 
-  private static void checkUnicode(String text) {
-    boolean alone = text.codePoints().anyMatch(point -> point >= 0xD800 && point <= 0xDFFF);
-    if (alone) {
-      throw new MessageException("half a surrogate pair is no Unicode");
+  private String string() {
+    at++;
+    int start = at;
+    StringBuilder escaped = null;
+    while (peek() != '"') {
+      if (peek() < 0x20) {
+        throw wrong("a character of a text");
+      }
+      if (peek() == '\\') {
+        escaped = escaped == null ? new StringBuilder() : escaped;
+        escaped.append(text, start, at);
+        at++;
+        escape(escaped);
+        start = at;
+      } else {
+        at++;
+      }
     }
+    String rest = text.substring(start, at++);
+    return escaped == null ? rest : escaped.append(rest).toString();
+  }
+
+  private void escape(StringBuilder out) {
+    int known = "\"\\/bfnrt".indexOf(peek());
+    if (at < text.length() && known >= 0) {
+      out.append("\"\\/\b\f\n\r\t".charAt(known));
+      at++;
+    } else if (peek() == 'u') {
+      char first = unit();
+      out.append(first);
+      if (Character.isHighSurrogate(first)) {
+        if (!word("\\")) {
+          throw wrong("the other half of a surrogate pair");
+        }
+        char second = unit();
+        if (!Character.isLowSurrogate(second)) {
+          throw wrong("the other half of a surrogate pair");
+        }
+        out.append(second);
+      } else if (Character.isLowSurrogate(first)) {
+        throw wrong("a whole surrogate pair");
+      }
+    } else {
+      throw wrong("an escape");
+    }
+  }
+
+  private char unit() {
+    boolean fits = peek() == 'u' && at + 5 <= text.length() && text.substring(at + 1, at + 5).matches("[0-9a-fA-F]{4}");
+    if (!fits) {
+      throw wrong("u and four hexadecimal digits");
+    }
+    at += 5;
+    return (char) Integer.parseInt(text.substring(at - 4, at), 16);
   }
 }

@@ -1,6 +1,7 @@
 package org.swarmwright.messages;
 
 import com.google.gson.TypeAdapter;
+import com.google.gson.internal.LazilyParsedNumber;
 import com.google.gson.stream.JsonReader;
 import com.google.gson.stream.JsonWriter;
 import java.io.IOException;
@@ -19,7 +20,7 @@ final class NumberWriter extends TypeAdapter<Double> {
     if (value == null) {
       out.nullValue();
     } else if (Double.isFinite(value)) {
-      out.jsonValue(decimals.apply(value));
+      out.value(new LazilyParsedNumber(decimals.apply(value)));
     } else {
       throw new MessageException(value + " is no number that can be sent");
     }

@@ -155,13 +155,22 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   public void received(String topic, byte[] payload, boolean retained) {
     synchronized (lock) {
       if (early == null) {
-        machine.receive(topic, payload, retained, System.nanoTime());
-        watch();
+        receive(topic, payload, retained);
       } else if (!topic.equals(presenceTopic())) {
-        early.add(() -> machine.receive(topic, payload, retained, System.nanoTime()));
+        early.add(() -> receive(topic, payload, retained));
       } else if (payload.length > 0) {
         noteRival(payload);
       }
+    }
+  }
+
+  /** A fault of this library must not break the connection, as Paho would. */
+  private void receive(String topic, byte[] payload, boolean retained) {
+    try {
+      machine.receive(topic, payload, retained, System.nanoTime());
+      watch();
+    } catch (RuntimeException fault) {
+      notices.accept("fault: a message on " + topic + " was not handled: " + fault + " at " + fault.getStackTrace()[0]);
     }
   }
 
