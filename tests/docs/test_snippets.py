@@ -8,7 +8,7 @@ What stands behind the language of a fenced block, which nobody sees on the page
 - `python`: run as a script; any language with `file=NAME`: written to that file;
 - `text output`: what the `bash` or `python` block before it has said; `...` stands for anything.
 
-The experiments and FREVO's files are there as in a clone.
+The experiments, FREVO's files and the Java wrapper are there as in a clone.
 """
 
 import contextlib
@@ -25,6 +25,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
+from tests.java import JAR, jar
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -139,8 +141,10 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)
-    for name in ("experiments", "tests"):
+    for name in ("experiments", "tests", "wrappers"):
         (tmp_path / name).symlink_to(ROOT / name)
+    if JAR.name in page.read_text(encoding="utf-8"):
+        jar()
     ports: dict[str, str] = {}
     said = ""
     with ExitStack() as stack:
