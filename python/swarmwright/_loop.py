@@ -76,6 +76,7 @@ class Loop:
         self._waiting_for = ""
         self._started = self._latest = time.monotonic()
         self._resumed_at = 0
+        self._stored = 0  # generations
 
     @property
     def done(self) -> bool:
@@ -100,7 +101,7 @@ class Loop:
             again = self._tell(genomes, seeds, results)
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._resumed_at = self._evaluations
+        self._resumed_at, self._stored = self._evaluations, self._method.generation
 
     def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
         """Go on until the budget is used, the target is reached, a callback says no, or Ctrl-C.
@@ -116,7 +117,7 @@ class Loop:
                 raise
             return "interrupted"
         except RunError as error:
-            done = self._method.generation
+            done = self._stored
             if done == 0:
                 raise
             raise RunError(
@@ -146,6 +147,7 @@ class Loop:
     ) -> bool:
         """Store a generation and report it; return whether to go on."""
         self._store.commit(evaluated, journal)
+        self._stored = evaluated.generation + 1
         now = time.monotonic()
         generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))
         self._latest = now

@@ -14,6 +14,7 @@ from swarmwright._experiment import Experiment
 from swarmwright._export import csv_lines, write_table
 from swarmwright._statistics import Summary
 from swarmwright._store import FILE, Attempt, Evaluation, Event, Record, Session, StoreReader
+from swarmwright._store._reader import nothing
 
 State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
 
@@ -56,10 +57,10 @@ class Run:
         if not folder.is_dir():
             what = "is not a folder" if folder.exists() else "there is no such folder"
             raise InputError(f"{folder}: {what}; name a run folder such as runs/minisim-1")
-        if not (folder / FILE).exists():
-            older = (folder / "record.csv").exists() and (folder / "generations.csv").exists()
-            hint = "; it was written by Swarmwright 0.0, which this version does not read" if older else ""
-            raise InputError(f"{folder}: is no run folder: {FILE} is missing{hint}")
+        if not (folder / FILE).is_file():
+            from swarmwright._store._writer import without_store
+
+            raise without_store(folder)
         run = cls(folder)
         _ = run.history, run.experiment  # complain now rather than later
         return run
@@ -67,7 +68,10 @@ class Run:
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
-        experiment = Experiment._stored(self.store.experiment())
+        try:
+            experiment = Experiment._stored(self.store.experiment())
+        except InputError as error:
+            raise InputError(f"{self.path}: the experiment in {FILE} cannot be used: {error}") from error
         object.__setattr__(experiment, "path", self.path / "experiment.yaml")
         return experiment
 
@@ -99,9 +103,9 @@ class Run:
     @cached_property
     def best(self) -> Best:
         """The best candidate. Raises RunError when no candidate was evaluated."""
-        best = self.store.best() if self.history else None
+        best = self.store.best()
         if best is None:
-            raise RunError(f"{self.path}: holds no finished generation, so there is no best candidate")
+            raise RunError(nothing(self.path))
         specification = self.experiment.representation().specification(best.genome)
         return Best(best.fitness, best.generation, best.candidate, specification)
 
@@ -148,15 +152,15 @@ class Run:
         """Every evaluation of the finished generations, as arrays."""
         return self.store.record()
 
-    def evaluation(self, candidate: int, generation: int | None = None) -> Evaluation:
+    def evaluation(self, candidate: int | None = None, generation: int | None = None) -> Evaluation:
         """Return one line of the record.
 
         Args:
-            candidate: index among the candidates evaluated in `generation`; without one, the number of the
-                evaluation in the whole run, from 0.
-            generation: from 0.
+            candidate: index among the candidates evaluated in `generation`, the best of them if not given;
+                without a generation, the number of the evaluation in the whole run, from 0.
+            generation: from 0. Without both, the best of the run is returned.
 
-        Raises InputError when there is none of that number.
+        Raises InputError when there is none of that number, RunError when there is nothing at all.
         """
         return self.store.evaluation(candidate, generation)
 

@@ -56,7 +56,7 @@ class SteadyLoop(Loop):
             again = self._whole()
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._resumed_at = self._evaluations
+        self._resumed_at, self._stored = self._evaluations, self._method.generation
 
     def _ask_all(self) -> list[Genome]:
         """Ask for all candidates that can be had now; return the new ones."""

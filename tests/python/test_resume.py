@@ -1,7 +1,6 @@
 """Going on with a run gives what an undisturbed one gives."""
 
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -71,16 +70,37 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
     assert Experiment.load(longer.path / "experiment.yaml") == whole.experiment
 
 
+@pytest.mark.parametrize("at", [1, 6])
+@pytest.mark.parametrize("kind", ["nnga", "cea2d", "random_search"])
+def test_steady_state_goes_on_as_if_nothing_had_happened(kind: str, at: int, tmp_path: Path) -> None:
+    size = {"width": 4, "height": 5} if kind == "cea2d" else {"population": 20}
+    method = {"kind": kind, "operation": "steady_state", "in_flight": 7, "generations": 9, **size}
+    experiment = Experiment.from_mapping({**VALUES, "method": method})
+    whole = optimize(experiment, out=tmp_path / "whole")
+    part = optimize(experiment, until(at), servers=2, out=tmp_path / "run")
+    assert (part.generations, part.state) == (at, "stopped")
+    run = resume(part, servers=1)
+    same_record(run, whole)
+    assert run.best == whole.best
+    assert list(run.record.generation) == sorted(run.record.generation)
+
+
 @pytest.mark.timeout(180)
-def test_killed_fifty_times(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("operation", "kills", "generations"), [("generational", 50, 1200), ("steady_state", 15, 1200)]
+)
+def test_killed_many_times(operation: str, kills: int, generations: int, tmp_path: Path) -> None:
     """kill -9 at random moments, of whatever it is doing: starting, evaluating, committing, replaying."""
-    experiment = EXPERIMENT.replace(method={"population": 20, "generations": 1200}, ranking={"episodes": 30})
+    experiment = EXPERIMENT.replace(
+        method={"population": 20, "generations": generations, "operation": operation},
+        ranking={"episodes": 30},
+    )
     whole = optimize(experiment, out=tmp_path / "whole")
     experiment.save(tmp_path / "x.yaml")
     folder = tmp_path / "run"
     moments = random.Random(1)
     reached = [0]
-    for number in range(50):
+    for number in range(kills):
         started = (folder / "run.sqlite").exists()
         command = ["resume", "run"] if started else ["optimize", "x.yaml", "--out", "run"]
         with subprocess.Popen(
@@ -99,9 +119,7 @@ def test_killed_fifty_times(tmp_path: Path) -> None:
             process.kill()
             _, errors = process.communicate(timeout=30)
         assert process.returncode == -signal.SIGKILL, errors
-        if folder.exists() and not (folder / "run.sqlite").exists():
-            shutil.rmtree(folder)  # killed between making the folder and the store: nothing was computed
-        if number % 10 == 9:
+        if number % 10 == 9 or number == kills - 1:
             run = Run.open(folder)
             assert run.state == "killed"
             assert run.record.genomes.tobytes() == whole.record.genomes[: run.evaluations].tobytes()

@@ -1,7 +1,7 @@
 """Opening the store, and what is said when it cannot be used."""
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -9,6 +9,8 @@ from swarmwright._errors import InputError, RunError
 
 FILE = "run.sqlite"
 """Name of the store in a run folder."""
+NEW = f"{FILE}.new"
+"""What it is called while it is made."""
 FORMAT = 2
 """Version of the run folder; 1 had text files only."""
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
@@ -34,15 +36,27 @@ CREATE TABLE event (
 """
 
 
-def create(file: Path) -> sqlite3.Connection:
-    """Return a connection to a new store. Raises InputError when it cannot be created."""
+def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
+    """Return a connection to a new store that holds these facts. Raises InputError when it cannot be created.
+
+    It gets its name when it is whole: whoever finds a store finds a readable one.
+    """
+    new = file.with_name(NEW)
     with errors(file, InputError):
+        connection = sqlite3.connect(new, isolation_level=None)
+        try:
+            connection.execute("PRAGMA journal_mode = MEMORY")
+            connection.executescript(
+                f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT};{_TABLES}"
+            )
+            connection.executemany("INSERT INTO fact VALUES (?, ?)", facts.items())
+            connection.execute("COMMIT")
+        finally:
+            connection.close()
+        new.rename(file)
         connection = sqlite3.connect(file, isolation_level=None)
         connection.execute("PRAGMA journal_mode = WAL")
         _settle(connection)
-        connection.executescript(
-            f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT};{_TABLES}COMMIT;"
-        )
     return connection
 
 

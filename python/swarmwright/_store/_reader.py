@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
+from swarmwright._errors import InputError, RunError
 from swarmwright._statistics import Summary
 from swarmwright._store._database import FILE, reading
 from swarmwright._store._rows import Attempt, Evaluated, Event, Session
@@ -27,6 +27,7 @@ _HISTORY = (
 _EVALUATIONS = (
     "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation ORDER BY number"
 )
+_LEADER = "SELECT leader FROM generation ORDER BY generation DESC LIMIT 1"
 
 
 @dataclass(frozen=True)
@@ -113,15 +114,21 @@ class StoreReader:
     @property
     def metrics(self) -> list[str]:
         """Names of the metrics that are stored."""
-        names: list[str] = json.loads(self._facts["metrics"])
+        names: list[str] = self._parsed(self._facts["metrics"])
         return names
 
     def experiment(self) -> dict[str, Any]:
         """Return the experiment as plain values."""
         with self._reading() as connection:
             (text,) = connection.execute("SELECT value FROM fact WHERE name = 'experiment'").fetchone()
-        values: dict[str, Any] = json.loads(text)
+        values: dict[str, Any] = self._parsed(text)
         return values
+
+    def _parsed(self, text: str) -> Any:  # noqa: ANN401 - JSON
+        try:
+            return json.loads(text)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{self.file}: is damaged: {error}") from error
 
     def history(self) -> list[Summary]:
         """Return the figures of each finished generation."""
@@ -154,7 +161,7 @@ class StoreReader:
         record = self._record(rows)
         return Evaluated(
             generation=summary.generation,
-            seeds=json.loads(seeds),
+            seeds=self._parsed(seeds),
             genomes=record.genomes,
             episodes=record.episodes,
             metrics=record.metrics,
@@ -179,21 +186,13 @@ class StoreReader:
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
         with self._reading() as connection:
-            seeds: list[int] = json.loads(self._generation(connection, generation)[0])
+            seeds: list[int] = self._parsed(self._generation(connection, generation)[0])
         return seeds
 
-    def evaluation(self, candidate: int, generation: int | None) -> Evaluation:
-        """Return one evaluation, by its number in the generation or in the whole run."""
+    def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
+        """Return one evaluation; what None means, `Run.evaluation` says."""
         with self._reading() as connection:
-            number = candidate
-            if generation is not None:
-                _, first, count = self._generation(connection, generation)
-                if not 0 <= candidate < count:
-                    raise InputError(
-                        f"{self._folder}: generation {generation} has the candidates 0 to {count - 1}, "
-                        f"not {candidate}"
-                    )
-                number = first + candidate
+            number = self._number(connection, candidate, generation)
             row = connection.execute(
                 "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation "
                 "WHERE number = ?",
@@ -201,9 +200,9 @@ class StoreReader:
             ).fetchone()
             if row is None:
                 (count,) = connection.execute("SELECT count(*) FROM evaluation").fetchone()
-                there = f"the evaluations 0 to {count - 1}" if count else "no evaluation"
+                there = _range(count, "evaluation")
                 raise InputError(f"{self._folder}: holds {there}, not {number}")
-            seeds = json.loads(self._generation(connection, row[0])[0])
+            seeds = self._parsed(self._generation(connection, row[0])[0])
         one = self._record([row])
         return Evaluation(
             number,
@@ -216,6 +215,29 @@ class StoreReader:
             one.genomes[0],
         )
 
+    def _number(self, connection: sqlite3.Connection, candidate: int | None, generation: int | None) -> int:
+        """Return the number, in the whole run, of the evaluation that is meant."""
+        if generation is None:
+            if candidate is not None:
+                return candidate
+            leader = connection.execute(_LEADER).fetchone()
+            if leader is None:
+                raise RunError(nothing(self._folder))
+            return int(leader[0])
+        _, first, count = self._generation(connection, generation)
+        if candidate is None:
+            # NULL, of a failed evaluation, comes last.
+            (number,) = connection.execute(
+                "SELECT number FROM evaluation WHERE number >= ? AND number < ? "
+                "ORDER BY fitness DESC, number LIMIT 1",
+                (first, first + count),
+            ).fetchone() or (first,)
+            return int(number)
+        if not 0 <= candidate < count:
+            there = _range(count, "candidate")
+            raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
+        return first + candidate
+
     def _generation(self, connection: sqlite3.Connection, generation: int) -> tuple[str, int, int]:
         """Return seeds, number of the first evaluation, and number of evaluations of a generation."""
         row = connection.execute(
@@ -223,7 +245,7 @@ class StoreReader:
         ).fetchone()
         if row is None:
             (count,) = connection.execute("SELECT count(*) FROM generation").fetchone()
-            there = f"the generations 0 to {count - 1}" if count else "no generation"
+            there = _range(count, "generation")
             raise InputError(f"{self._folder}: holds {there}, not {generation}")
         seeds, first, count = row
         return seeds, first, count
@@ -247,7 +269,7 @@ class StoreReader:
         sessions = []
         for row in rows:
             values = dict(zip(names, row, strict=True))
-            values["versions"] = json.loads(values["versions"])
+            values["versions"] = self._parsed(values["versions"])
             if values["seconds"] is None:  # killed: known up to its last generation
                 values["seconds"] = reached.get(values["session"])
             sessions.append(Session(**values))
@@ -285,16 +307,26 @@ class StoreReader:
             raise InputError(f"{self.file}: is damaged: {error}") from error
 
 
+def nothing(folder: Path) -> str:
+    """Say that there is no best candidate yet."""
+    return f"{folder}: holds no finished generation, so there is no best candidate"
+
+
 def best_of(connection: sqlite3.Connection) -> Best | None:
     """Return the evaluation that leads after the last generation."""
     row = connection.execute(
-        "SELECT fitness, generation, candidate, genome FROM evaluation WHERE number = "
-        "(SELECT leader FROM generation ORDER BY generation DESC LIMIT 1)"
+        f"SELECT fitness, generation, candidate, genome FROM evaluation WHERE number = ({_LEADER})"  # noqa: S608
     ).fetchone()
     if row is None:
         return None
     fitness, generation, candidate, genome = row
     return Best(fitness, generation, candidate, np.frombuffer(genome, dtype="<f4").astype(np.float32))
+
+
+def _range(count: int, what: str) -> str:
+    if count == 0:
+        return f"no finished {what}"
+    return f"one {what}, number 0" if count == 1 else f"the {what}s 0 to {count - 1}"
 
 
 def _numbers(blobs: tuple[bytes, ...], kind: str, count: int) -> NDArray[Any]:

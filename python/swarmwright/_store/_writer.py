@@ -20,11 +20,12 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
-from swarmwright._store._database import FILE, create, errors, reopen, transaction
+from swarmwright._store._database import FILE, NEW, create, errors, reopen, transaction
 from swarmwright._store._reader import best_of
 from swarmwright._store._rows import Evaluated, attempt_row
 from swarmwright.representations import Representation
 
+_EXPERIMENT = "experiment.yaml"
 _LIBRARIES = ("cma", "pymoo", "scipy")  # named in a session when its method loaded them
 _EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
@@ -60,26 +61,26 @@ class StoreWriter:
             InputError: the folder cannot be written, or is not empty.
         """
         check_folder(folder)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            experiment.save(folder / "experiment.yaml")
-            lock = _locked(folder)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
-        try:
-            connection = create(folder / FILE)
-        except BaseException:
-            lock.close()
-            raise
         facts = {
             "experiment": json.dumps(experiment.to_mapping(), allow_nan=False),
             "name": experiment.path.stem if experiment.path is not None else experiment.label,
             "metrics": json.dumps(list(metrics)),
             "created": _now(),
         }
-        with transaction(connection, folder / FILE):
-            connection.executemany("INSERT INTO fact VALUES (?, ?)", facts.items())
-        return cls(folder, connection, lock)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / NEW).touch()  # by this the folder is known to be ours should the process end now
+            lock = _locked(folder, new=True)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        try:
+            if (folder / FILE).exists():  # another process was faster
+                check_folder(folder)
+            experiment.save(folder / _EXPERIMENT)
+            return cls(folder, create(folder / FILE, facts), lock)
+        except BaseException:
+            lock.close()
+            raise
 
     @classmethod
     def resume(cls, folder: Path) -> Self:
@@ -90,8 +91,8 @@ class StoreWriter:
                 works on it.
         """
         file = folder / FILE
-        if not file.exists():
-            raise InputError(f"{folder}: is no run folder: {FILE} is missing")
+        if not file.is_file():
+            raise without_store(folder)
         try:
             lock = _locked(folder)
         except OSError as error:
@@ -107,7 +108,7 @@ class StoreWriter:
         text = json.dumps(experiment.to_mapping(), allow_nan=False)
         with transaction(self._connection, self.file):
             self._connection.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (text,))
-        experiment.save(self.folder / "experiment.yaml")
+        experiment.save(self.folder / _EXPERIMENT)
 
     def begin(self, place: str) -> None:
         """Begin a session: note where, when and with what."""
@@ -213,7 +214,10 @@ class StoreWriter:
 
 
 def check_folder(folder: Path) -> None:
-    """Raise InputError unless `folder` is new or empty: results are never written over."""
+    """Raise InputError unless `folder` is new or empty: results are never written over.
+
+    A folder whose process ended before there was a store counts as empty.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the results")
     try:
@@ -222,7 +226,7 @@ def check_folder(folder: Path) -> None:
                 f"{folder}: holds a run already, and results are never written over; name another folder, "
                 f"or go on with that run: swarmwright resume {folder}"
             )
-        if folder.is_dir() and any(folder.iterdir()):
+        if folder.is_dir() and not _broken_off(folder) and any(folder.iterdir()):
             raise InputError(
                 f"{folder}: is not empty, and results are never written over; name another folder"
             )
@@ -231,6 +235,33 @@ def check_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be used for results: {error.strerror}") from error
     if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
         raise InputError(f"{folder}: cannot be created: no right to write in {parent}")
+
+
+def _broken_off(folder: Path) -> bool:
+    """Whether a process began to make a run folder and ended before there was a store.
+
+    Raises InputError when it is still at it.
+    """
+    names = {entry.name for entry in folder.iterdir()}
+    if NEW not in names or not names <= {NEW, _EXPERIMENT}:
+        return False
+    if _EXPERIMENT in names and is_locked(folder):
+        raise without_store(folder)
+    return True
+
+
+def without_store(folder: Path) -> InputError:
+    """Return what is said of a folder in which there is no store."""
+    if (folder / NEW).exists():
+        if is_locked(folder):
+            return InputError(f"{folder}: another process is just creating this run; try again in a moment")
+        return InputError(
+            f"{folder}: is no run folder: the process that began it ended before anything was computed; "
+            f"begin again: swarmwright optimize FILE --out {folder}"
+        )
+    older = (folder / "record.csv").exists() and (folder / "generations.csv").exists()
+    hint = "; it was written by Swarmwright 0.0, which this version does not read" if older else ""
+    return InputError(f"{folder}: is no run folder: {FILE} is missing{hint}")
 
 
 def is_locked(folder: Path) -> bool:
@@ -244,12 +275,12 @@ def is_locked(folder: Path) -> bool:
     return False
 
 
-def _locked(folder: Path) -> IO[bytes]:
+def _locked(folder: Path, *, new: bool = False) -> IO[bytes]:
     """Return the open file by which a run is reserved; the system frees it when the process ends in any way.
 
     It is the experiment, not the store: closing a second handle on that would free SQLite's own locks.
     """
-    file = (folder / "experiment.yaml").open("rb")
+    file = (folder / _EXPERIMENT).open("ab" if new else "rb")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -14,6 +14,8 @@ from swarmwright._local_servers import LocalServers
 from swarmwright._loop import OnGeneration
 from swarmwright._optimize import optimize, resume
 from swarmwright._run import Run
+from swarmwright._store import FILE
+from swarmwright._store._writer import check_folder
 from swarmwright._sweep._file import Sweep, Variant
 
 _ELSEWHERE = frozenset(
@@ -40,7 +42,8 @@ class Task:
 
         Raises InputError when the folder holds something else, or another process works on it.
         """
-        if not self.folder.exists() or not any(self.folder.iterdir()):
+        if not (self.folder / FILE).exists():
+            check_folder(self.folder)
             return None
         run = Run.open(self.folder)
         if _same(run.experiment) != _same(self.experiment):

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ OURS = (
     "run.sqlite-wal",
     "run.sqlite-shm",
     "run.sqlite-journal",
+    "run.sqlite.new",
     "experiment.yaml",
     "best.json",
     "best.json.new",
@@ -46,6 +48,11 @@ def facts_of(run: "Run") -> dict[str, Any]:
     }
 
 
+def local_time(stamp: str) -> str:
+    """Return a time in UTC, ISO 8601, as the clock here shows it: 2026-01-31 14:05:09."""
+    return datetime.fromisoformat(stamp).astimezone().isoformat(sep=" ", timespec="seconds")[:19]
+
+
 def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
     """Print a line per run, aligned; columns as wide as they need to be."""
     heading = ("run", "state", "simulation", "method", "seed", "generations", "best", "created")
@@ -58,7 +65,7 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
             str(facts["seed"]),
             f"{facts['generations']}/{facts['of']}",
             "-" if facts["best"] is None else f"{facts['best']:.6g}",
-            facts["created"][:16].replace("T", " "),
+            local_time(facts["created"])[:16],
         )
         for facts in runs
     ]
@@ -113,7 +120,8 @@ def describe(output: Output, run: "Run") -> None:
     for session in run.sessions:
         took = "?" if session.seconds is None else duration(session.seconds)
         output.text()
-        output.text(f"session {session.session}: {session.started}, {took}, {session.outcome or run.state}")
+        outcome = session.outcome or run.state
+        output.text(f"session {session.session}: {local_time(session.started)}, {took}, {outcome}")
         output.text(f"  {session.place}, on {session.host} ({session.machine})")
         output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
     if servers:
@@ -127,7 +135,7 @@ def describe(output: Output, run: "Run") -> None:
     if warnings:
         output.text()
     for event in warnings[:_WARNINGS]:
-        output.text(f"{event['time']} generation {event['generation']}: {event['text']}")
+        output.text(f"{local_time(event['time'])} generation {event['generation']}: {event['text']}")
     if len(warnings) > _WARNINGS:
         output.text(f".. and {len(warnings) - _WARNINGS} more: --json shows all")
 

@@ -97,6 +97,50 @@ def test_a_damaged_store_is_not_touched(copy: Path) -> None:
         assert store.read_bytes() == damage
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("UPDATE fact SET value = '{' WHERE name = 'experiment'", r"run\.sqlite: is damaged"),
+        (
+            """UPDATE fact SET value = '{"simulation": "minisim", "sede": 1}' WHERE name = 'experiment'""",
+            r"copy: the experiment in run\.sqlite cannot be used: sede: unknown key; did you mean 'seed'",
+        ),
+        ("UPDATE fact SET value = 'x' WHERE name = 'metrics'", r"run\.sqlite: is damaged"),
+        ("UPDATE generation SET seeds = 'x'", r"run\.sqlite: is damaged"),
+        ("UPDATE evaluation SET genome = x'00'", r"run\.sqlite: is damaged"),
+    ],
+)
+def test_damaged_values_are_named(copy: Path, change: str, words: str) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute(change)
+    store.close()
+    with pytest.raises(InputError, match=words):
+        resume(copy, generations=9)
+
+
+def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "run"
+    said = []
+
+    def interrupted(*_: object) -> None:
+        for attempt in (Run.open, resume, lambda path: optimize(EXPERIMENT, out=path)):
+            with pytest.raises(InputError) as error:
+                attempt(folder)
+            said.append(str(error.value))
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("swarmwright._store._writer.create", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            optimize(EXPERIMENT, out=folder)
+    assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3
+    with pytest.raises(InputError, match="ended before anything was computed; begin again"):
+        Run.open(folder)
+    assert optimize(EXPERIMENT, out=folder).state == "done", "nothing is lost by beginning anew"
+
+
 def test_missing_rows_are_noticed(copy: Path) -> None:
     with sqlite3.connect(copy / FILE) as store:
         store.execute("DELETE FROM evaluation WHERE number = 13")
