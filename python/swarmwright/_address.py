@@ -13,7 +13,6 @@ def broker_problem(url: str) -> str | None:
     example = "write it like mqtt://host:1883"
     try:
         parts = urlsplit(url)
-        port = parts.port
     except ValueError:
         return f"is no broker address; {example}"
     if parts.scheme not in SCHEMES:
@@ -26,8 +25,12 @@ def broker_problem(url: str) -> str | None:
         )
     if not parts.hostname:
         return f"names no host; {example}"
+    try:
+        port = parts.port
+    except ValueError:
+        port = 0
     if port == 0:
-        return f"has port 0; {example}"
+        return f"has a port that is no number from 1 to 65535; {example}"
     return None
 
 

@@ -18,6 +18,14 @@ from swarmwright._store._writer import check_folder
 __all__ = ["Generation", "optimize", "resume"]
 
 
+class InterruptedAtEnd(KeyboardInterrupt):
+    """Ctrl-C while the picture was drawn: of the run nothing else is missing."""
+
+    def __init__(self, run: Run) -> None:
+        super().__init__()
+        self.run = run
+
+
 def optimize(
     experiment: Experiment | str | Path,
     on_generation: OnGeneration | None = None,
@@ -150,5 +158,8 @@ def _with_budget(experiment: Experiment, generations: int) -> Experiment:
 def _finished(folder: Path) -> Run:
     run = Run.open(folder)
     if run.generations:
-        run.plot()
+        try:
+            run.plot()
+        except KeyboardInterrupt as interrupt:
+            raise InterruptedAtEnd(run) from interrupt
     return run

@@ -40,7 +40,7 @@ def repeat(
 
     Args:
         run: where it is recorded.
-        candidate: as in `Run.evaluation`; default: the best.
+        candidate: as in `Run.evaluation`.
         generation: as in `Run.evaluation`.
         broker: as in `optimize`.
         servers: as in `optimize`.
@@ -49,8 +49,6 @@ def repeat(
         InputError: there is no such evaluation.
         RunError: no broker or no fitting server.
     """
-    if candidate is None:
-        candidate, generation = run.best.candidate, run.best.generation
     recorded = run.evaluation(candidate, generation)
     experiment = run.experiment
     with open_backend(experiment, broker=broker, servers=servers) as backend:

@@ -102,7 +102,7 @@ def test_only_the_simulation_is_required() -> None:
         ("prefix: /a\n", "my.yaml:2: prefix: must begin with neither '/' nor '$'"),
         ("broker: localhost\n", "my.yaml:2: broker: must begin with one of mqtt://, mqtts://, ws://, wss://"),
         ("broker: mqtt://\n", "my.yaml:2: broker: names no host; write it like mqtt://host:1883"),
-        ("broker: mqtt://h:99999\n", "my.yaml:2: broker: is no broker address"),
+        ("broker: mqtt://h:99999\n", "my.yaml:2: broker: has a port that is no number from 1 to 65535"),
         ("sensors: 3\n", "my.yaml:2: sensors: minisim has 4, not 3; leave the key out"),
         (
             "parameters: {maxStep: 3}\n",

@@ -163,6 +163,12 @@ def test_an_evaluation_is_found_by_both_its_numbers(finished: Run) -> None:
         assert one.fitness == record.fitness[number]
         again = finished.evaluation(one.candidate, one.generation)
         assert again.number == number
+    of_generation = finished.evaluation(generation=2)
+    among = record.generation == 2
+    assert (of_generation.generation, of_generation.fitness) == (2, record.fitness[among].max())
+    assert of_generation.candidate == record.fitness[among].argmax()
+    best = finished.evaluation()
+    assert (best.generation, best.candidate) == (finished.best.generation, finished.best.candidate)
     with pytest.raises(InputError, match=r"generation 1 has the candidates 0 to \d+, not 400"):
         finished.evaluation(400, 1)
     with pytest.raises(InputError, match=r"holds the evaluations 0 to \d+, not 4000"):

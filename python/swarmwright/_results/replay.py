@@ -46,8 +46,8 @@ class Replay:
 
         Args:
             run: whose simulation and parameters.
-            generation: of the candidate; default: that of the best one.
-            candidate: index in the generation; default: the best of the generation.
+            generation: as in `Run.evaluation`.
+            candidate: as in `Run.evaluation`.
             controller: file or run folder with another controller, instead of a candidate of the run.
             episode: one of the run's, default 0.
             seed: of the simulation, for an episode that the run did not have.
@@ -57,7 +57,7 @@ class Replay:
         """
         _check_built_in(run)
         chosen = None if controller is not None else choose(run, generation, candidate)
-        seeds = run.seeds(0 if chosen is None else chosen.generation)
+        seeds = run.seeds(0) if chosen is None else chosen.seeds
         number = None if seed is not None else episode or 0
         if number is not None and number >= len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"

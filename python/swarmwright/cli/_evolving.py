@@ -62,6 +62,8 @@ def evolve(
         tensorboard: folder for TensorBoard, if wanted.
         mlflow: MLflow's tracking server, if wanted.
     """
+    from swarmwright._optimize import InterruptedAtEnd
+
     reader = Reader()
     with ExitStack() as stack:
         watchers = [stack.enter_context(one) for one in _watchers(experiment, tensorboard, mlflow)]
@@ -72,12 +74,18 @@ def evolve(
                 watcher(generation)
             return reader.show(shown, generation)
 
-        run = work(tell, shown.evaluating)
+        undrawn = False
+        try:
+            run = work(tell, shown.evaluating)
+        except InterruptedAtEnd as interrupt:
+            run, undrawn = interrupt.run, True
         for watcher in watchers:
             watcher.conclude(run)
     if not reader.gone:
+        if undrawn:
+            output.text("Interrupted while fitness.png was drawn; nothing else is missing.")
         _conclude(output, run)
-    return INTERRUPTED if run.interrupted or reader.gone else 0
+    return INTERRUPTED if run.interrupted or undrawn or reader.gone else 0
 
 
 def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | None) -> "Iterator[Callback]":

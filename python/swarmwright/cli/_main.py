@@ -48,11 +48,20 @@ def _status(arguments: Sequence[str] | None) -> int:
     except BrokenPipeError:
         raise
     except Exception as error:
+        if _interrupted(error):
+            _complain("interrupted")
+            return INTERRUPTED
         # The last resort: a person never sees a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
             raise
         return _show_error(error)
     return result if isinstance(result, int) else 0
+
+
+def _interrupted(error: BaseException) -> bool:
+    """Whether an error came of Ctrl-C: while a class is made, Python wraps whatever is raised."""
+    cause = error.__cause__ or error.__context__
+    return isinstance(error, KeyboardInterrupt) or (cause is not None and _interrupted(cause))
 
 
 def _invoke(arguments: list[str]) -> object:

@@ -16,6 +16,18 @@ BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
 Decorator = Callable[[Any], Any]
 
 
+class WholeNumber(click.IntRange):
+    """A whole number in a range; of what is none it is said so."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:  # noqa: ANN401 - click's signature
+        """The number."""
+        try:
+            int(value)
+        except ValueError:
+            self.fail(f"'{value}' is not a valid integer: give a whole number.", param, ctx)
+        return int(super().convert(value, param, ctx))
+
+
 class BrokerUrl(click.ParamType[str]):
     """Address of a broker; no password, for everybody on the machine may read the list of processes."""
 
@@ -129,26 +141,26 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     """`--candidate N` and `--generation G`: one line of a run's record."""
     generation = click.option(
         "--generation",
-        type=click.IntRange(min=0),
+        type=WholeNumber(min=0),
         metavar="G",
-        help="Generation of the candidate, from 0.",
+        help="Generation of the candidate, from 0. Default: the best candidate's.",
     )
     candidate = click.option(
         "--candidate",
-        type=click.IntRange(min=0),
+        type=WholeNumber(min=0),
         metavar="N",
-        callback=_candidate,
         help="Candidate of that generation, from 0; without --generation, the number of the evaluation in "
-        "the whole run. Default: the best candidate.",
+        "the whole run. Default: the best one.",
     )
     return candidate(generation(command))
 
 
-def _candidate(context: click.Context, _: click.Parameter, value: int | None) -> int | None:
-    if value is None and context.params.get("generation") is not None:
-        raise click.UsageError("--generation names a generation; --candidate is missing.", context)
-    return value
-
+at_option: Decorator = click.option(
+    "--at",
+    type=WholeNumber(min=1),
+    metavar="EVALUATIONS",
+    help="Compare the best fitness after so many evaluations. Default: at each run's end.",
+)
 
 prefix_option: Decorator = click.option(
     "--prefix",

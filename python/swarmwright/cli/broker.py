@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._options import ExistingPath, WholeNumber, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
 
-Port = click.IntRange(0, 65535)
+Port = WholeNumber(0, 65535)
 
 
 @click.command(

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._options import ExistingPath, candidate_options, json_option
 from swarmwright.cli._output import Output
 
 
@@ -25,18 +25,7 @@ from swarmwright.cli._output import Output
     help="Where to draw: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
     "with .png.",
 )
-@click.option(
-    "--generation",
-    type=click.IntRange(min=0),
-    metavar="G",
-    help="The best candidate of this generation of RUN. Default: the best of the run.",
-)
-@click.option(
-    "--candidate",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="This candidate of the generation, from 0 in the order of their evaluation.",
-)
+@candidate_options
 @click.option(
     "--simulation",
     metavar="TITLE",

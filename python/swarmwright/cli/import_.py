@@ -22,7 +22,7 @@ FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE nam
     "target",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE.yaml",
-    help="Write there. Default: print.",
+    help="Write there, into a new file. Default: print.",
 )
 @click.option("--field", type=ExistingPath(), metavar="FIELD", help=FIELD_HELP)
 def command(file: Path, target: Path | None, field: Path | None) -> None:
@@ -33,6 +33,8 @@ def command(file: Path, target: Path | None, field: Path | None) -> None:
     """
     if target is not None and not target.parent.is_dir():
         raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")
+    if target is not None and target.exists():
+        raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
     from swarmwright import frevo
     from swarmwright._files import write_text
 

@@ -9,6 +9,7 @@ from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
+    WholeNumber,
     broker_option,
     experiment_broker,
     json_option,
@@ -25,7 +26,7 @@ from swarmwright.cli._output import Output, show_warnings
     default=None,
     text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
-@click.option("--seed", type=click.IntRange(min=0), metavar="S", help="Seed of the run. Default: the file's.")
+@click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: the file's.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),

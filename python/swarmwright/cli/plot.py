@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._options import ExistingPath, at_option, json_option
 from swarmwright.cli._output import Output
 
 
@@ -31,12 +31,7 @@ from swarmwright.cli._output import Output
     show_default=True,
     help="What the runs are drawn over.",
 )
-@click.option(
-    "--at",
-    type=click.IntRange(min=1),
-    metavar="EVALUATIONS",
-    help="Compare the best fitness after so many evaluations. Default: at each run's end.",
-)
+@at_option
 @json_option
 def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, as_json: bool) -> None:
     """Draw one RUN, or compare several.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._options import ExistingPath, WholeNumber, candidate_options, json_option
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -39,18 +39,7 @@ if TYPE_CHECKING:
     metavar="FACTOR",
     help="How many times faster than the simulation's step size.",
 )
-@click.option(
-    "--generation",
-    type=click.IntRange(min=0),
-    metavar="G",
-    help="The best candidate of this generation. Default: the best of the run.",
-)
-@click.option(
-    "--candidate",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="This candidate of the generation, from 0 in the order of their evaluation.",
-)
+@candidate_options
 @click.option(
     "--controller",
     type=ExistingPath(folder=None),
@@ -59,13 +48,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--episode",
-    type=click.IntRange(min=0),
+    type=WholeNumber(min=0),
     metavar="E",
     help="Which of the run's episodes, from 0. Default: 0.",
 )
 @click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=WholeNumber(min=0),
     metavar="S",
     help="An episode that the run did not have: the simulation's seed.",
 )

@@ -9,6 +9,7 @@ from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
+    WholeNumber,
     broker_option,
     experiment_broker,
     json_option,
@@ -30,7 +31,7 @@ from swarmwright.cli._output import Output, show_warnings
 @servers_option
 @click.option(
     "--generations",
-    type=click.IntRange(min=1),
+    type=WholeNumber(min=1),
     metavar="G",
     help="A larger budget than the experiment's; prolongs finished runs, too.",
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._options import ExistingPath, at_option, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._runs import delete_run, describe, facts_of, list_table
 
@@ -85,6 +85,25 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
 
 
 @command.command(
+    "compare",
+    cls=Command,
+    example="swarmwright runs compare runs/nnga-* runs/random-*\n"
+    "swarmwright runs compare runs/* --at 1000 --json",
+)
+@click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
+@at_option
+@json_option
+def compare(runs: tuple[Path, ...], at: int | None, as_json: bool) -> None:
+    """Compare the best fitness that runs reached, with tests and effect sizes.
+
+    Runs whose experiments differ in the seed alone are a group. `swarmwright plot` draws it as well.
+    """
+    from swarmwright.cli._comparison import show_comparison
+
+    show_comparison(Output(as_json=as_json), runs, at=at)
+
+
+@command.command(
     "export",
     cls=Command,
     example="swarmwright runs export runs/minisim-1 evaluations.csv\n"
@@ -113,10 +132,11 @@ def export(run: Path, file: Path, as_json: bool) -> None:
 @click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
-def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> None:
+def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     """Delete runs.
 
-    What Swarmwright wrote goes; a folder in which there is something else stays, with that.
+    What Swarmwright wrote goes; a folder in which there is something else stays, with that. The exit status
+    is 1 when the question was answered with no.
     """
     from swarmwright import Run
 
@@ -128,13 +148,13 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> None:
     if not yes:
         for run in opened:
             click.echo(f"{run.path}: {run.evaluations} evaluations, {run.state}", err=True)
-        click.confirm(
-            f"Delete {'this run' if len(opened) == 1 else f'these {len(opened)} runs'} for ever?",
-            abort=True,
-            err=True,
-        )
+        what = "this run" if len(opened) == 1 else f"these {len(opened)} runs"
+        if not click.confirm(f"Delete {what} for ever?", err=True):
+            click.echo("Nothing was deleted.", err=True)
+            return 1
     for run in opened:
         left = delete_run(run.path)
         output.json({"deleted": str(run.path), "left": left})
         kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
         output.text(f"Deleted {run.path}{kept}")
+    return 0

@@ -10,7 +10,7 @@ import click
 
 from swarmwright._suggest import unknown
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
+from swarmwright.cli._options import DEFAULT_BROKER, WholeNumber, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
 from swarmwright.cli._supervisor import Ended, Event, Supervisor
@@ -28,12 +28,12 @@ LARGEST_ID = 2**31 - 1
 @click.option(
     "--id",
     "first",
-    type=click.IntRange(0, LARGEST_ID),
+    type=WholeNumber(0, LARGEST_ID),
     metavar="N",
     help="Id of the first server; the others count on from it. Default: random.",
 )
 @click.option(
-    "--count", type=click.IntRange(1, 1024), default=1, show_default=True, metavar="K", help="How many."
+    "--count", type=WholeNumber(1, 1024), default=1, show_default=True, metavar="K", help="How many."
 )
 @prefix_option
 @click.option(

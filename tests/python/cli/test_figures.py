@@ -56,6 +56,16 @@ def test_several_runs_are_compared(program: Any, runs: Path, tmp_path: Path) -> 
     assert (tmp_path / "comparison.png").exists()
 
 
+def test_runs_are_compared_without_a_figure(program: Any, runs: Path, tmp_path: Path) -> None:
+    folders = sorted(runs.iterdir())
+    result = program("runs", "compare", *folders, "--at", "6")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[1].startswith("nnga ")
+    (line,) = program("runs", "compare", *folders, "--json").stdout.splitlines()
+    assert [group["label"] for group in json.loads(line)["groups"]] == ["nnga", "random_search"]
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_cannot_be_plotted(program: Any, runs: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     run = runs / "nnga-1"
@@ -87,7 +97,7 @@ def test_controllers_are_drawn(program: Any, runs: Path, tmp_path: Path) -> None
     assert (tmp_path / "mine.png").exists()
     for arguments, said in (
         (("mine.json", "--generation", "1"), "are for runs"),
-        ((runs / "nnga-1", "--generation", "9"), "it holds generations 0 to 2"),
+        ((runs / "nnga-1", "--generation", "9"), "holds the generations 0 to 2, not 9"),
         (("mine.json", "--out", "x.txt"), ".png, .svg or .pdf"),
         (("nothing.json",), "does not exist"),
     ):

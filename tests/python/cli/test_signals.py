@@ -4,7 +4,22 @@ import signal
 
 import pytest
 
+from swarmwright.cli import run
 from swarmwright.cli._signals import Terminated, check, terminate_like_interrupt
+
+
+def test_an_interrupt_that_somebody_wraps_is_no_fault(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def wrapped(*_: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise RuntimeError("Error calling __set_name__") from interrupt
+
+    monkeypatch.setattr("swarmwright.cli._main._invoke", wrapped)
+    assert run([]) == 130
+    assert capsys.readouterr().err == "swarmwright: interrupted\n"
 
 
 @pytest.mark.parametrize(

@@ -123,13 +123,13 @@ def test_parameters_that_were_evolved_are_played_and_drawn(program: Any, tmp_pat
 
 
 def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
-    one = "it holds one generation, number 0"
+    one = "result: holds one generation, number 0"
     for options, said in (
         ("--episode 1", "episode 1: the run evaluated one episode, 0"),
         ("--episode 0 --seed 3", "give one of them"),
-        ("--generation 1", f"generation 1: result has none of that number; {one}"),
-        ("--generation 0 --candidate 5", "it holds candidates 0 to 4"),
-        ("--candidate 1", "of which generation"),
+        ("--generation 1", f"{one}, not 1"),
+        ("--generation 0 --candidate 5", "result: generation 0 has the candidates 0 to 4, not 5"),
+        ("--candidate 5", "result: holds the evaluations 0 to 4, not 5"),
         ("--controller x.yaml --generation 0", "--controller names another"),
         ("--save x.avi", ".html, .gif, .mp4 or .png"),
         ("--save nowhere/x.gif", "there is no folder 'nowhere'"),
