@@ -60,7 +60,8 @@ def command(file: Path, broker: str | None, out: Path | None, servers: Servers |
     for task in todo:
         task.found()  # complain before anything is started
     output.text(
-        f"{len(sweep.variants)} variants with {len(sweep.seeds)} seeds each: {len(todo)} runs in {sweep.out}"
+        f"{count(len(sweep.variants), 'variant')} with {count(len(sweep.seeds), 'seed')} each: "
+        f"{count(len(todo), 'run')} in {sweep.out}"
     )
     progress = _Progress(output, len(todo))
     interrupted = False
