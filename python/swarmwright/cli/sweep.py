@@ -60,8 +60,8 @@ def command(file: Path, broker: str | None, out: Path | None, servers: Servers |
     for task in todo:
         task.found()  # complain before anything is started
     output.text(
-        f"{count(len(sweep.variants), 'variant')} with {count(len(sweep.seeds), 'seed')} each: "
-        f"{count(len(todo), 'run')} in {sweep.out}"
+        f"{_count(len(sweep.variants), 'variant')} with {_count(len(sweep.seeds), 'seed')} each: "
+        f"{_count(len(todo), 'run')} in {sweep.out}"
     )
     progress = _Progress(output, len(todo))
     interrupted = False
@@ -79,6 +79,10 @@ def command(file: Path, broker: str | None, out: Path | None, servers: Servers |
         output.text(f"Interrupted after {len(progress.done)} of {len(todo)} runs; the same command goes on.")
         return INTERRUPTED
     return FAILED if progress.failed else 0
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 class _Progress:
