@@ -89,6 +89,12 @@ def _methods(scale: Scale) -> Suite:
     return MethodSuite(scale.smaller)
 
 
+def _store(scale: Scale) -> Suite:
+    from benchmarks.store import StoreSuite
+
+    return StoreSuite(scale.smaller)
+
+
 def _frevo(_scale: Scale) -> Suite:
     from benchmarks.whole import WholeSuite
 
@@ -103,11 +109,12 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "growth": _growth,
     "tasks": _tasks,
     "methods": _methods,
+    "store": _store,
     "frevo": _frevo,
     "program": _program,
 }
 """By name, which `--only` searches."""
-QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods")
+QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods", "store")
 """Those that take seconds and need no library of their own."""
 
 
