@@ -117,11 +117,15 @@ def _check_file(file: Path) -> None:
 
 
 def _save(output: Output, replay: "Replay", file: Path, speed: float) -> None:
+    from swarmwright import InputError
     from swarmwright.display import record
     from swarmwright.display.files import save
 
     recording = record(replay.episode())
-    save(recording, file, caption=replay.caption(), speed=speed)
+    try:
+        save(recording, file, caption=replay.caption(), speed=speed)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
     output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")
     steps = len(recording.scenes) - 1
     output.json({"fitness": recording.fitness, "steps": steps, "picture": str(file), **replay.identity()})

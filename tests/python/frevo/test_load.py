@@ -225,6 +225,11 @@ def test_import_command_writes_an_experiment_that_loads(program: Any, data: Path
     assert "not as in FREVO: sessionconfig.NumberofRuns = 10" in shown.stderr
     assert Experiment.load(target).parameters["field"]["width"] == 20
 
+    before = target.read_text()
+    again = program("import", data / "emergency_exit_random.zse", "-o", target)
+    assert again.returncode == 2
+    assert "exists and is not written over" in again.stderr
+    assert target.read_text() == before
     printed = program("import", data / "emergency_exit_random.zse")
     assert printed.stdout.startswith("# Made of FREVO's session emergency_exit_random.zse")
 

@@ -194,6 +194,21 @@ def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
             optimize(EXPERIMENT, out=place / "another")
 
 
+def test_pictures_for_a_read_only_folder_are_refused_in_the_same_words(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from swarmwright.cli import run
+
+    with disk(tmp_path / "disk") as place:
+        shutil.copytree(copy, place / "run")
+        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+        for command, name in (("plot", "plot.png"), ("draw", "controller.png"), ("replay", "x.gif")):
+            file = str(place / "run" / name)
+            options = ["--save", file] if command == "replay" else []
+            assert run([command, str(place / "run"), *options]) == 2
+            assert f"{file}: cannot be written: Read-only file system" in capsys.readouterr().err
+
+
 def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
     experiment = EXPERIMENT.replace(
         controller={"kind": "layered", "hidden": [64]}, method={"generations": 1000}
