@@ -83,6 +83,11 @@ class Loop:
         """Whether the budget is used or the target is reached."""
         return self._method.done
 
+    @property
+    def libraries(self) -> tuple[str, ...]:
+        """Packages that the method computes with."""
+        return self._method.libraries
+
     def replay(self, reader: StoreReader) -> None:
         """Go through the generations in a store, without evaluating anything, to where it ends.
 

@@ -134,7 +134,7 @@ def _run(
 ) -> None:
     representation = experiment.representation(backend.sensors, backend.actuators)
     loop = loop or new_loop(experiment, representation, store)
-    store.begin(backend.description)
+    store.begin(backend.description, loop.libraries)
     # What draws the plot is loaded while the simulations run.
     threading.Thread(target=prepare, daemon=True).start()
     try:

@@ -7,9 +7,9 @@ import os
 import platform
 import socket
 import sqlite3
-import sys
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -26,7 +26,6 @@ from swarmwright._store._rows import Evaluated, attempt_row
 from swarmwright.representations import Representation
 
 _EXPERIMENT = "experiment.yaml"
-_LIBRARIES = ("cma", "pymoo", "scipy")  # named in a session when its method loaded them
 _EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
@@ -110,13 +109,13 @@ class StoreWriter:
             self._connection.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (text,))
         experiment.save(self.folder / _EXPERIMENT)
 
-    def begin(self, place: str) -> None:
-        """Begin a session: note where, when and with what."""
+    def begin(self, place: str, libraries: Sequence[str] = ()) -> None:
+        """Begin a session: note where, when and with what, `libraries` being packages of the method's."""
         self._started = time.monotonic()
         with transaction(self._connection, self.file):
             cursor = self._connection.execute(
                 "INSERT INTO session (started, place, host, machine, versions) VALUES (?, ?, ?, ?, ?)",
-                (_now(), place, socket.gethostname(), platform.platform(), json.dumps(_versions())),
+                (_now(), place, socket.gethostname(), platform.platform(), json.dumps(_versions(libraries))),
             )
         self._session = int(cursor.lastrowid or 0)
 
@@ -318,8 +317,8 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _versions() -> dict[str, str]:
-    from importlib.metadata import version
+def _versions(libraries: Sequence[str]) -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
 
     versions = {
         "swarmwright": _engine.__version__,
@@ -327,7 +326,7 @@ def _versions() -> dict[str, str]:
         "numpy": np.__version__,
         "sqlite": sqlite3.sqlite_version,
     }
-    for library in _LIBRARIES:
-        if library in sys.modules:
+    for library in libraries:
+        with suppress(PackageNotFoundError):  # the method says itself what is missing
             versions[library] = version(library)
     return versions

@@ -62,6 +62,8 @@ class Method(SteadyState):
     """Typed options, with `kind` among them."""
     keeps_members: ClassVar[bool] = False
     """Whether members stay from one generation to the next with the fitness that they have: see `kept`."""
+    libraries: ClassVar[tuple[str, ...]] = ()
+    """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
     """Why the method cannot work in steady state, when it cannot; the end of a sentence."""
 

@@ -42,6 +42,7 @@ class Cma(Method):
 
     options: CmaOptions
     options_model: ClassVar[type[CmaOptions]]
+    libraries = ("cma", "scipy")
     generational_because = "its distribution is learned from the ranks within a generation"
     diagonal: ClassVar[bool]
     """Whether the covariance matrix stays diagonal."""

@@ -23,6 +23,10 @@ def test_a_run_with_every_method(kind: str, tmp_path: Path) -> None:
     assert runs[0].best.fitness == one.fitness.max()
     assert one.genomes.tobytes() == other.genomes.tobytes()
     assert one.fitness.tobytes() == other.fitness.tobytes()
+    used = {"cma_es": {"cma"}, "sep_cma_es": {"cma"}, "de": {"pymoo"}, "pso": {"pymoo"}}.get(kind, set())
+    versions = runs[0].sessions[0].versions
+    assert versions.keys() & {"cma", "pymoo"} == used
+    assert all(versions.values())
     last = runs[0].history[-1]
     assert last.evaluations == runs[0].evaluations
     assert last.best_so_far == one.fitness.max()
