@@ -81,13 +81,20 @@ def _flat(experiment: Experiment) -> dict[str, Any]:
             for key, inner in value.items():
                 walk(f"{prefix}.{key}" if prefix else str(key), inner)
         else:
-            flat[prefix] = value
+            flat[prefix] = _plain(value)
 
     mapping = experiment.to_mapping()
     # A parameter that is not given has its default; a foreign simulation keeps its defaults to itself.
     mapping["parameters"] = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
     walk("", {key: value for key, value in mapping.items() if key not in _SAME_RESULT})
     return flat
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file
+    """Return a value in which 1.0 is 1: somebody wrote the one, the default is the other."""
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _defaults(simulation: str) -> dict[str, Any]:

@@ -29,6 +29,12 @@ def test_groups_are_named_by_what_differs_between_them(tmp_path: Path) -> None:
     assert [len(kin.runs) for kin in kins] == [1, 2, 1]
 
 
+def test_a_default_written_out_does_not_set_runs_apart(tmp_path: Path) -> None:
+    given = {"speedAgents": 1, "mapWidth": 13.0}
+    kins, _ = group([*runs(tmp_path, [1.0]), KnownRun(tmp_path / "x", [[1.0]], seed=7, parameters=given)])
+    assert [(kin.label, len(kin.runs)) for kin in kins] == [("minisim, nnga", 2)]
+
+
 def test_options_of_one_kind_do_not_set_it_apart_from_another(tmp_path: Path) -> None:
     search = {"kind": "random_search", "population": 4, "generations": 3}
     kins, _ = group([*runs(tmp_path, [1.0]), *runs(tmp_path, [1.0], method=search)])
