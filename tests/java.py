@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -45,12 +46,13 @@ class JavaServer(Program):
         server: int = 1,
         main: str | None = None,
         classpath: str = "",
+        env: Mapping[str, str] | None = None,
     ) -> None:
         java = shutil.which("java")
         assert java, "Java is missing; `make test` installs it"
         library = os.pathsep.join(filter(None, [str(jar()), classpath]))
         command = [java, "-Xshare:auto", "-cp", library, main or "org.swarmwright.minisim.Main"]
-        super().__init__(*command, "--broker", url, "--id", server, *options, cwd=cwd, program=())
+        super().__init__(*command, "--broker", url, "--id", server, *options, cwd=cwd, env=env, program=())
         try:
             self.until_error("ready")
         except BaseException:

@@ -7,11 +7,13 @@ from typing import Any
 
 import pytest
 
+from tests.java import JavaServer
 from tests.system.brokers import KINDS, BrokerProcess, Kind
 from tests.system.peer import Peer
 from tests.system.processes import Program, Servers
 
 Serve = Callable[..., Servers]
+ServeJava = Callable[..., JavaServer]
 Launch = Callable[..., Program]
 Experiment = Callable[..., Path]
 
@@ -54,6 +56,18 @@ def serve(tmp_path: Path, cleanup: ExitStack) -> Serve:
         servers = Servers(url, *options, cwd=tmp_path, first=first, count=count)
         cleanup.callback(servers.stop)
         return servers
+
+    return start
+
+
+@pytest.fixture
+def serve_java(tmp_path: Path, cleanup: ExitStack) -> ServeJava:
+    """Starts the example server of the Java wrapper."""
+
+    def start(url: str, *options: str, **more: Any) -> JavaServer:
+        server = JavaServer(url, *options, cwd=tmp_path, **more)
+        cleanup.callback(server.stop)
+        return server
 
     return start
 

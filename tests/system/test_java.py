@@ -3,15 +3,14 @@
 import shutil
 import signal
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.java import JavaServer, jar
+from tests.java import jar
 from tests.system.brokers import BrokerProcess
-from tests.system.conftest import Experiment, Launch, Serve
+from tests.system.conftest import Experiment, Launch, Serve, ServeJava
 from tests.system.peer import PRESENCE, Peer
 from tests.system.plain_tool import PlainTool
 from tests.system.runs import attempts, evaluations, record
@@ -27,19 +26,6 @@ method: {kind: nnga, population: 12, generations: 3}
 ranking: {episodes: 2}
 seed: 11
 """
-ServeJava = Callable[..., JavaServer]
-
-
-@pytest.fixture
-def serve_java(tmp_path: Path, cleanup: Any) -> ServeJava:
-    """Starts the example server of the Java wrapper."""
-
-    def start(url: str, *options: str, **more: Any) -> JavaServer:
-        server = JavaServer(url, *options, cwd=tmp_path, **more)
-        cleanup.callback(server.stop)
-        return server
-
-    return start
 
 
 @pytest.fixture

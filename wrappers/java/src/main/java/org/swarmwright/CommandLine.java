@@ -13,10 +13,12 @@ import java.util.function.Supplier;
 public final class CommandLine {
   private static final String USAGE =
       "usage: [--broker URL] [--id NUMBER] [--prefix PREFIX] [--step-timeout SECONDS]\n"
-          + "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; mqtt://localhost:1883 by default\n"
+          + "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; mqtt://localhost:1883"
+          + " by default\n"
           + "  --id            the server's ID, from 0, its own on the broker; 1 by default\n"
           + "  --prefix        what stands before all topics; nothing by default\n"
-          + "  --step-timeout  after how long a step that misses actuators is given up; 60 by default";
+          + "  --step-timeout  after how long a step that misses actuators is given up; 60 by"
+          + " default";
 
   /** URL of the broker. */
   public String broker = "mqtt://localhost:1883";
@@ -104,7 +106,8 @@ public final class CommandLine {
       return;
     }
     CompletableFuture<AutoCloseable> started = new CompletableFuture<>();
-    // Before the start: who is told to end while starting, or right afterwards, leaves in order all the same.
+    // Before the start: who is told to end while starting, or right afterwards, leaves in order all
+    // the same.
     Runtime.getRuntime().addShutdownHook(new Thread(() -> leave(started)));
     try {
       started.complete(program.start(new CommandLine(List.of(arguments))));
@@ -118,7 +121,8 @@ public final class CommandLine {
     }
   }
 
-  private static void fail(int status, RuntimeException error, CompletableFuture<AutoCloseable> started) {
+  private static void fail(
+      int status, RuntimeException error, CompletableFuture<AutoCloseable> started) {
     System.err.println("error: " + error.getMessage());
     started.completeExceptionally(error);
     System.exit(status);

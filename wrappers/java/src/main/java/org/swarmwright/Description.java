@@ -12,12 +12,24 @@ public final class Description {
   private final int actuators;
   private final List<String> metrics;
 
-  private Description(String title, int dimensions, int maxAgents, int sensors, int actuators, List<String> metrics) {
+  private Description(
+      String title,
+      int dimensions,
+      int maxAgents,
+      int sensors,
+      int actuators,
+      List<String> metrics) {
     this.title = Objects.requireNonNull(title, "title");
     if (dimensions < 1 || maxAgents < 0 || sensors < 1 || actuators < 1) {
       throw new IllegalArgumentException(
-          "a simulation has at least one dimension, sensor and actuator; found dimensions " + dimensions + ", sensors " + sensors
-              + ", actuators " + actuators + ", maxAgents " + maxAgents);
+          "a simulation has at least one dimension, sensor and actuator; found dimensions "
+              + dimensions
+              + ", sensors "
+              + sensors
+              + ", actuators "
+              + actuators
+              + ", maxAgents "
+              + maxAgents);
     }
     for (String name : metrics) {
       if (!name.matches("[A-Za-z_][A-Za-z0-9_]*")) {

@@ -11,7 +11,8 @@ import java.util.Arrays;
 /**
  * Parameters of an episode, each read with its type, range and default.
  *
- * <p>All methods throw {@link ParameterException} where the experiment sets something that does not fit.
+ * <p>All methods throw {@link ParameterException} where the experiment sets something that does not
+ * fit.
  */
 public final class ParameterReader {
   private static final BigInteger MIN_SEED = BigInteger.valueOf(Long.MIN_VALUE);
@@ -47,7 +48,9 @@ public final class ParameterReader {
     }
     BigInteger number = whole(value);
     boolean fits =
-        number != null && number.compareTo(BigInteger.valueOf(low)) >= 0 && number.compareTo(BigInteger.valueOf(high)) <= 0;
+        number != null
+            && number.compareTo(BigInteger.valueOf(low)) >= 0
+            && number.compareTo(BigInteger.valueOf(high)) <= 0;
     if (!fits) {
       throw mismatch(name, value, "a whole number from " + low + " to " + high);
     }
@@ -130,7 +133,10 @@ public final class ParameterReader {
     return value.getAsString();
   }
 
-  /** A position [x, y] in 0..width and 0..height, borders included, rounded to binary32; null if absent. */
+  /**
+   * A position [x, y] in 0..width and 0..height, borders included, rounded to binary32; null if
+   * absent.
+   */
   public float[] position(String name, float width, float height) {
     JsonElement value = parameters.get(name);
     return value == null ? null : position(name, value, width, height);
@@ -147,7 +153,8 @@ public final class ParameterReader {
     }
     JsonArray list = value.getAsJsonArray();
     if (list.size() > most) {
-      throw new ParameterException(name, list.size() + " positions found, at most " + most + " are possible");
+      throw new ParameterException(
+          name, list.size() + " positions found, at most " + most + " are possible");
     }
     float[][] positions = new float[list.size()][];
     for (int i = 0; i < positions.length; i++) {
@@ -164,7 +171,8 @@ public final class ParameterReader {
       throw mismatch(name, value, "a position [x, y] of two numbers");
     }
     if (!(x >= 0 && x <= width && y >= 0 && y <= height)) {
-      throw mismatch(name, value, "a position inside the map, [0, 0] to [" + width + ", " + height + "]");
+      throw mismatch(
+          name, value, "a position inside the map, [0, 0] to [" + width + ", " + height + "]");
     }
     return new float[] {x, y};
   }
@@ -194,6 +202,7 @@ public final class ParameterReader {
     String text = value.toString();
     String shown = text.length() <= 40 ? text : text.substring(0, 37) + "...";
     boolean string = value.isJsonPrimitive() && value.getAsJsonPrimitive().isString();
-    return new ParameterException(name, shown + (string ? " (a string)" : "") + " found, expected " + expected);
+    return new ParameterException(
+        name, shown + (string ? " (a string)" : "") + " found, expected " + expected);
   }
 }

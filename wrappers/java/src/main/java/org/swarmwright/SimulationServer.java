@@ -6,7 +6,8 @@ import java.util.function.Supplier;
 import org.swarmwright.server.Host;
 
 /**
- * Offers a simulation to optimization tools, over MQTT: everything that messages, brokers and tools ask for.
+ * Offers a simulation to optimization tools, over MQTT: everything that messages, brokers and tools
+ * ask for.
  *
  * <pre>{@code
  * try (SimulationServer server = SimulationServer.offering(MySimulation::new).broker("mqtt://localhost:1883").id(5).start()) {
@@ -34,7 +35,8 @@ public final class SimulationServer implements AutoCloseable {
   }
 
   /**
-   * A whole program: reads {@code --broker}, {@code --id}, {@code --prefix} and {@code --step-timeout}, serves until it is told to end.
+   * A whole program: reads {@code --broker}, {@code --id}, {@code --prefix} and {@code
+   * --step-timeout}, serves until it is told to end.
    *
    * <p>Exit status: 1 no broker or the ID is taken, 2 wrong arguments.
    */
@@ -90,7 +92,8 @@ public final class SimulationServer implements AutoCloseable {
     /** Seconds after which a step that misses actuators is given up; 60 by default. */
     public Options stepTimeout(double seconds) {
       if (!(seconds > 0)) {
-        throw new IllegalArgumentException("the step time-out is " + seconds + " s; it must be more than 0");
+        throw new IllegalArgumentException(
+            "the step time-out is " + seconds + " s; it must be more than 0");
       }
       stepTimeout = seconds;
       return this;
@@ -116,7 +119,8 @@ public final class SimulationServer implements AutoCloseable {
      * @throws IllegalArgumentException if the URL, the prefix or the ID cannot be used
      */
     public SimulationServer start() {
-      return new SimulationServer(new Host(only, maker, broker, prefix, id, stepTimeout, notices, pictures));
+      return new SimulationServer(
+          new Host(only, maker, broker, prefix, id, stepTimeout, notices, pictures));
     }
   }
 }

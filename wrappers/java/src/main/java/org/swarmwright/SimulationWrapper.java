@@ -32,13 +32,15 @@ import org.swarmwright.mqtt.BrokerAddress;
 /**
  * What is common to all simulation servers that speak D6.1: the class of its section 7.2.2.
  *
- * <p>When it is instantiated, it connects to the broker and subscribes to discovery, parameters, control and actuator. A subclass calls
- * {@link #setServerInfo} and {@link #setAvailable}, handles what comes in the three {@code handle} methods, and answers with
- * {@link #publishSensor} and {@link #publishFitness}. Messages that are for other servers never reach it, nor any before it has given its
- * information. All methods are called in one thread, Paho's.
+ * <p>When it is instantiated, it connects to the broker and subscribes to discovery, parameters,
+ * control and actuator. A subclass calls {@link #setServerInfo} and {@link #setAvailable}, handles
+ * what comes in the three {@code handle} methods, and answers with {@link #publishSensor} and
+ * {@link #publishFitness}. Messages that are for other servers never reach it, nor any before it
+ * has given its information. All methods are called in one thread, Paho's.
  *
- * <p>Which broker: what the constructor is given, else the system property {@code swarmwright.broker}, else the environment variable
- * SWARMWRIGHT_BROKER, else mqtt://localhost:1883. For anything that need not know messages, {@link Simulation} is shorter.
+ * <p>Which broker: what the constructor is given, else the system property {@code
+ * swarmwright.broker}, else the environment variable SWARMWRIGHT_BROKER, else
+ * mqtt://localhost:1883. For anything that need not know messages, {@link Simulation} is shorter.
  */
 public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   private static final Logger LOG = Logger.getLogger(SimulationWrapper.class.getName());
@@ -80,18 +82,26 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     topics = new Topics(prefix);
     BrokerAddress address = BrokerAddress.of(broker);
     try {
-      client = new MqttAsyncClient(address.uri(), "wrapper-" + UUID.randomUUID(), new MemoryPersistence());
+      client =
+          new MqttAsyncClient(
+              address.uri(), "wrapper-" + UUID.randomUUID(), new MemoryPersistence());
       client.setCallback(new Callback());
       client.connect(options(address)).waitForCompletion(10_000);
       subscribe();
     } catch (MqttException error) {
       throw new BrokerException(
-          "no connection to the broker at " + address + ": " + reason(error) + "; is it running, and is this its address?", error);
+          "no connection to the broker at "
+              + address
+              + ": "
+              + reason(error)
+              + "; is it running, and is this its address?",
+          error);
     }
   }
 
   private static String configuredBroker() {
-    String fallback = Optional.ofNullable(System.getenv("SWARMWRIGHT_BROKER")).orElse("mqtt://localhost:1883");
+    String fallback =
+        Optional.ofNullable(System.getenv("SWARMWRIGHT_BROKER")).orElse("mqtt://localhost:1883");
     return System.getProperty("swarmwright.broker", fallback);
   }
 
@@ -113,7 +123,10 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
 
   private void subscribe() throws MqttException {
     String[] names = {
-      topics.name(Topic.DISCOVERY), topics.name(Topic.PARAMETERS), topics.name(Topic.CONTROL), topics.name(Topic.ACTUATOR)
+      topics.name(Topic.DISCOVERY),
+      topics.name(Topic.PARAMETERS),
+      topics.name(Topic.CONTROL),
+      topics.name(Topic.ACTUATOR)
     };
     client.subscribe(names, new int[names.length]);
   }
@@ -124,7 +137,10 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
 
   // What a simulation server tells of itself.
 
-  /** Sets the server's information, with which discovery is answered: server, simulations and capabilities; the hash is filled in. */
+  /**
+   * Sets the server's information, with which discovery is answered: server, simulations and
+   * capabilities; the hash is filled in.
+   */
   public void setServerInfo(Server serverInfo) {
     this.serverInfo = serverInfo;
   }
@@ -134,7 +150,10 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     return serverInfo;
   }
 
-  /** Says whether the server can do a simulation now; discovery is answered only then. Not available at first. */
+  /**
+   * Says whether the server can do a simulation now; discovery is answered only then. Not available
+   * at first.
+   */
   public void setAvailable(boolean available) {
     this.available = available;
   }
@@ -156,7 +175,9 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
 
   // What a simulation server has to do.
 
-  /** Takes the parameters of a simulation, for this server; those of the problem are their values. */
+  /**
+   * Takes the parameters of a simulation, for this server; those of the problem are their values.
+   */
   protected abstract void handleParametersContent(Parameters parameters);
 
   /** Starts or ends a simulation of this server. */
@@ -209,7 +230,10 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     }
   }
 
-  /** Reads an actuator message and hands it on if it is for the simulation whose parameters came last. */
+  /**
+   * Reads an actuator message and hands it on if it is for the simulation whose parameters came
+   * last.
+   */
   protected void parseActuator(MqttMessage message) {
     Actuator actuator = Messages.readActuator(message.getPayload());
     if (actuator.getSimulationHash().equals(hash)) {
@@ -217,11 +241,17 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     }
   }
 
-  /** Reads a discovery message and answers it if this server is available, offers the simulation and fulfils the requirements. */
+  /**
+   * Reads a discovery message and answers it if this server is available, offers the simulation and
+   * fulfils the requirements.
+   */
   protected void parseDiscovery(MqttMessage message) {
     Discovery discovery = Messages.readDiscovery(message.getPayload());
     Server info = serverInfo;
-    if (info != null && available && info.getSimulations().contains(discovery.getSimulation()) && fulfils(info, discovery)) {
+    if (info != null
+        && available
+        && info.getSimulations().contains(discovery.getSimulation())
+        && fulfils(info, discovery)) {
       publish(
           Topic.SERVER,
           new Server()
@@ -241,7 +271,9 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     Capabilities offered = info.getCapabilities();
     Requirements required = discovery.getRequirements();
     boolean enough =
-        offered.getMaxAgents() == null || required.getMaxAgents() == null || offered.getMaxAgents() >= required.getMaxAgents();
+        offered.getMaxAgents() == null
+            || required.getMaxAgents() == null
+            || offered.getMaxAgents() >= required.getMaxAgents();
     return enough && required.getDimensions().equals(offered.getDimensions());
   }
 
@@ -261,14 +293,16 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     try {
       client.publish(topics.name(topic), Messages.write(message), 0, false);
     } catch (MqttException error) {
-      LOG.log(Level.WARNING, "a {0} message is lost: {1}", new Object[] {topic.text(), reason(error)});
+      LOG.log(
+          Level.WARNING, "a {0} message is lost: {1}", new Object[] {topic.text(), reason(error)});
     }
   }
 
   /** The connection broke; Paho connects again by itself. */
   @Override
   public void connectionLost(Throwable cause) {
-    LOG.log(Level.WARNING, "the connection to the broker broke: {0}; trying again", cause.getMessage());
+    LOG.log(
+        Level.WARNING, "the connection to the broker broke: {0}; trying again", cause.getMessage());
   }
 
   /** A message went out. */
@@ -286,7 +320,10 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     }
   }
 
-  /** What Paho calls: an error in a message, or in the simulation, must not break the connection, as Paho would. */
+  /**
+   * What Paho calls: an error in a message, or in the simulation, must not break the connection, as
+   * Paho would.
+   */
   private final class Callback implements MqttCallbackExtended {
     @Override
     public void connectComplete(boolean again, String uri) {
@@ -306,7 +343,10 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
         SimulationWrapper.this.messageArrived(topic, message);
       } catch (MessageException error) {
         if (complaints.size() < MOST_COMPLAINTS && complaints.add(error.getMessage())) {
-          LOG.log(Level.WARNING, "refusing a message on {0}: {1}", new Object[] {topic, error.getMessage()});
+          LOG.log(
+              Level.WARNING,
+              "refusing a message on {0}: {1}",
+              new Object[] {topic, error.getMessage()});
         }
       } catch (Exception | AssertionError | StackOverflowError error) {
         LOG.log(Level.SEVERE, "the simulation failed on a message on " + topic, error);

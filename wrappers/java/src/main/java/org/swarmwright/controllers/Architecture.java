@@ -7,7 +7,8 @@ public abstract strictfp class Architecture {
   /** Most weights that a controller may have. */
   public static final int MAX_WEIGHTS = 1_000_000;
 
-  private static final String KINDS = "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"";
+  private static final String KINDS =
+      "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"";
 
   private final int sensors;
   private final int actuators;
@@ -18,9 +19,11 @@ public abstract strictfp class Architecture {
   }
 
   /**
-   * Reads a specification (protocol/schemas/controller.schema.json); its weights may be missing and are ignored.
+   * Reads a specification (protocol/schemas/controller.schema.json); its weights may be missing and
+   * are ignored.
    *
-   * @throws SpecificationException if a field is missing, unknown, of the wrong type or out of range
+   * @throws SpecificationException if a field is missing, unknown, of the wrong type or out of
+   *     range
    */
   public static Architecture read(JsonObject specification) {
     SpecificationReader reader = new SpecificationReader(specification);
@@ -41,14 +44,17 @@ public abstract strictfp class Architecture {
         architecture = ParameterSet.read(reader);
         break;
       default:
-        throw new SpecificationException(
-            "kind", "\"" + kind + "\" found, expected " + KINDS);
+        throw new SpecificationException("kind", "\"" + kind + "\" found, expected " + KINDS);
     }
     reader.end();
     if (architecture.weightCount() > MAX_WEIGHTS) {
       throw new SpecificationException(
           kind.equals("mealy_fsm") ? "thresholds" : "hidden",
-          "makes " + architecture.weightCount() + " weights; at most " + MAX_WEIGHTS + " are possible");
+          "makes "
+              + architecture.weightCount()
+              + " weights; at most "
+              + MAX_WEIGHTS
+              + " are possible");
     }
     return architecture;
   }
@@ -78,7 +84,13 @@ public abstract strictfp class Architecture {
   abstract int scratchLength();
 
   /** One step: sensors in, actuators out. {@code first} is the index of the first weight. */
-  abstract void step(float[] weights, int first, float[] state, float[] scratch, float[] sensors, float[] actuators);
+  abstract void step(
+      float[] weights,
+      int first,
+      float[] state,
+      float[] scratch,
+      float[] sensors,
+      float[] actuators);
 
   /** a * b, or a number beyond every limit. */
   static long times(long a, long b) {

@@ -39,17 +39,24 @@ public final class Controller {
    *
    * @param sensors as many as the architecture has, finite
    * @param actuators is filled, in -1..1
-   * @throws IllegalArgumentException if there are more or fewer of either, or a sensor is not finite
+   * @throws IllegalArgumentException if there are more or fewer of either, or a sensor is not
+   *     finite
    */
   public void step(float[] sensors, float[] actuators) {
     if (sensors.length != architecture.sensors() || actuators.length != architecture.actuators()) {
       throw new IllegalArgumentException(
-          sensors.length + " sensors and " + actuators.length + " actuators found, expected " + architecture.sensors() + " and "
+          sensors.length
+              + " sensors and "
+              + actuators.length
+              + " actuators found, expected "
+              + architecture.sensors()
+              + " and "
               + architecture.actuators());
     }
     for (int i = 0; i < sensors.length; i++) {
       if (!Float.isFinite(sensors[i])) {
-        throw new IllegalArgumentException("sensor " + i + " is " + sensors[i] + ", not a finite number");
+        throw new IllegalArgumentException(
+            "sensor " + i + " is " + sensors[i] + ", not a finite number");
       }
     }
     architecture.step(weights, first, state, scratch, sensors, actuators);

@@ -3,8 +3,9 @@ package org.swarmwright.controllers;
 /**
  * A recurrent network in which every node hears every node (FREVO's FullyMeshedNet).
  *
- * <p>Nodes: sensors, then hidden, then actuators. Weights: for every node that is no sensor, in that order: the bias, then one weight from
- * every node, itself included. The outputs of all nodes stay from step to step.
+ * <p>Nodes: sensors, then hidden, then actuators. Weights: for every node that is no sensor, in
+ * that order: the bias, then one weight from every node, itself included. The outputs of all nodes
+ * stay from step to step.
  */
 final strictfp class FullyMeshed extends Architecture {
   private static final int MAX_ITERATIONS = 1000;
@@ -15,7 +16,12 @@ final strictfp class FullyMeshed extends Architecture {
   private final OutputRange outputRange;
 
   private FullyMeshed(
-      int sensors, int actuators, int hidden, Activation activation, int iterations, OutputRange outputRange) {
+      int sensors,
+      int actuators,
+      int hidden,
+      Activation activation,
+      int iterations,
+      OutputRange outputRange) {
     super(sensors, actuators);
     this.hidden = hidden;
     this.activation = activation;
@@ -53,7 +59,13 @@ final strictfp class FullyMeshed extends Architecture {
   }
 
   @Override
-  void step(float[] weights, int first, float[] state, float[] scratch, float[] sensors, float[] actuators) {
+  void step(
+      float[] weights,
+      int first,
+      float[] state,
+      float[] scratch,
+      float[] sensors,
+      float[] actuators) {
     int nodes = nodes();
     System.arraycopy(sensors, 0, state, 0, sensors());
     for (int iteration = 0; iteration < iterations; iteration++) {

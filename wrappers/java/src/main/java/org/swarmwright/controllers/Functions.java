@@ -1,10 +1,11 @@
 package org.swarmwright.controllers;
 
 /**
- * tanh, sigmoid, sine and cosine as fixed sequences of binary32 operations, the same bits in every language.
+ * tanh, sigmoid, sine and cosine as fixed sequences of binary32 operations, the same bits in every
+ * language.
  *
- * <p>docs/decisions/002-arithmetic.md writes them down, with their error (at most 2e-7) and why. Every line is one operation, or one
- * comparison that selects and lets a NaN pass.
+ * <p>docs/decisions/002-arithmetic.md writes them down, with their error (at most 2e-7) and why.
+ * Every line is one operation, or one comparison that selects and lets a NaN pass.
  */
 public final strictfp class Functions {
   private static final float LIMIT = 9.15f;

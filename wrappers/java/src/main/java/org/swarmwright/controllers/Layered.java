@@ -1,17 +1,19 @@
 package org.swarmwright.controllers;
 
 /**
- * A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between steps.
+ * A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between
+ * steps.
  *
- * <p>Weights: layer after layer, node after node: the bias, then one weight for every output of the layer below. The activation applies
- * to every layer, the last one included.
+ * <p>Weights: layer after layer, node after node: the bias, then one weight for every output of the
+ * layer below. The activation applies to every layer, the last one included.
  */
 final strictfp class Layered extends Architecture {
   private final int[] layers;
   private final Activation activation;
   private final OutputRange outputRange;
 
-  private Layered(int sensors, int actuators, int[] hidden, Activation activation, OutputRange outputRange) {
+  private Layered(
+      int sensors, int actuators, int[] hidden, Activation activation, OutputRange outputRange) {
     super(sensors, actuators);
     layers = java.util.Arrays.copyOf(hidden, hidden.length + 1);
     layers[hidden.length] = actuators;
@@ -59,7 +61,13 @@ final strictfp class Layered extends Architecture {
   }
 
   @Override
-  void step(float[] weights, int first, float[] state, float[] scratch, float[] sensors, float[] actuators) {
+  void step(
+      float[] weights,
+      int first,
+      float[] state,
+      float[] scratch,
+      float[] sensors,
+      float[] actuators) {
     int below = 0;
     int above = scratch.length / 2;
     int width = sensors();

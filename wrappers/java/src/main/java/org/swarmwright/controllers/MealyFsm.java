@@ -1,10 +1,12 @@
 package org.swarmwright.controllers;
 
 /**
- * A Mealy machine (G. H. Mealy, "A method for synthesizing sequential circuits", 1955) over thresholded sensors.
+ * A Mealy machine (G. H. Mealy, "A method for synthesizing sequential circuits", 1955) over
+ * thresholded sensors.
  *
- * <p>Weights: row after row of its table: the state of the next step, then one number for every actuator. Rows are in mixed radix: the
- * state is the most significant digit, the interval of the last sensor the least.
+ * <p>Weights: row after row of its table: the state of the next step, then one number for every
+ * actuator. Rows are in mixed radix: the state is the most significant digit, the interval of the
+ * last sensor the least.
  */
 final strictfp class MealyFsm extends Architecture {
   private final int states;
@@ -45,7 +47,13 @@ final strictfp class MealyFsm extends Architecture {
   }
 
   @Override
-  void step(float[] weights, int first, float[] state, float[] scratch, float[] sensors, float[] actuators) {
+  void step(
+      float[] weights,
+      int first,
+      float[] state,
+      float[] scratch,
+      float[] sensors,
+      float[] actuators) {
     int row = (int) state[0];
     for (int j = 0; j < sensors(); j++) {
       row = row * (thresholds[j].length + 1);

@@ -13,7 +13,8 @@ final strictfp class OutputRange {
   /** Null unless low is less than high and their distance is a finite binary32 above 0. */
   static OutputRange of(float low, float high) {
     float width = high - low;
-    boolean fits = Float.isFinite(low) && Float.isFinite(high) && Float.isFinite(width) && width > 0f;
+    boolean fits =
+        Float.isFinite(low) && Float.isFinite(high) && Float.isFinite(width) && width > 0f;
     return fits ? new OutputRange(low, high) : null;
   }
 

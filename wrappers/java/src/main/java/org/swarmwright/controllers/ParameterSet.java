@@ -6,7 +6,10 @@ import com.google.gson.JsonPrimitive;
 import java.util.List;
 import org.swarmwright.messages.Decimals;
 
-/** No controller at all: values of parameters of a simulation that steers its agents itself, a weight for each. */
+/**
+ * No controller at all: values of parameters of a simulation that steers its agents itself, a
+ * weight for each.
+ */
 public final class ParameterSet extends Architecture {
   /** A parameter of the simulation. */
   static final class Parameter {
@@ -28,7 +31,8 @@ public final class ParameterSet extends Architecture {
         case "integer":
           return new JsonPrimitive((long) Math.floor(weight));
         default:
-          return new JsonPrimitive(choices.get(Math.min((int) Math.max(weight, 0f), choices.size() - 1)));
+          return new JsonPrimitive(
+              choices.get(Math.min((int) Math.max(weight, 0f), choices.size() - 1)));
       }
     }
   }
@@ -44,7 +48,10 @@ public final class ParameterSet extends Architecture {
     return new ParameterSet(reader.parameters(MAX_WEIGHTS));
   }
 
-  /** The parameters of an episode: those given, and the values of this set, which count where both have one. */
+  /**
+   * The parameters of an episode: those given, and the values of this set, which count where both
+   * have one.
+   */
   public JsonObject merged(JsonObject given, float[] weights, int first) {
     JsonObject merged = new JsonObject();
     given.entrySet().forEach(entry -> merged.add(entry.getKey(), entry.getValue()));
@@ -75,7 +82,13 @@ public final class ParameterSet extends Architecture {
   }
 
   @Override
-  void step(float[] weights, int first, float[] state, float[] scratch, float[] sensors, float[] actuators) {
+  void step(
+      float[] weights,
+      int first,
+      float[] state,
+      float[] scratch,
+      float[] sensors,
+      float[] actuators) {
     throw new UnsupportedOperationException("a parameter set steers nobody");
   }
 }

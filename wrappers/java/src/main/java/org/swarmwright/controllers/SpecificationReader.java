@@ -12,8 +12,12 @@ import java.util.stream.Collectors;
 
 /** Reads the fields of a specification one by one, so that every complaint names its field. */
 final class SpecificationReader {
-  /** Keys of a parameters message that are no parameters, and the one that every episode has its own of. */
-  private static final Set<String> RESERVED = Set.of("server", "simulation", "simulation_hash", "seed");
+  /**
+   * Keys of a parameters message that are no parameters, and the one that every episode has its own
+   * of.
+   */
+  private static final Set<String> RESERVED =
+      Set.of("server", "simulation", "simulation_hash", "seed");
 
   private final JsonObject fields;
   private final Set<String> known = new HashSet<>(Set.of("weights"));
@@ -56,13 +60,20 @@ final class SpecificationReader {
     JsonArray values = array(field, take(field, expected), expected);
     int[] counts = new int[values.size()];
     for (int i = 0; i < counts.length; i++) {
-      counts[i] = whole(field + "[" + i + "]", values.get(i), low, high, "a whole number from " + low + " to " + high);
+      counts[i] =
+          whole(
+              field + "[" + i + "]",
+              values.get(i),
+              low,
+              high,
+              "a whole number from " + low + " to " + high);
     }
     return counts;
   }
 
   Activation activation(Activation... allowed) {
-    String expected = "one of " + Arrays.stream(allowed).map(Activation::text).collect(Collectors.joining(", "));
+    String expected =
+        "one of " + Arrays.stream(allowed).map(Activation::text).collect(Collectors.joining(", "));
     String found = text("activation", expected);
     for (Activation activation : allowed) {
       if (activation.text().equals(found)) {
@@ -76,7 +87,8 @@ final class SpecificationReader {
     String expected = "[low, high] with low < high, such as [-1, 1] or [0, 1]";
     JsonElement value = take("output_range", expected);
     JsonArray pair = array("output_range", value, expected);
-    OutputRange range = pair.size() == 2 ? OutputRange.of(single(pair.get(0)), single(pair.get(1))) : null;
+    OutputRange range =
+        pair.size() == 2 ? OutputRange.of(single(pair.get(0)), single(pair.get(1))) : null;
     if (range == null) {
       throw wrong("output_range", value, expected);
     }
@@ -85,7 +97,8 @@ final class SpecificationReader {
 
   /** A list for each sensor, of finite binary32 numbers, ascending. */
   float[][] thresholds(int sensors) {
-    String expected = "a list of " + sensors + " lists of ascending numbers, such as [[-0.5, 0.5], [0]]";
+    String expected =
+        "a list of " + sensors + " lists of ascending numbers, such as [[-0.5, 0.5], [0]]";
     JsonElement value = take("thresholds", expected);
     JsonArray lists = array("thresholds", value, expected);
     if (lists.size() != sensors) {
@@ -99,7 +112,8 @@ final class SpecificationReader {
         float threshold = single(list.get(j));
         if (!Float.isFinite(threshold) || j > 0 && !(thresholds[i][j - 1] < threshold)) {
           throw new SpecificationException(
-              "thresholds[" + i + "]", "must hold finite binary32 numbers, each greater than the one before");
+              "thresholds[" + i + "]",
+              "must hold finite binary32 numbers, each greater than the one before");
         }
         thresholds[i][j] = threshold;
       }
@@ -107,19 +121,23 @@ final class SpecificationReader {
     return thresholds;
   }
 
-  /** At least one parameter: a name that no other has, a type, and the choices where there are any. */
+  /**
+   * At least one parameter: a name that no other has, a type, and the choices where there are any.
+   */
   List<ParameterSet.Parameter> parameters(int most) {
     String expected = "a list of parameters such as {\"name\": \"range\", \"type\": \"real\"}";
     JsonArray items = array("parameters", take("parameters", expected), expected);
     if (items.isEmpty() || items.size() > most) {
-      throw new SpecificationException("parameters", items.size() + " found, expected 1 to " + most);
+      throw new SpecificationException(
+          "parameters", items.size() + " found, expected 1 to " + most);
     }
     List<ParameterSet.Parameter> parameters = new ArrayList<>();
     Set<String> names = new HashSet<>();
     for (int i = 0; i < items.size(); i++) {
       String field = "parameters[" + i + "]";
       if (!items.get(i).isJsonObject()) {
-        throw wrong(field, items.get(i), "an object such as {\"name\": \"range\", \"type\": \"real\"}");
+        throw wrong(
+            field, items.get(i), "an object such as {\"name\": \"range\", \"type\": \"real\"}");
       }
       SpecificationReader item = new SpecificationReader(items.get(i).getAsJsonObject());
       String name = item.text("name", "a text");
@@ -128,7 +146,8 @@ final class SpecificationReader {
       item.known.remove("weights");
       item.end();
       if (name.isEmpty() || RESERVED.contains(name)) {
-        throw new SpecificationException(field, "\"" + name + "\" is no name of a parameter to be set");
+        throw new SpecificationException(
+            field, "\"" + name + "\" is no name of a parameter to be set");
       }
       if (!names.add(name)) {
         throw new SpecificationException(field, "\"" + name + "\" stands twice");
@@ -183,7 +202,10 @@ final class SpecificationReader {
     return (int) count;
   }
 
-  /** The binary32 nearest to a decimal, NaN if it is none; binary64 rounds to it without a decimal between. */
+  /**
+   * The binary32 nearest to a decimal, NaN if it is none; binary64 rounds to it without a decimal
+   * between.
+   */
   private static float single(JsonElement value) {
     boolean number = value.isJsonPrimitive() && value.getAsJsonPrimitive().isNumber();
     return number ? value.getAsFloat() : Float.NaN;

@@ -34,7 +34,8 @@ public final class Answers {
       double seconds) {
     return pack(
         packer -> {
-          packer.packMapHeader(6 + one(!metrics.isEmpty()) + one(!failed.isEmpty()) + one(error != null));
+          packer.packMapHeader(
+              6 + one(!metrics.isEmpty()) + one(!failed.isEmpty()) + one(error != null));
           head(packer, "evaluated", request, server);
           packer.packString("fitness");
           doubles(packer, fitness);
@@ -55,7 +56,10 @@ public final class Answers {
     return pack(
         packer -> {
           packer.packMapHeader(
-              10 + one(!message.metrics.isEmpty()) + one(!message.failed.isEmpty()) + one(message.error != null));
+              10
+                  + one(!message.metrics.isEmpty())
+                  + one(!message.failed.isEmpty())
+                  + one(message.error != null));
           head(packer, "sensors", message.request, message.server);
           packer.packString("step");
           unsigned(packer, message.step);
@@ -91,18 +95,29 @@ public final class Answers {
     return condition ? 1 : 0;
   }
 
-  private static void head(MessagePacker packer, String kind, long request, long server) throws IOException {
-    packer.packString("kind").packString(kind).packString("version").packInt(1).packString("request");
+  private static void head(MessagePacker packer, String kind, long request, long server)
+      throws IOException {
+    packer
+        .packString("kind")
+        .packString(kind)
+        .packString("version")
+        .packInt(1)
+        .packString("request");
     unsigned(packer, request);
     packer.packString("server").packLong(server);
   }
 
-  private static void tail(MessagePacker packer, List<Failure> failed, Refusal error) throws IOException {
+  private static void tail(MessagePacker packer, List<Failure> failed, Refusal error)
+      throws IOException {
     if (!failed.isEmpty()) {
       packer.packString("failed").packArrayHeader(failed.size());
       for (Failure failure : failed) {
         packer.packMapHeader(3).packString("candidate").packLong(failure.candidate);
-        packer.packString("episode").packLong(failure.episode).packString("reason").packString(failure.reason);
+        packer
+            .packString("episode")
+            .packLong(failure.episode)
+            .packString("reason")
+            .packString(failure.reason);
       }
     }
     if (error != null) {
@@ -125,7 +140,8 @@ public final class Answers {
   }
 
   private static void doubles(MessagePacker packer, double[] numbers) throws IOException {
-    ByteBuffer bytes = ByteBuffer.allocate(Double.BYTES * numbers.length).order(ByteOrder.LITTLE_ENDIAN);
+    ByteBuffer bytes =
+        ByteBuffer.allocate(Double.BYTES * numbers.length).order(ByteOrder.LITTLE_ENDIAN);
     bytes.asDoubleBuffer().put(numbers);
     binary(packer, bytes.array());
   }

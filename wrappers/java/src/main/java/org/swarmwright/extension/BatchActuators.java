@@ -1,6 +1,8 @@
 package org.swarmwright.extension;
 
-/** What the agents of the last sensors message do (protocol/schemas/batch_actuators.schema.json). */
+/**
+ * What the agents of the last sensors message do (protocol/schemas/batch_actuators.schema.json).
+ */
 public final class BatchActuators implements ToServer {
   /** The batch. */
   public final long request;

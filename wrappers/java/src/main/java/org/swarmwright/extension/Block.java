@@ -10,7 +10,8 @@ public final class Block {
 
   private ByteBuffer room(int more) {
     if (bytes.remaining() < more) {
-      ByteBuffer larger = ByteBuffer.allocate(2 * bytes.capacity() + more).order(ByteOrder.LITTLE_ENDIAN);
+      ByteBuffer larger =
+          ByteBuffer.allocate(2 * bytes.capacity() + more).order(ByteOrder.LITTLE_ENDIAN);
       bytes = larger.put(bytes.flip());
     }
     return bytes;

@@ -3,7 +3,10 @@ package org.swarmwright.extension;
 import com.google.gson.JsonObject;
 import java.util.List;
 
-/** Request for offloaded evaluation: every candidate in every episode (protocol/schemas/evaluate.schema.json). */
+/**
+ * Request for offloaded evaluation: every candidate in every episode
+ * (protocol/schemas/evaluate.schema.json).
+ */
 public final class Evaluate extends Request {
   /** Parameters; seed in them is replaced by each of the seeds. */
   public final JsonObject parameters;

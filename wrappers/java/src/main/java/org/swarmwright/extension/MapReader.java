@@ -38,7 +38,8 @@ public final class MapReader {
    */
   public static MapReader of(byte[] payload) {
     if (payload.length > MAX_BLOCK) {
-      throw new MessageException(payload.length + " bytes are more than the " + MAX_BLOCK + " of a block");
+      throw new MessageException(
+          payload.length + " bytes are more than the " + MAX_BLOCK + " of a block");
     }
     try (MessageUnpacker unpacker = MessagePack.newDefaultUnpacker(payload)) {
       MapReader map = new MapReader();
@@ -48,12 +49,17 @@ public final class MapReader {
         map.fields.put(key, value(unpacker, payload.length));
       }
       return map;
-    } catch (IOException | MessagePackException | IndexOutOfBoundsException | NegativeArraySizeException error) {
+    } catch (IOException
+        | MessagePackException
+        | IndexOutOfBoundsException
+        | NegativeArraySizeException error) {
       throw new MessageException("no MessagePack map: " + error.getMessage());
     }
   }
 
-  /** A value; binary that promises more bytes than there are is refused before room is made for it. */
+  /**
+   * A value; binary that promises more bytes than there are is refused before room is made for it.
+   */
   private static ImmutableValue value(MessageUnpacker unpacker, int length) throws IOException {
     if (unpacker.getNextFormat().getValueType().isBinaryType()) {
       int promised = unpacker.unpackBinaryHeader();
@@ -152,7 +158,13 @@ public final class MapReader {
     ByteBuffer bytes = get(key).asBinaryValue().asByteBuffer().order(ByteOrder.LITTLE_ENDIAN);
     if (bytes.remaining() % size != 0) {
       throw new MessageException(
-          "\"" + key + "\" has " + bytes.remaining() + " bytes, no whole number of " + size + "-byte numbers");
+          "\""
+              + key
+              + "\" has "
+              + bytes.remaining()
+              + " bytes, no whole number of "
+              + size
+              + "-byte numbers");
     }
     return bytes;
   }
@@ -203,7 +215,8 @@ public final class MapReader {
           if (!entry.getKey().isStringValue()) {
             throw wrong(key, "map whose keys are texts");
           }
-          object.add(entry.getKey().asStringValue().asString(), json(key, entry.getValue(), depth + 1));
+          object.add(
+              entry.getKey().asStringValue().asString(), json(key, entry.getValue(), depth + 1));
         }
         return object;
       default:

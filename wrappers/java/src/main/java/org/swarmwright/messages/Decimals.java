@@ -4,7 +4,10 @@ import java.math.BigDecimal;
 import java.math.BigInteger;
 import java.util.function.Predicate;
 
-/** The shortest decimals that read back as the same number; Java's own are longer now and then before version 19. */
+/**
+ * The shortest decimals that read back as the same number; Java's own are longer now and then
+ * before version 19.
+ */
 public final class Decimals {
   private static final boolean EXACT = Runtime.version().feature() >= 19;
 
@@ -13,13 +16,17 @@ public final class Decimals {
   /** The decimal of a finite binary32, as JSON. */
   public static String shortest(float number) {
     String text = Float.toString(number);
-    return EXACT || text.length() < 8 && Math.abs(number) >= Float.MIN_NORMAL ? trim(text) : shorten(text, shorter -> Float.parseFloat(shorter) == number);
+    return EXACT || text.length() < 8 && Math.abs(number) >= Float.MIN_NORMAL
+        ? trim(text)
+        : shorten(text, shorter -> Float.parseFloat(shorter) == number);
   }
 
   /** The decimal of a finite binary64, as JSON. */
   public static String shortest(double number) {
     String text = Double.toString(number);
-    return EXACT || text.length() < 17 && Math.abs(number) >= Double.MIN_NORMAL ? trim(text) : shorten(text, shorter -> Double.parseDouble(shorter) == number);
+    return EXACT || text.length() < 17 && Math.abs(number) >= Double.MIN_NORMAL
+        ? trim(text)
+        : shorten(text, shorter -> Double.parseDouble(shorter) == number);
   }
 
   /** 2.0 becomes 2, -0.0 remains what it is. */
@@ -28,7 +35,10 @@ public final class Decimals {
     return whole ? text.substring(0, text.length() - 2) : text;
   }
 
-  /** Takes away digits while the number stays the same: of two decimals between which it lies, one will do, or none shorter. */
+  /**
+   * Takes away digits while the number stays the same: of two decimals between which it lies, one
+   * will do, or none shorter.
+   */
   private static String shorten(String text, Predicate<String> same) {
     String best = text;
     BigDecimal exact = new BigDecimal(text).stripTrailingZeros();

@@ -11,7 +11,10 @@ import java.util.Map;
 import java.util.TreeMap;
 import java.util.function.Supplier;
 
-/** The keys of a JSON object, each with the type that it must have. Optional ones give null where they are absent. */
+/**
+ * The keys of a JSON object, each with the type that it must have. Optional ones give null where
+ * they are absent.
+ */
 final class Fields {
   private static final BigDecimal MAX_ID = BigDecimal.valueOf(Long.MAX_VALUE);
 

@@ -11,9 +11,11 @@ import java.nio.charset.CharacterCodingException;
 import java.nio.charset.StandardCharsets;
 
 /**
- * Reads payloads as strictly as JSON is written down (RFC 8259); of repeated keys the last one counts.
+ * Reads payloads as strictly as JSON is written down (RFC 8259); of repeated keys the last one
+ * counts.
  *
- * <p>Gson's own reader is more generous (half a surrogate pair), and refuses some long integers. Numbers keep their decimals.
+ * <p>Gson's own reader is more generous (half a surrogate pair), and refuses some long integers.
+ * Numbers keep their decimals.
  */
 final class JsonText {
   /** Larger payloads are refused unread, bytes. */
@@ -35,11 +37,14 @@ final class JsonText {
    */
   static JsonObject read(byte[] payload) {
     if (payload.length > MAX_PAYLOAD) {
-      throw new MessageException(payload.length + " bytes are more than the " + MAX_PAYLOAD + " of a message");
+      throw new MessageException(
+          payload.length + " bytes are more than the " + MAX_PAYLOAD + " of a message");
     }
     JsonText json;
     try {
-      json = new JsonText(StandardCharsets.UTF_8.newDecoder().decode(ByteBuffer.wrap(payload)).toString());
+      json =
+          new JsonText(
+              StandardCharsets.UTF_8.newDecoder().decode(ByteBuffer.wrap(payload)).toString());
     } catch (CharacterCodingException error) {
       throw new MessageException("no UTF-8");
     }
@@ -234,7 +239,10 @@ final class JsonText {
   }
 
   private char unit() {
-    boolean fits = peek() == 'u' && at + 5 <= text.length() && text.substring(at + 1, at + 5).matches("[0-9a-fA-F]{4}");
+    boolean fits =
+        peek() == 'u'
+            && at + 5 <= text.length()
+            && text.substring(at + 1, at + 5).matches("[0-9a-fA-F]{4}");
     if (!fits) {
       throw wrong("u and four hexadecimal digits");
     }

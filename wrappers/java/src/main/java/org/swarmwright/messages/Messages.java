@@ -14,8 +14,8 @@ import java.util.function.DoubleFunction;
 /**
  * Turns payloads into the classes generated from protocol/schemas, and back.
  *
- * <p>Reading is strict where D6.1 is (required keys, types, finite numbers) and ignores unknown keys. Every {@code read} method throws
- * {@link MessageException}, which says what is wrong.
+ * <p>Reading is strict where D6.1 is (required keys, types, finite numbers) and ignores unknown
+ * keys. Every {@code read} method throws {@link MessageException}, which says what is wrong.
  */
 public final class Messages {
   private static final Set<String> ADDRESS = Set.of("server", "simulation_hash");
@@ -42,7 +42,9 @@ public final class Messages {
         .withSimulation(fields.text("simulation"))
         .withSimulationHash(fields.text("simulation_hash"))
         .withRequirements(
-            new Requirements().withDimensions(required.number("dimensions")).withMaxAgents(maxAgents(required)))
+            new Requirements()
+                .withDimensions(required.number("dimensions"))
+                .withMaxAgents(maxAgents(required)))
         .withTool(fields.lenient(() -> fields.optionalText("tool")));
   }
 
@@ -61,7 +63,9 @@ public final class Messages {
     JsonObject object = JsonText.read(payload);
     Fields fields = new Fields(object);
     Parameters parameters =
-        new Parameters().withServer(fields.id("server")).withSimulationHash(fields.text("simulation_hash"));
+        new Parameters()
+            .withServer(fields.id("server"))
+            .withSimulationHash(fields.text("simulation_hash"));
     for (Map.Entry<String, JsonElement> entry : object.entrySet()) {
       if (!ADDRESS.contains(entry.getKey())) {
         checkNumbers(entry.getKey(), entry.getValue());
@@ -73,7 +77,8 @@ public final class Messages {
 
   /** The simulation's parameters of a parameters message, as JSON. */
   public static JsonObject problem(Parameters parameters) {
-    return GSON.toJsonTree(parameters.getValues(), new TypeToken<Map<String, Object>>() {}.getType())
+    return GSON.toJsonTree(
+            parameters.getValues(), new TypeToken<Map<String, Object>>() {}.getType())
         .getAsJsonObject();
   }
 
@@ -91,7 +96,9 @@ public final class Messages {
         .withTool(fields.lenient(() -> fields.optionalText("tool")));
   }
 
-  /** Reads a sensor message; its numbers are those binary32 that are nearest to the decimals sent. */
+  /**
+   * Reads a sensor message; its numbers are those binary32 that are nearest to the decimals sent.
+   */
   public static Sensor readSensor(byte[] payload) {
     Fields fields = new Fields(JsonText.read(payload));
     return new Sensor()
@@ -101,7 +108,10 @@ public final class Messages {
         .withSensor(fields.singles("sensor"));
   }
 
-  /** Reads an actuator message; its numbers are those binary32 that are nearest to the decimals sent. */
+  /**
+   * Reads an actuator message; its numbers are those binary32 that are nearest to the decimals
+   * sent.
+   */
   public static Actuator readActuator(byte[] payload) {
     Fields fields = new Fields(JsonText.read(payload));
     return new Actuator()
@@ -135,7 +145,9 @@ public final class Messages {
     String text;
     if (message instanceof Parameters) {
       JsonObject object = GSON.toJsonTree(message).getAsJsonObject();
-      problem((Parameters) message).entrySet().forEach(entry -> object.add(entry.getKey(), entry.getValue()));
+      problem((Parameters) message)
+          .entrySet()
+          .forEach(entry -> object.add(entry.getKey(), entry.getValue()));
       text = GSON.toJson(object);
     } else if (message instanceof Sensor || message instanceof Actuator) {
       text = SINGLES.toJson(message);
@@ -150,7 +162,8 @@ public final class Messages {
     return new Capabilities()
         .withDimensions(fields.number("dimensions"))
         .withMaxAgents(maxAgents(fields))
-        .withSwarmwright(fields.has("swarmwright") ? fields.lenient(() -> announcement(fields)) : null);
+        .withSwarmwright(
+            fields.has("swarmwright") ? fields.lenient(() -> announcement(fields)) : null);
   }
 
   private static Swarmwright announcement(Fields capabilities) {
@@ -174,7 +187,9 @@ public final class Messages {
         : null;
   }
 
-  /** Also in the spelling of the published server schema; where both are present max_agents counts. */
+  /**
+   * Also in the spelling of the published server schema; where both are present max_agents counts.
+   */
   private static Double maxAgents(Fields fields) {
     Double published = fields.optionalNumber("max agents");
     Double number = fields.optionalNumber("max_agents");

@@ -36,7 +36,12 @@ public final class Presence {
    * @param since when the state began, RFC 3339
    */
   public Presence(
-      long server, State state, List<String> simulations, Capabilities capabilities, String tool, String since) {
+      long server,
+      State state,
+      List<String> simulations,
+      Capabilities capabilities,
+      String tool,
+      String since) {
     Swarmwright announced = capabilities.getSwarmwright();
     this.server = server;
     this.state = state;

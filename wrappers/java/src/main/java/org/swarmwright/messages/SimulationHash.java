@@ -11,7 +11,10 @@ import java.security.NoSuchAlgorithmException;
 import java.util.Map;
 import java.util.TreeMap;
 
-/** The hash that tells an episode from others: SHA-256 of the canonical JSON (RFC 8785). Optimization tools make it. */
+/**
+ * The hash that tells an episode from others: SHA-256 of the canonical JSON (RFC 8785).
+ * Optimization tools make it.
+ */
 public final class SimulationHash {
   private SimulationHash() {}
 
@@ -31,7 +34,8 @@ public final class SimulationHash {
   /** SHA-256 of a text in UTF-8, hexadecimal. */
   static String sha256(String text) {
     try {
-      byte[] digest = MessageDigest.getInstance("SHA-256").digest(text.getBytes(StandardCharsets.UTF_8));
+      byte[] digest =
+          MessageDigest.getInstance("SHA-256").digest(text.getBytes(StandardCharsets.UTF_8));
       StringBuilder hex = new StringBuilder();
       for (byte b : digest) {
         hex.append(Character.forDigit(b >> 4 & 15, 16)).append(Character.forDigit(b & 15, 16));
@@ -52,7 +56,10 @@ public final class SimulationHash {
   private static void write(JsonElement value, StringBuilder text) {
     if (value.isJsonObject()) {
       Map<String, JsonElement> sorted = new TreeMap<>();
-      value.getAsJsonObject().entrySet().forEach(entry -> sorted.put(entry.getKey(), entry.getValue()));
+      value
+          .getAsJsonObject()
+          .entrySet()
+          .forEach(entry -> sorted.put(entry.getKey(), entry.getValue()));
       String separator = "{";
       for (Map.Entry<String, JsonElement> entry : sorted.entrySet()) {
         quote(entry.getKey(), text.append(separator));

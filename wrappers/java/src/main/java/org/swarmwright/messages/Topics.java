@@ -47,7 +47,8 @@ public final class Topics {
    * Topics under a prefix.
    *
    * @param prefix put before every topic, with a slash between; empty for none
-   * @throws IllegalArgumentException if it has a wildcard or NUL, begins with / or $, or has more than 1,000 bytes
+   * @throws IllegalArgumentException if it has a wildcard or NUL, begins with / or $, or has more
+   *     than 1,000 bytes
    */
   public Topics(String prefix) {
     String bare = prefix.endsWith("/") ? prefix.substring(0, prefix.length() - 1) : prefix;
@@ -93,7 +94,10 @@ public final class Topics {
         }
       } else if (bare.startsWith(topic.text + "/")) {
         String last = bare.substring(topic.text.length() + 1);
-        boolean fits = topic == Topic.TO_TOOL ? !last.isEmpty() && last.indexOf('/') < 0 : last.matches("[0-9]{1,19}");
+        boolean fits =
+            topic == Topic.TO_TOOL
+                ? !last.isEmpty() && last.indexOf('/') < 0
+                : last.matches("[0-9]{1,19}");
         return fits ? topic : null;
       }
     }

@@ -5,7 +5,9 @@ import java.util.List;
 import org.swarmwright.CommandLine;
 import org.swarmwright.SimulationServer;
 
-/** The example server: Minisim; with {@code --plain} as a server that knows D6.1 and nothing else. */
+/**
+ * The example server: Minisim; with {@code --plain} as a server that knows D6.1 and nothing else.
+ */
 public final class Main {
   private Main() {}
 

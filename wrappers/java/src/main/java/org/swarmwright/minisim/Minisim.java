@@ -10,9 +10,11 @@ import org.swarmwright.controllers.Functions;
 /**
  * Minisim: agents try to reach a goal before slower defenders catch them (D6.1, section 7.2.1).
  *
- * <p>The bits are those of Swarmwright's own Minisim: every operation is one of IEEE 754 binary32 in the order written, until the fitness,
- * which is summed in binary64. Sensors of an agent: the way to the goal and to the closest defender, each by the size of the map. Its
- * actuator: the heading, as an angle by pi. Fitness: minus the mean distance to the goal at the end, 0 for those that arrived.
+ * <p>The bits are those of Swarmwright's own Minisim: every operation is one of IEEE 754 binary32
+ * in the order written, until the fitness, which is summed in binary64. Sensors of an agent: the
+ * way to the goal and to the closest defender, each by the size of the map. Its actuator: the
+ * heading, as an angle by pi. Fitness: minus the mean distance to the goal at the end, 0 for those
+ * that arrived.
  */
 public final strictfp class Minisim implements Simulation {
   private static final Description DESCRIPTION =
@@ -96,7 +98,10 @@ public final strictfp class Minisim implements Simulation {
       judge(agent);
     }
     step++;
-    free = step >= settings.maxSteps ? NOBODY : Arrays.stream(free).filter(i -> states[i] == State.FREE).toArray();
+    free =
+        step >= settings.maxSteps
+            ? NOBODY
+            : Arrays.stream(free).filter(i -> states[i] == State.FREE).toArray();
   }
 
   @Override
@@ -195,7 +200,9 @@ public final strictfp class Minisim implements Simulation {
     return dx * dx + dy * dy;
   }
 
-  /** The square root of a binary32, taken in binary64, rounds to that of binary32 (Figueroa 1995). */
+  /**
+   * The square root of a binary32, taken in binary64, rounds to that of binary32 (Figueroa 1995).
+   */
   static float distance(float[] from, float[] to) {
     return (float) Math.sqrt(squaredDistance(from, to));
   }

@@ -2,6 +2,9 @@ package org.swarmwright.minisim;
 
 import java.util.ArrayList;
 import java.util.List;
+import java.util.concurrent.Executors;
+import java.util.concurrent.ScheduledExecutorService;
+import java.util.concurrent.TimeUnit;
 import java.util.logging.Level;
 import java.util.logging.Logger;
 import org.swarmwright.ParameterException;
@@ -21,10 +24,12 @@ public final class MinisimSimulationWrapper extends SimulationWrapper {
   private static final Logger LOG = Logger.getLogger(MinisimSimulationWrapper.class.getName());
 
   private final Minisim minisim = new Minisim();
+  private final ScheduledExecutorService clock = Executors.newSingleThreadScheduledExecutor();
   private Parameters parameters;
   private boolean running;
   private Float[] actuators;
   private int missing;
+  private long waitingSince;
 
   /**
    * Connects and offers Minisim.
@@ -38,20 +43,46 @@ public final class MinisimSimulationWrapper extends SimulationWrapper {
             .withServer(server)
             .withSimulations(List.of("minisim"))
             .withCapabilities(
-                new Capabilities().withDimensions(2.0).withMaxAgents((double) minisim.description().maxAgents())));
+                new Capabilities()
+                    .withDimensions(2.0)
+                    .withMaxAgents((double) minisim.description().maxAgents())));
     setAvailable(true);
+    clock.scheduleWithFixedDelay(this::checkTime, 1, 1, TimeUnit.SECONDS);
+  }
+
+  /** Gives up a tool that has gone: D6.1 does not say when, docs/reference/protocol.md does. */
+  private synchronized void checkTime() {
+    long seconds = TimeUnit.NANOSECONDS.toSeconds(System.nanoTime() - waitingSince);
+    if (!isAvailable() && seconds >= (running ? 60 : 5)) {
+      LOG.log(Level.WARNING, "nothing came for {0} s; available again", seconds);
+      end();
+    }
+  }
+
+  /** What comes without a connection is lost, and with it the simulation. */
+  @Override
+  public synchronized void connectionLost(Throwable cause) {
+    super.connectionLost(cause);
+    end();
   }
 
   @Override
-  protected void handleParametersContent(Parameters parameters) {
+  public void close() {
+    clock.shutdown();
+    super.close();
+  }
+
+  @Override
+  protected synchronized void handleParametersContent(Parameters parameters) {
     if (!running) {
+      waitingSince = System.nanoTime();
       this.parameters = parameters;
       setAvailable(false);
     }
   }
 
   @Override
-  protected void handleControlContent(Control control) {
+  protected synchronized void handleControlContent(Control control) {
     if (parameters == null || !control.getSimulationHash().equals(parameters.getSimulationHash())) {
       return;
     }
@@ -63,10 +94,12 @@ public final class MinisimSimulationWrapper extends SimulationWrapper {
   }
 
   @Override
-  protected void handleActuatorContent(Actuator actuator) {
+  protected synchronized void handleActuatorContent(Actuator actuator) {
     int[] acting = minisim.acting();
     for (int i = 0; running && i < acting.length; i++) {
-      if (acting[i] == actuator.getAgent() && actuators[i] == null && actuator.getActuator().size() == 1) {
+      if (acting[i] == actuator.getAgent()
+          && actuators[i] == null
+          && actuator.getActuator().size() == 1) {
         float value = actuator.getActuator().get(0).floatValue();
         actuators[i] = Math.max(-1f, Math.min(1f, value));
         missing--;
@@ -103,6 +136,7 @@ public final class MinisimSimulationWrapper extends SimulationWrapper {
     int[] acting = minisim.acting();
     actuators = new Float[acting.length];
     missing = acting.length;
+    waitingSince = System.nanoTime();
     float[] sensors = new float[minisim.description().sensors()];
     for (int agent : acting) {
       minisim.sense(agent, sensors);

@@ -2,7 +2,10 @@ package org.swarmwright.minisim;
 
 import java.util.Arrays;
 
-/** The map as text: a character for each square metre, A agents, D defenders, X the goal; the origin is at the bottom left. */
+/**
+ * The map as text: a character for each square metre, A agents, D defenders, X the goal; the origin
+ * is at the bottom left.
+ */
 final class Picture {
   private static final int WIDEST = 120;
 
@@ -10,7 +13,8 @@ final class Picture {
 
   static String draw(Settings settings, long step, float[][] agents, float[][] defenders) {
     float scale = Math.max(1f, Math.max(settings.width, settings.height) / WIDEST);
-    char[][] rows = new char[(int) Math.ceil(settings.height / scale)][(int) Math.ceil(settings.width / scale)];
+    char[][] rows =
+        new char[(int) Math.ceil(settings.height / scale)][(int) Math.ceil(settings.width / scale)];
     for (char[] row : rows) {
       Arrays.fill(row, '.');
     }

@@ -14,7 +14,10 @@ final strictfp class Rule {
     evasion = read.choice("evasion", "away", "left", "right");
   }
 
-  /** The direction of an agent, of any length; {@code defender} is the closest one, null if there is none. */
+  /**
+   * The direction of an agent, of any length; {@code defender} is the closest one, null if there is
+   * none.
+   */
   float[] way(float[] from, float[] goal, float[] defender) {
     float d = Minisim.distance(from, goal);
     float[] way = new float[2];

@@ -3,7 +3,10 @@ package org.swarmwright.minisim;
 import org.swarmwright.ParameterException;
 import org.swarmwright.ParameterReader;
 
-/** Parameters of Minisim, checked, with the positions at the start; left out, they are D6.1's example. */
+/**
+ * Parameters of Minisim, checked, with the positions at the start; left out, they are D6.1's
+ * example.
+ */
 final strictfp class Settings {
   static final int MAX_BODIES = 100_000;
   private static final int MAX_EXTENT = 1_000_000;
@@ -33,9 +36,13 @@ final strictfp class Settings {
     long seed = read.seed("seed");
     boolean random = read.choice("placement", "fixed", "random").equals("random");
     float[][] listed = listed(read, "agents", "numAgents", 1);
-    agents = listed != null ? listed : agents(read.integer("numAgents", 1, MAX_BODIES, 1), random, seed);
+    agents =
+        listed != null ? listed : agents(read.integer("numAgents", 1, MAX_BODIES, 1), random, seed);
     listed = listed(read, "defenders", "numDefenders", 0);
-    defenders = listed != null ? listed : defenders(read.integer("numDefenders", 0, MAX_BODIES, 1), random, seed);
+    defenders =
+        listed != null
+            ? listed
+            : defenders(read.integer("numDefenders", 0, MAX_BODIES, 1), random, seed);
     speedAgents = read.notNegative("speedAgents", 1f);
     speedDefenders = read.notNegative("speedDefenders", 0.33f);
     float[] place = read.position("goal", width, height);
@@ -55,13 +62,19 @@ final strictfp class Settings {
       return null;
     }
     if (positions.length < least) {
-      throw new ParameterException(list, "an empty list found, expected at least one position [x, y]");
+      throw new ParameterException(
+          list, "an empty list found, expected at least one position [x, y]");
     }
     int count = read.integer(number, least, MAX_BODIES, positions.length);
     if (count != positions.length) {
       throw new ParameterException(
           list,
-          positions.length + " positions found, but " + number + " is " + count + "; make them agree or leave one out");
+          positions.length
+              + " positions found, but "
+              + number
+              + " is "
+              + count
+              + "; make them agree or leave one out");
     }
     return positions;
   }
@@ -80,7 +93,9 @@ final strictfp class Settings {
     return places;
   }
 
-  /** Fixed: x = mapWidth * 8 / 13. Random: x = mapWidth / 3 + u * (mapWidth / 3), y = v * mapHeight. */
+  /**
+   * Fixed: x = mapWidth * 8 / 13. Random: x = mapWidth / 3 + u * (mapWidth / 3), y = v * mapHeight.
+   */
   private float[][] defenders(int count, boolean random, long seed) {
     float[][] places = new float[count][];
     float third = width / 3f;

@@ -20,12 +20,16 @@ import javax.net.ssl.TrustManagerFactory;
 /**
  * Where a broker is and who asks: a URL, and the credentials that the environment has.
  *
- * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line), SWARMWRIGHT_CA_FILE (PEM).
+ * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line),
+ * SWARMWRIGHT_CA_FILE (PEM).
  */
 public final class BrokerAddress {
   private static final Map<String, String> SCHEMES =
-      Map.of("mqtt", "tcp", "tcp", "tcp", "mqtts", "ssl", "ssl", "ssl", "tls", "ssl", "ws", "ws", "wss", "wss");
-  private static final Map<String, Integer> PORTS = Map.of("tcp", 1883, "ssl", 8883, "ws", 80, "wss", 443);
+      Map.of(
+          "mqtt", "tcp", "tcp", "tcp", "mqtts", "ssl", "ssl", "ssl", "tls", "ssl", "ws", "ws",
+          "wss", "wss");
+  private static final Map<String, Integer> PORTS =
+      Map.of("tcp", 1883, "ssl", 8883, "ws", 80, "wss", 443);
 
   private final String uri;
   private final boolean tls;
@@ -38,7 +42,8 @@ public final class BrokerAddress {
   }
 
   /**
-   * Reads mqtt://, mqtts://, ws:// or wss://, host and optional port; without a scheme mqtt:// is meant.
+   * Reads mqtt://, mqtts://, ws:// or wss://, host and optional port; without a scheme mqtt:// is
+   * meant.
    *
    * @throws IllegalArgumentException if it is none of these, or has credentials in it
    */
@@ -60,7 +65,9 @@ public final class BrokerAddress {
     }
     if (url.contains("@")) {
       throw wrong(
-          shown, "credentials do not belong in a URL; set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD instead");
+          shown,
+          "credentials do not belong in a URL; set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD"
+              + " instead");
     }
     if (parsed.getHost() == null || parsed.getPort() == 0 || parsed.getPort() > 65535) {
       throw wrong(shown, "expected HOST or HOST:PORT, the port from 1 to 65535");
@@ -73,7 +80,9 @@ public final class BrokerAddress {
     int port = parsed.getPort() < 0 ? PORTS.get(scheme) : parsed.getPort();
     String place = web ? (path.length() > 1 ? path : "/mqtt") : "";
     return new BrokerAddress(
-        scheme + "://" + parsed.getHost() + ":" + port + place, scheme.equals("ssl") || scheme.equals("wss"), environment);
+        scheme + "://" + parsed.getHost() + ":" + port + place,
+        scheme.equals("ssl") || scheme.equals("wss"),
+        environment);
   }
 
   private static IllegalArgumentException wrong(String url, String reason) {
@@ -93,7 +102,8 @@ public final class BrokerAddress {
   /**
    * The account's password; null for none.
    *
-   * @throws IllegalArgumentException if it is in a file that cannot be read, or there is no account for it
+   * @throws IllegalArgumentException if it is in a file that cannot be read, or there is no account
+   *     for it
    */
   public String password() {
     String password = variable("SWARMWRIGHT_PASSWORD");
@@ -103,11 +113,13 @@ public final class BrokerAddress {
         List<String> lines = Files.readAllLines(Path.of(file));
         password = lines.isEmpty() ? "" : lines.get(0);
       } catch (IOException error) {
-        throw new IllegalArgumentException("SWARMWRIGHT_PASSWORD_FILE " + file + " cannot be read: " + error.getMessage());
+        throw new IllegalArgumentException(
+            "SWARMWRIGHT_PASSWORD_FILE " + file + " cannot be read: " + error.getMessage());
       }
     }
     if (password != null && username() == null) {
-      throw new IllegalArgumentException("a password is set but SWARMWRIGHT_USERNAME is not; set both or neither");
+      throw new IllegalArgumentException(
+          "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither");
     }
     return password;
   }
@@ -126,7 +138,8 @@ public final class BrokerAddress {
       SSLContext context = file == null ? SSLContext.getDefault() : trusting(Path.of(file));
       return new PromptTlsSockets(context.getSocketFactory());
     } catch (GeneralSecurityException | IOException error) {
-      throw new IllegalArgumentException("SWARMWRIGHT_CA_FILE " + file + " cannot be used: " + error.getMessage());
+      throw new IllegalArgumentException(
+          "SWARMWRIGHT_CA_FILE " + file + " cannot be used: " + error.getMessage());
     }
   }
 
@@ -135,11 +148,13 @@ public final class BrokerAddress {
     store.load(null, null);
     try (InputStream stream = Files.newInputStream(file)) {
       int index = 0;
-      for (Certificate certificate : CertificateFactory.getInstance("X.509").generateCertificates(stream)) {
+      for (Certificate certificate :
+          CertificateFactory.getInstance("X.509").generateCertificates(stream)) {
         store.setCertificateEntry("authority-" + index++, certificate);
       }
     }
-    TrustManagerFactory trust = TrustManagerFactory.getInstance(TrustManagerFactory.getDefaultAlgorithm());
+    TrustManagerFactory trust =
+        TrustManagerFactory.getInstance(TrustManagerFactory.getDefaultAlgorithm());
     trust.init(store);
     SSLContext context = SSLContext.getInstance("TLS");
     context.init(null, trust.getTrustManagers(), null);

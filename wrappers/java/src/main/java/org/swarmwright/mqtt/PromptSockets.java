@@ -5,7 +5,10 @@ import java.net.InetAddress;
 import java.net.Socket;
 import javax.net.SocketFactory;
 
-/** Sockets without Nagle's algorithm: several small messages a step would otherwise wait 40 ms for each other. */
+/**
+ * Sockets without Nagle's algorithm: several small messages a step would otherwise wait 40 ms for
+ * each other.
+ */
 final class PromptSockets extends SocketFactory {
   private final SocketFactory sockets;
 
@@ -29,7 +32,8 @@ final class PromptSockets extends SocketFactory {
   }
 
   @Override
-  public Socket createSocket(String host, int port, InetAddress local, int localPort) throws IOException {
+  public Socket createSocket(String host, int port, InetAddress local, int localPort)
+      throws IOException {
     return prompt(sockets.createSocket(host, port, local, localPort));
   }
 
@@ -39,7 +43,8 @@ final class PromptSockets extends SocketFactory {
   }
 
   @Override
-  public Socket createSocket(InetAddress host, int port, InetAddress local, int localPort) throws IOException {
+  public Socket createSocket(InetAddress host, int port, InetAddress local, int localPort)
+      throws IOException {
     return prompt(sockets.createSocket(host, port, local, localPort));
   }
 }

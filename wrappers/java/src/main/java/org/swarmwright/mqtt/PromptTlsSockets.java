@@ -29,7 +29,8 @@ final class PromptTlsSockets extends SSLSocketFactory {
   }
 
   @Override
-  public Socket createSocket(Socket socket, String host, int port, boolean close) throws IOException {
+  public Socket createSocket(Socket socket, String host, int port, boolean close)
+      throws IOException {
     return PromptSockets.prompt(sockets.createSocket(socket, host, port, close));
   }
 
@@ -39,7 +40,8 @@ final class PromptTlsSockets extends SSLSocketFactory {
   }
 
   @Override
-  public Socket createSocket(String host, int port, InetAddress local, int localPort) throws IOException {
+  public Socket createSocket(String host, int port, InetAddress local, int localPort)
+      throws IOException {
     return PromptSockets.prompt(sockets.createSocket(host, port, local, localPort));
   }
 
@@ -49,7 +51,8 @@ final class PromptTlsSockets extends SSLSocketFactory {
   }
 
   @Override
-  public Socket createSocket(InetAddress host, int port, InetAddress local, int localPort) throws IOException {
+  public Socket createSocket(InetAddress host, int port, InetAddress local, int localPort)
+      throws IOException {
     return PromptSockets.prompt(sockets.createSocket(host, port, local, localPort));
   }
 }

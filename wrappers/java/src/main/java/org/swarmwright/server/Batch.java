@@ -14,7 +14,9 @@ import org.swarmwright.extension.MapReader;
 import org.swarmwright.extension.Refusal;
 import org.swarmwright.messages.MessageException;
 
-/** Episodes that are stepped together: all agents that act next, of all episodes, in one message. */
+/**
+ * Episodes that are stepped together: all agents that act next, of all episodes, in one message.
+ */
 final class Batch {
   private static final int ENDED = -1;
 
@@ -53,7 +55,8 @@ final class Batch {
     rows = new int[simulations.size()];
     for (int episode = 0; episode < rows.length; episode++) {
       Simulation simulation = simulations.get(episode);
-      ParameterReader parameters = new ParameterReader(Job.seeded(start.parameters, start.seeds[episode]));
+      ParameterReader parameters =
+          new ParameterReader(Job.seeded(start.parameters, start.seeds[episode]));
       try {
         Guard.reset(simulation, parameters);
       } catch (ParameterException error) {
@@ -69,14 +72,17 @@ final class Batch {
     list.add(new Failure(0, episode, broken.getMessage()));
   }
 
-  /** Makes a step of every episode whose simulation steers its agents itself; whether there is one. */
+  /**
+   * Makes a step of every episode whose simulation steers its agents itself; whether there is one.
+   */
   boolean goOn(long now) {
     waitingSince = now;
     goesOn = false;
     for (int episode = 0; episode < rows.length; episode++) {
       Simulation simulation = simulations.get(episode);
       try {
-        if (rows[episode] != ENDED && Guard.call(() -> simulation.acting().length == 0 && !simulation.done())) {
+        if (rows[episode] != ENDED
+            && Guard.call(() -> simulation.acting().length == 0 && !simulation.done())) {
           Guard.run(() -> simulation.step(new float[0]));
           goesOn = true;
         }
@@ -120,7 +126,9 @@ final class Batch {
       if (message.sensors.size() + 2L * message.agents.size() > MapReader.MAX_BLOCK / 2) {
         throw new Refusal(
             Refusal.Kind.INVALID,
-            "seeds: the agents of " + rows.length + " episodes are too many for one message; start fewer at once");
+            "seeds: the agents of "
+                + rows.length
+                + " episodes are too many for one message; start fewer at once");
       }
     }
     return message;
@@ -143,7 +151,10 @@ final class Batch {
       message.ended.add(episode);
       message.fitness.add(results[0]);
       for (int i = 0; i < start.metrics.size(); i++) {
-        message.metrics.computeIfAbsent(start.metrics.get(i), name -> new Block()).add(results[1 + i]);
+        message
+            .metrics
+            .computeIfAbsent(start.metrics.get(i), name -> new Block())
+            .add(results[1 + i]);
       }
       return;
     }
@@ -161,12 +172,20 @@ final class Batch {
    */
   void actuate(BatchActuators message) {
     if (message.step != step) {
-      throw new MessageException("they answer step " + message.step + ", but step " + step + " waits for actuators");
+      throw new MessageException(
+          "they answer step " + message.step + ", but step " + step + " waits for actuators");
     }
     int width = description.actuators();
     if (message.actuators.length != allRows * width) {
       throw new MessageException(
-          message.actuators.length + " actuators, expected " + allRows * width + " (" + allRows + " rows of " + width + ")");
+          message.actuators.length
+              + " actuators, expected "
+              + allRows * width
+              + " ("
+              + allRows
+              + " rows of "
+              + width
+              + ")");
     }
     int next = 0;
     for (int episode = 0; episode < rows.length; episode++) {
@@ -197,6 +216,8 @@ final class Batch {
     return String.format(
         java.util.Locale.ROOT,
         "%s has not sent the actuators of step %d of its batch for %.1f s",
-        start.tool, step, (now - waitingSince) / 1e9);
+        start.tool,
+        step,
+        (now - waitingSince) / 1e9);
   }
 }

@@ -97,7 +97,12 @@ final class Guard {
       int index = known.indexOf(names.get(i));
       results[1 + i] = index < all.length ? all[index] : Double.NaN;
       if (!Double.isFinite(results[1 + i])) {
-        throw new Broken("the simulation's metric " + names.get(i) + " is " + results[1 + i] + ", not a finite number");
+        throw new Broken(
+            "the simulation's metric "
+                + names.get(i)
+                + " is "
+                + results[1 + i]
+                + ", not a finite number");
       }
     }
     return results;
@@ -112,7 +117,9 @@ final class Guard {
       text.append("\nCaused by: ").append(cause);
       append(text, cause.getStackTrace());
     }
-    return text.length() <= MOST_CHARACTERS ? text.toString() : text.substring(0, MOST_CHARACTERS) + "...";
+    return text.length() <= MOST_CHARACTERS
+        ? text.toString()
+        : text.substring(0, MOST_CHARACTERS) + "...";
   }
 
   private static void append(StringBuilder text, StackTraceElement[] stack) {

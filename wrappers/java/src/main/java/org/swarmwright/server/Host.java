@@ -25,7 +25,8 @@ import org.swarmwright.messages.Topics.Topic;
 import org.swarmwright.mqtt.BrokerAddress;
 
 /**
- * A server's shell: connection, clock, a thread for evaluations. All events enter the machine under one lock.
+ * A server's shell: connection, clock, a thread for evaluations. All events enter the machine under
+ * one lock.
  *
  * <p>Part of the library's inside: {@link org.swarmwright.SimulationServer} is the way in.
  */
@@ -40,8 +41,10 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   private final Consumer<String> pictures;
   private final Machine machine;
   private final Link link;
-  private final ScheduledExecutorService clock = Executors.newSingleThreadScheduledExecutor(daemon("clock"));
-  private final ExecutorService evaluation = Executors.newSingleThreadExecutor(daemon("evaluation"));
+  private final ScheduledExecutorService clock =
+      Executors.newSingleThreadScheduledExecutor(daemon("clock"));
+  private final ExecutorService evaluation =
+      Executors.newSingleThreadExecutor(daemon("evaluation"));
   private ScheduledFuture<?> alarm;
   private Long alarmAt;
 
@@ -72,7 +75,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     topics = new Topics(prefix);
     this.notices = notices;
     this.pictures = pictures;
-    machine = new Machine(identity, only == null ? Offer.of(maker) : Offer.of(only), topics, stepTimeout, this);
+    machine =
+        new Machine(
+            identity, only == null ? Offer.of(maker) : Offer.of(only), topics, stepTimeout, this);
     List<MqttSubscription> subscriptions = new ArrayList<>();
     for (Topic topic : List.of(Topic.DISCOVERY, Topic.PARAMETERS, Topic.CONTROL, Topic.ACTUATOR)) {
       subscriptions.add(new MqttSubscription(topics.name(topic), 0));
@@ -128,10 +133,19 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       // A good-bye, or the last will would declare the rightful owner of the ID lost.
       link.close();
       Swarmwright announced = other.getCapabilities().getSwarmwright();
-      String host = announced == null ? "an unknown host" : announced.getHost() + ", process " + announced.getPid();
+      String host =
+          announced == null
+              ? "an unknown host"
+              : announced.getHost() + ", process " + announced.getPid();
       throw new IllegalStateException(
-          "the id " + identity.id + " is taken by a server on " + host + "; choose another with --id (or, if that server is gone"
-              + " for good: mosquitto_pub -r -n -t " + presenceTopic() + ")");
+          "the id "
+              + identity.id
+              + " is taken by a server on "
+              + host
+              + "; choose another with --id (or, if that server is gone"
+              + " for good: mosquitto_pub -r -n -t "
+              + presenceTopic()
+              + ")");
     }
   }
 
@@ -140,7 +154,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     if (presence.getServer() != identity.id || presence.getState() == Presence.State.LOST) {
       return false;
     }
-    // A broker that was killed keeps the presence of servers that died with it; on this host that can be seen.
+    // A broker that was killed keeps the presence of servers that died with it; on this host that
+    // can be seen.
     boolean gone =
         other != null
             && identity.host.equals(other.getHost())
@@ -170,7 +185,13 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       machine.receive(topic, payload, retained, System.nanoTime());
       watch();
     } catch (RuntimeException fault) {
-      notices.accept("fault: a message on " + topic + " was not handled: " + fault + " at " + fault.getStackTrace()[0]);
+      notices.accept(
+          "fault: a message on "
+              + topic
+              + " was not handled: "
+              + fault
+              + " at "
+              + fault.getStackTrace()[0]);
     }
   }
 
@@ -179,7 +200,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       Presence presence = Messages.readPresence(payload);
       rival = isRival(presence) ? presence : rival;
     } catch (MessageException error) {
-      notices.accept("warning: refusing a message on " + presenceTopic() + ": " + error.getMessage());
+      notices.accept(
+          "warning: refusing a message on " + presenceTopic() + ": " + error.getMessage());
     }
   }
 

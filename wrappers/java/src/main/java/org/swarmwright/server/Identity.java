@@ -17,7 +17,8 @@ final class Identity {
 
   Identity(long id) {
     if (id < 0) {
-      throw new IllegalArgumentException("the ID " + id + " is negative; use a number from 0 to " + Long.MAX_VALUE);
+      throw new IllegalArgumentException(
+          "the ID " + id + " is negative; use a number from 0 to " + Long.MAX_VALUE);
     }
     this.id = id;
     String name;

@@ -16,11 +16,17 @@ import org.swarmwright.extension.Evaluate;
 import org.swarmwright.extension.Failure;
 import org.swarmwright.extension.Refusal;
 
-/** One request for offloaded evaluation: every candidate in every episode, computed in whatever thread runs it. */
+/**
+ * One request for offloaded evaluation: every candidate in every episode, computed in whatever
+ * thread runs it.
+ */
 final class Job implements Runnable {
   final Evaluate request;
 
-  /** When the tool gives the work to somebody else, nanoseconds of {@link System#nanoTime}; null for never. */
+  /**
+   * When the tool gives the work to somebody else, nanoseconds of {@link System#nanoTime}; null for
+   * never.
+   */
   final Long expires;
 
   private final Simulation simulation;

@@ -2,7 +2,6 @@ package org.swarmwright.server;
 
 import java.nio.ByteBuffer;
 import java.util.List;
-import java.util.function.Consumer;
 import org.eclipse.paho.mqttv5.client.IMqttToken;
 import org.eclipse.paho.mqttv5.client.MqttAsyncClient;
 import org.eclipse.paho.mqttv5.client.MqttCallback;
@@ -78,7 +77,12 @@ final class Link {
       subscribe().waitForCompletion(TIMEOUT_MILLIS);
     } catch (MqttException error) {
       throw new BrokerException(
-          "no connection to the broker at " + address + ": " + reason(error) + "; is it running, and is this its address?", error);
+          "no connection to the broker at "
+              + address
+              + ": "
+              + reason(error)
+              + "; is it running, and is this its address?",
+          error);
     }
   }
 

@@ -28,22 +28,29 @@ import org.swarmwright.messages.Topics;
 import org.swarmwright.messages.Topics.Topic;
 
 /**
- * What a server decides: messages and time in, what is to be done out, no I/O, one thread at a time.
+ * What a server decides: messages and time in, what is to be done out, no I/O, one thread at a
+ * time.
  *
- * <p>A server is free, configured (parameters came, it waits for control), running an episode, stepping a batch, working on requests for
- * offloaded evaluation, or held: between two episodes of a tool that gave its name it stays reserved for that tool for a moment
- * (docs/decisions/004). Times are nanoseconds of {@link System#nanoTime}.
+ * <p>A server is free, configured (parameters came, it waits for control), running an episode,
+ * stepping a batch, working on requests for offloaded evaluation, or held: between two episodes of
+ * a tool that gave its name it stays reserved for that tool for a moment (docs/decisions/004).
+ * Times are nanoseconds of {@link System#nanoTime}.
  */
 final class Machine {
   private static final long SECOND = 1_000_000_000L;
 
-  /** How long parameters without control, or a holder without a new episode, keep the server taken. */
+  /**
+   * How long parameters without control, or a holder without a new episode, keep the server taken.
+   */
   private static final long PATIENCE = 5 * SECOND;
 
   /** After how long a missing actuator is worth a word. */
   private static final long TELL_AFTER = 5 * SECOND;
 
-  /** A change of presence is published when it has lasted this long: runs of a few milliseconds are no news. */
+  /**
+   * A change of presence is published when it has lasted this long: runs of a few milliseconds are
+   * no news.
+   */
   private static final long SETTLE = 150_000_000L;
 
   private static final int KEPT = 8;
@@ -97,11 +104,16 @@ final class Machine {
   void receive(String name, byte[] payload, boolean retained, long now) {
     Topic topic = topics.parse(name);
     boolean empty = topic == Topic.PRESENCE && payload.length == 0;
-    if (topic == null || empty || topic == Topic.TO_SERVER && !name.equals(topics.name(topic, identity.id))) {
+    if (topic == null
+        || empty
+        || topic == Topic.TO_SERVER && !name.equals(topics.name(topic, identity.id))) {
       return;
     }
     if (retained && topic != Topic.PRESENCE) {
-      complain("ignoring a retained message on " + topic.text() + ": nothing in this protocol is to be retained");
+      complain(
+          "ignoring a retained message on "
+              + topic.text()
+              + ": nothing in this protocol is to be retained");
       return;
     }
     try {
@@ -187,7 +199,8 @@ final class Machine {
       end(control, now);
       return;
     }
-    String asker = control.getTool() == null ? "an optimization tool without a name" : control.getTool();
+    String asker =
+        control.getTool() == null ? "an optimization tool without a name" : control.getTool();
     if (state == State.RUNNING && run.hash.equals(control.getSimulationHash())) {
       complain("ignoring a control message that starts a run that is under way");
       return;
@@ -204,7 +217,12 @@ final class Machine {
     }
     try {
       Run started =
-          new Run(offer.first(), values, control.getSimulationHash(), control.getTool(), control.getVisual());
+          new Run(
+              offer.first(),
+              values,
+              control.getSimulationHash(),
+              control.getTool(),
+              control.getVisual());
       enter(State.RUNNING, now);
       run = started;
       proceed(now);
@@ -307,7 +325,10 @@ final class Machine {
     }
     Request request = (Request) message;
     if (!Offloaded.canReply(request.reply)) {
-      complain("cannot answer a request: its \"reply\" is \"" + request.reply + "\", which is no topic of a tool");
+      complain(
+          "cannot answer a request: its \"reply\" is \""
+              + request.reply
+              + "\", which is no topic of a tool");
       return;
     }
     try {
@@ -331,7 +352,9 @@ final class Machine {
       reason = work.taken(tool);
     } else if (state == State.STEPPING && batch.start.tool.equals(tool)) {
       reason = "batch " + Long.toUnsignedString(batch.start.request) + " of this tool is under way";
-    } else if (state == State.RUNNING || state == State.STEPPING || state == State.HELD && !holder.equals(tool)) {
+    } else if (state == State.RUNNING
+        || state == State.STEPPING
+        || state == State.HELD && !holder.equals(tool)) {
       reason = "taken by " + holderInWords();
     }
     if (reason != null) {
@@ -377,7 +400,8 @@ final class Machine {
   private void startBatch(BatchStart start, long now) {
     offloaded.checkTitle(start.simulation);
     offloaded.checkMetrics(start.metrics);
-    Batch started = new Batch(start, identity.id, offer.description(), offer.several(start.seeds.length));
+    Batch started =
+        new Batch(start, identity.id, offer.description(), offer.several(start.seeds.length));
     enter(State.STEPPING, now);
     batch = started;
     senseBatch(now);
@@ -388,7 +412,10 @@ final class Machine {
       return;
     }
     if (message.request != batch.start.request) {
-      complain("refusing actuators of another batch than that of " + batch.start.tool + " that is under way");
+      complain(
+          "refusing actuators of another batch than that of "
+              + batch.start.tool
+              + " that is under way");
     } else if (message.actuators.length == 0) {
       leave(now);
     } else {
@@ -422,7 +449,10 @@ final class Machine {
     } else if (state == State.RUNNING) {
       own = run.resumeAt != 0 ? run.resumeAt : deadline(run.waitingSince, run.told);
     } else if (state == State.STEPPING) {
-      own = batch.goesOn ? (Long) batch.waitingSince : (Long) deadline(batch.waitingSince, batch.told);
+      own =
+          batch.goesOn
+              ? (Long) batch.waitingSince
+              : (Long) deadline(batch.waitingSince, batch.told);
     }
     Long settled = changedAt == null ? null : changedAt + SETTLE;
     return own == null ? settled : settled == null ? own : (Long) Math.min(own, settled);
@@ -436,7 +466,8 @@ final class Machine {
   /** Time has passed; {@code stamp} is now in RFC 3339, for presence. */
   void tick(long now, String stamp) {
     if (state == State.CONFIGURED && until <= now) {
-      outbox.notice("warning: parameters came, but no control message to start the run; free again");
+      outbox.notice(
+          "warning: parameters came, but no control message to start the run; free again");
       enter(State.FREE, now);
     } else if (state == State.HELD && until <= now) {
       enter(State.FREE, now);
@@ -461,7 +492,8 @@ final class Machine {
         }
       }
     } else if (now - run.waitingSince >= stepTimeout) {
-      outbox.notice("warning: " + run.waitingFor(now) + "; the run is given up, the server is free again");
+      outbox.notice(
+          "warning: " + run.waitingFor(now) + "; the run is given up, the server is free again");
       enter(State.FREE, now);
     } else if (!run.told && now - run.waitingSince >= TELL_AFTER) {
       run.told = true;
@@ -571,25 +603,33 @@ final class Machine {
       return;
     }
     outbox.presence(Messages.write(presence(now, since)));
-    outbox.notice(now == Presence.State.READY ? "ready" : holder() == null ? "busy" : "busy for " + holder());
+    outbox.notice(
+        now == Presence.State.READY ? "ready" : holder() == null ? "busy" : "busy for " + holder());
     published = now;
     publishedHolder = holder();
   }
 
   private void otherPresence(Presence presence) {
     Swarmwright other = presence.getCapabilities().getSwarmwright();
-    if (presence.getServer() != identity.id || other != null && identity.instance.equals(other.getInstance())) {
+    if (presence.getServer() != identity.id
+        || other != null && identity.instance.equals(other.getInstance())) {
       if (presence.getState() != Presence.State.LOST || presence.getServer() != identity.id) {
         return;
       }
     }
     if (presence.getState() == Presence.State.LOST) {
-      // A last will, an old one of this server or that of another with its ID, stands in the place of what is true.
+      // A last will, an old one of this server or that of another with its ID, stands in the place
+      // of what is true.
       published = null;
       publishPresence(presence.getSince());
     } else {
       String host = other == null || other.getHost() == null ? "an unknown host" : other.getHost();
-      complain("another server has the id " + identity.id + " too (" + host + "); give one of them another --id");
+      complain(
+          "another server has the id "
+              + identity.id
+              + " too ("
+              + host
+              + "); give one of them another --id");
     }
   }
 

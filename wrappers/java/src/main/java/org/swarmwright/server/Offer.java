@@ -52,13 +52,15 @@ final class Offer {
   List<Simulation> several(int number) {
     if (number > batch()) {
       throw new Refusal(
-          Refusal.Kind.INVALID, "seeds: " + number + " episodes, but a batch here has at most " + batch());
+          Refusal.Kind.INVALID,
+          "seeds: " + number + " episodes, but a batch here has at most " + batch());
     }
     while (simulations.size() < number) {
       try {
         simulations.add(Guard.<Simulation>call(maker::get));
       } catch (Guard.Broken | RuntimeException error) {
-        throw new Refusal(Refusal.Kind.FAILED, "no simulation for another episode: " + error.getMessage());
+        throw new Refusal(
+            Refusal.Kind.FAILED, "no simulation for another episode: " + error.getMessage());
       }
     }
     return List.copyOf(simulations.subList(0, number));

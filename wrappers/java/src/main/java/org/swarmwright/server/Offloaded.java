@@ -19,7 +19,10 @@ import org.swarmwright.messages.Topics.Topic;
 
 /** Checks requests of the extensions and writes their answers. */
 final class Offloaded {
-  /** Numbers of an answer: a fitness and some metrics for every episode, and as much room again for reasons. */
+  /**
+   * Numbers of an answer: a fitness and some metrics for every episode, and as much room again for
+   * reasons.
+   */
   private static final long MOST_NUMBERS = MapReader.MAX_BLOCK / 8;
 
   private static final double LONGEST_LEASE = 1e6;
@@ -41,14 +44,18 @@ final class Offloaded {
     this.outbox = outbox;
   }
 
-  /** Whether an answer can be sent to a topic: none but those of tools, so that nobody can make a server speak elsewhere. */
+  /**
+   * Whether an answer can be sent to a topic: none but those of tools, so that nobody can make a
+   * server speak elsewhere.
+   */
   static boolean canReply(String reply) {
     return REPLY.matcher(reply).matches();
   }
 
   void checkTitle(String title) {
     if (!offer.description().title().equals(title)) {
-      throw invalid("simulation: \"" + title + "\" is not offered here, only " + offer.description().title());
+      throw invalid(
+          "simulation: \"" + title + "\" is not offered here, only " + offer.description().title());
     }
   }
 
@@ -57,7 +64,11 @@ final class Offloaded {
     for (String name : names) {
       if (!known.contains(name)) {
         throw invalid(
-            "metrics: \"" + name + "\" is none of " + offer.description().title() + "'s; "
+            "metrics: \""
+                + name
+                + "\" is none of "
+                + offer.description().title()
+                + "'s; "
                 + (known.isEmpty() ? "it has none" : "it has " + String.join(", ", known)));
       }
     }
@@ -76,15 +87,26 @@ final class Offloaded {
     int numbers = request.genomes.length;
     if (numbers % weights != 0) {
       throw invalid(
-          "genomes: " + numbers + " numbers are no whole number of candidates; the controller has " + weights + " weights");
+          "genomes: "
+              + numbers
+              + " numbers are no whole number of candidates; the controller has "
+              + weights
+              + " weights");
     }
     if (numbers / weights * request.seeds.length > MOST_NUMBERS / (2 + request.metrics.size())) {
       throw invalid(
-          "genomes: " + numbers / weights + " candidates in " + request.seeds.length
+          "genomes: "
+              + numbers / weights
+              + " candidates in "
+              + request.seeds.length
               + " episodes are too many for one answer; send fewer at once");
     }
     boolean limited = request.lease > 0 && request.lease < LONGEST_LEASE;
-    return new Job(request, offer.first(), wanted, limited ? (Long) (now + (long) (request.lease * 1e9)) : null);
+    return new Job(
+        request,
+        offer.first(),
+        wanted,
+        limited ? (Long) (now + (long) (request.lease * 1e9)) : null);
   }
 
   private Architecture architecture(JsonObject wanted) {
@@ -110,7 +132,14 @@ final class Offloaded {
   private void check(String field, int found, int expected) {
     if (found != expected) {
       throw invalid(
-          "controller." + field + ": " + found + ", but simulation " + offer.description().title() + " has " + expected);
+          "controller."
+              + field
+              + ": "
+              + found
+              + ", but simulation "
+              + offer.description().title()
+              + " has "
+              + expected);
     }
   }
 
@@ -123,9 +152,18 @@ final class Offloaded {
         job.error != null
             ? refused(job.request.request, job.error)
             : Answers.evaluated(
-                job.request.request, server, job.fitness, job.metrics, job.failed, null, job.seconds);
+                job.request.request,
+                server,
+                job.fitness,
+                job.metrics,
+                job.failed,
+                null,
+                job.seconds);
     if (payload.length > MapReader.MAX_BLOCK) {
-      String reason = "the answer is longer than " + MapReader.MAX_BLOCK + " bytes; send fewer candidates at once";
+      String reason =
+          "the answer is longer than "
+              + MapReader.MAX_BLOCK
+              + " bytes; send fewer candidates at once";
       payload = refused(job.request.request, new Refusal(Refusal.Kind.FAILED, reason));
     }
     outbox.reply(job.request.reply, job.request.request, payload);
@@ -134,7 +172,11 @@ final class Offloaded {
   void send(BatchStart start, BatchSensors message) {
     byte[] payload = Answers.sensors(message);
     if (payload.length > MapReader.MAX_BLOCK) {
-      Refusal refusal = invalid("seeds: a step makes a message of " + payload.length + " bytes; start fewer episodes at once");
+      Refusal refusal =
+          invalid(
+              "seeds: a step makes a message of "
+                  + payload.length
+                  + " bytes; start fewer episodes at once");
       payload = Answers.sensors(new BatchSensors(message.request, server, message.step, refusal));
     }
     outbox.reply(start.reply, start.request, payload);
@@ -166,7 +208,8 @@ final class Offloaded {
       if (kind.equals("evaluate")) {
         outbox.reply(reply, request, refused(request, invalid(reason)));
       } else if (kind.equals("start")) {
-        outbox.reply(reply, request, Answers.sensors(new BatchSensors(request, server, 0, invalid(reason))));
+        outbox.reply(
+            reply, request, Answers.sensors(new BatchSensors(request, server, 0, invalid(reason))));
       }
     } catch (MessageException error) {
       // It does not even say who asks.

@@ -55,8 +55,12 @@ final class Rollout {
       if (acting.length > 0 && !architecture.steers()) {
         throw new Refusal(
             Refusal.Kind.INVALID,
-            "simulation " + simulation.description().title() + ", agent " + acting[0] + ": an agent is to be steered, but a"
-                + " parameter set steers nobody; use a controller of another kind, such as layered");
+            "simulation "
+                + simulation.description().title()
+                + ", agent "
+                + acting[0]
+                + ": an agent is to be steered, but a parameter set steers nobody; use a controller"
+                + " of another kind, such as layered");
       }
       Guard.call(() -> step(acting));
     }

@@ -16,7 +16,9 @@ import org.swarmwright.messages.Decimals;
 import org.swarmwright.messages.Fitness;
 import org.swarmwright.messages.MessageException;
 
-/** An episode that is being stepped by single messages: who has to act, whose actuators are there. */
+/**
+ * An episode that is being stepped by single messages: who has to act, whose actuators are there.
+ */
 final class Run {
   final String hash;
   final String tool;
@@ -28,7 +30,10 @@ final class Run {
   /** Whether somebody was told of the waiting. */
   boolean told;
 
-  /** When the run goes on, if nobody's actuators are waited for: it is being shown, or the simulation steers itself; else 0. */
+  /**
+   * When the run goes on, if nobody's actuators are waited for: it is being shown, or the
+   * simulation steers itself; else 0.
+   */
   long resumeAt;
 
   private final Simulation simulation;
@@ -41,7 +46,8 @@ final class Run {
   private float[] actuators = {};
 
   /** At the start: the simulation is reset. */
-  Run(Simulation simulation, JsonObject parameters, String hash, String tool, boolean visual) throws Guard.Broken {
+  Run(Simulation simulation, JsonObject parameters, String hash, String tool, boolean visual)
+      throws Guard.Broken {
     this.simulation = simulation;
     this.hash = hash;
     this.tool = tool;
@@ -64,7 +70,10 @@ final class Run {
     FITNESS
   }
 
-  /** Sends the sensors of all acting agents, or has a simulation that steers its agents itself make a step. */
+  /**
+   * Sends the sensors of all acting agents, or has a simulation that steers its agents itself make
+   * a step.
+   */
   Next sense(long now, Consumer<byte[]> send) throws Guard.Broken {
     waitingSince = now;
     told = false;
@@ -95,7 +104,8 @@ final class Run {
     simulation.sense(agent, sensors);
     for (int i = 0; i < sensors.length; i++) {
       if (!Float.isFinite(sensors[i])) {
-        throw new Guard.Broken("sensor " + i + " of agent " + agent + " is " + sensors[i] + ", not a finite number");
+        throw new Guard.Broken(
+            "sensor " + i + " of agent " + agent + " is " + sensors[i] + ", not a finite number");
       }
     }
     return sensors;
@@ -132,7 +142,8 @@ final class Run {
     }
     List<Double> values = message.getActuator();
     if (values.size() != perAgent) {
-      throw new MessageException(values.size() + " actuators for agent " + agent + ", expected " + perAgent);
+      throw new MessageException(
+          values.size() + " actuators for agent " + agent + ", expected " + perAgent);
     }
     if (resumeAt != 0 || arrived[slot]) {
       throw new MessageException("the actuators of agent " + agent + " came a second time");
@@ -164,7 +175,12 @@ final class Run {
     return String.format(
         java.util.Locale.ROOT,
         "%s has not sent actuators for %d of %d agents (%s%s) for %.1f s",
-        holder, missing, acting.length, agents, missing > 8 ? ", ..." : "", (now - waitingSince) / 1e9);
+        holder,
+        missing,
+        acting.length,
+        agents,
+        missing > 8 ? ", ..." : "",
+        (now - waitingSince) / 1e9);
   }
 
   /** The picture to show now; null if there is none to show. */

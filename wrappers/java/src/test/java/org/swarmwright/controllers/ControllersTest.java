@@ -43,7 +43,10 @@ class ControllersTest {
   @TestFactory
   Stream<DynamicTest> controllersGiveTheBitsOfTheVectors() {
     return Vectors.objects(VECTORS.get("controllers")).stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> checkController(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(
+                    vector.get("name").getAsString(), () -> checkController(vector)));
   }
 
   private static void checkController(JsonObject vector) {
@@ -68,20 +71,25 @@ class ControllersTest {
   @TestFactory
   Stream<DynamicTest> parameterSetsBecomeTheParametersOfTheVectors() {
     return Vectors.objects(VECTORS.get("parameter_sets")).stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> checkParameters(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(
+                    vector.get("name").getAsString(), () -> checkParameters(vector)));
   }
 
   private static void checkParameters(JsonObject vector) {
     JsonObject specification = vector.getAsJsonObject("specification");
     ParameterSet set = (ParameterSet) Architecture.read(specification);
     float[] weights = Vectors.weights(specification);
-    assertEquals(vector.get("merged"), set.merged(vector.getAsJsonObject("parameters"), weights, 0));
+    assertEquals(
+        vector.get("merged"), set.merged(vector.getAsJsonObject("parameters"), weights, 0));
   }
 
   @Test
   void whatIsNoSpecificationIsRefusedWithTheNameOfTheField() {
     String layered =
-        "'version': 1, 'kind': 'layered', 'sensors': 4, 'actuators': 1, 'hidden': [8], 'activation': 'tanh', 'output_range': [-1, 1]";
+        "'version': 1, 'kind': 'layered', 'sensors': 4, 'actuators': 1, 'hidden': [8],"
+            + " 'activation': 'tanh', 'output_range': [-1, 1]";
     assertEquals(49, Architecture.read(object(layered)).weightCount());
     refuses("controller.kind: ", layered.replace("layered", "spiking"));
     refuses("controller.sensors: ", layered.replace("'sensors': 4", "'sensors': 4.5"));

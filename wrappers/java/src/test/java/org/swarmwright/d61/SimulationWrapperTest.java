@@ -53,14 +53,18 @@ class SimulationWrapperTest {
       callback.messageArrived("discovery", message("discovery"));
       String answer = broker.await("\"simulations\"");
       assertTrue(answer.contains("\"server\":1,"), answer);
-      assertTrue(answer.contains("\"simulation_hash\":\"21a57f2fe765e1ae4a8bf15d73fc1bf2a533f547f2343d12a499d9c0592044d4\""), answer);
+      assertTrue(
+          answer.contains(
+              "\"simulation_hash\":\"21a57f2fe765e1ae4a8bf15d73fc1bf2a533f547f2343d12a499d9c0592044d4\""),
+          answer);
       assertTrue(answer.contains("\"capabilities\":{\"dimensions\":2}"), answer);
       callback.messageArrived("parameters", message("parameters"));
       callback.messageArrived("control", message("control"));
       callback.messageArrived("actuator", message("actuator"));
       assertEquals(3, server.handled);
       assertFalse(server.isAvailable());
-      assertNull(server.getServerInfo().getSimulationHash(), "the information given is left as it was");
+      assertNull(
+          server.getServerInfo().getSimulationHash(), "the information given is left as it was");
     }
   }
 
@@ -73,14 +77,16 @@ class SimulationWrapperTest {
       server.messageArrived("another", message("actuator"));
       assertEquals(0, server.handled);
       assertThrows(
-          MessageException.class, () -> server.messageArrived("control", new MqttMessage("{}".getBytes())));
+          MessageException.class,
+          () -> server.messageArrived("control", new MqttMessage("{}".getBytes())));
     }
   }
 
   @Test
   void withoutABrokerItSaysWhere() throws IOException {
     broker.close();
-    BrokerException error = assertThrows(BrokerException.class, () -> new FromTheText(info()).close());
+    BrokerException error =
+        assertThrows(BrokerException.class, () -> new FromTheText(info()).close());
     assertTrue(error.getMessage().contains("127.0.0.1:" + broker.port()), error.getMessage());
   }
 }

@@ -8,7 +8,10 @@ import java.net.ServerSocket;
 import java.net.Socket;
 import java.nio.charset.StandardCharsets;
 
-/** As much of an MQTT 3.1.1 broker as lets one client connect and subscribe; it keeps what the client publishes. */
+/**
+ * As much of an MQTT 3.1.1 broker as lets one client connect and subscribe; it keeps what the
+ * client publishes.
+ */
 final class Sink implements AutoCloseable {
   private final ServerSocket listener = new ServerSocket(0, 1, InetAddress.getLoopbackAddress());
   private final StringBuilder published = new StringBuilder();

@@ -37,7 +37,10 @@ class ExtensionTest {
     List<JsonObject> vectors = vectors("to_server");
     assertTrue(vectors.size() >= 50, "vectors are missing");
     return vectors.stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> checkRequest(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(
+                    vector.get("name").getAsString(), () -> checkRequest(vector)));
   }
 
   private static void checkRequest(JsonObject vector) {
@@ -59,7 +62,10 @@ class ExtensionTest {
   private static String plain(JsonElement value) {
     if (value.isJsonObject()) {
       Map<String, String> parts = new TreeMap<>();
-      value.getAsJsonObject().entrySet().forEach(entry -> parts.put(entry.getKey(), plain(entry.getValue())));
+      value
+          .getAsJsonObject()
+          .entrySet()
+          .forEach(entry -> parts.put(entry.getKey(), plain(entry.getValue())));
       return parts.toString();
     }
     if (value.isJsonArray()) {
@@ -130,7 +136,10 @@ class ExtensionTest {
     }
     assertTrue(canonical.size() >= 8, "vectors are missing");
     return canonical.stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> checkAnswer(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(
+                    vector.get("name").getAsString(), () -> checkAnswer(vector)));
   }
 
   private static void checkAnswer(JsonObject vector) {
@@ -156,7 +165,11 @@ class ExtensionTest {
 
   private static byte[] sensors(JsonObject reading) {
     BatchSensors message =
-        new BatchSensors(bits(reading, "request"), bits(reading, "server"), bits(reading, "step"), refusal(reading));
+        new BatchSensors(
+            bits(reading, "request"),
+            bits(reading, "server"),
+            bits(reading, "step"),
+            refusal(reading));
     ints(reading.get("episodes"), message.episodes);
     ints(reading.get("agents"), message.agents);
     for (float sensor : Vectors.singles(reading.get("sensors"))) {
@@ -195,7 +208,10 @@ class ExtensionTest {
     List<Failure> failures = new ArrayList<>();
     for (JsonObject failure : Vectors.objects(reading.get("failed"))) {
       failures.add(
-          new Failure(bits(failure, "candidate"), bits(failure, "episode"), failure.get("reason").getAsString()));
+          new Failure(
+              bits(failure, "candidate"),
+              bits(failure, "episode"),
+              failure.get("reason").getAsString()));
     }
     return failures;
   }
@@ -205,7 +221,8 @@ class ExtensionTest {
       return null;
     }
     JsonObject error = reading.getAsJsonObject("error");
-    Refusal.Kind kind = Refusal.Kind.valueOf(error.get("kind").getAsString().toUpperCase(Locale.ROOT));
+    Refusal.Kind kind =
+        Refusal.Kind.valueOf(error.get("kind").getAsString().toUpperCase(Locale.ROOT));
     return new Refusal(kind, error.get("reason").getAsString());
   }
 }

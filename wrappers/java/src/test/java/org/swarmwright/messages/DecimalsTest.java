@@ -14,7 +14,12 @@ class DecimalsTest {
   }
 
   private static int digits(String decimal) {
-    return decimal.replaceAll("[eE].*", "").replaceAll("[^0-9]", "").replaceAll("^0+", "").replaceAll("0+$", "").length();
+    return decimal
+        .replaceAll("[eE].*", "")
+        .replaceAll("[^0-9]", "")
+        .replaceAll("^0+", "")
+        .replaceAll("0+$", "")
+        .length();
   }
 
   @Test

@@ -37,7 +37,9 @@ class MessagesTest {
     List<JsonObject> vectors = Vectors.objects(Vectors.load("messages.json"));
     assertTrue(vectors.size() >= 187, "vectors are missing");
     return vectors.stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> check(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> check(vector)));
   }
 
   private static void check(JsonObject vector) {
@@ -76,19 +78,27 @@ class MessagesTest {
   /** Every key that is expected; null and nothing are one, and so are an empty list or object. */
   private static void compare(String where, JsonElement expected, JsonElement found) {
     if (expected.isJsonNull() || found == null) {
-      boolean nothing = expected.isJsonNull() || expected.isJsonArray() && expected.getAsJsonArray().isEmpty()
-          || expected.isJsonObject() && expected.getAsJsonObject().entrySet().isEmpty();
+      boolean nothing =
+          expected.isJsonNull()
+              || expected.isJsonArray() && expected.getAsJsonArray().isEmpty()
+              || expected.isJsonObject() && expected.getAsJsonObject().entrySet().isEmpty();
       assertTrue(nothing, where + " is missing, expected " + expected);
-      assertTrue(found == null || found.isJsonNull() || found.toString().equals("[]"), where + " is " + found);
+      assertTrue(
+          found == null || found.isJsonNull() || found.toString().equals("[]"),
+          where + " is " + found);
     } else if (expected.isJsonObject()) {
       Set<String> keys = new HashSet<>(expected.getAsJsonObject().keySet());
       for (String key : keys) {
-        compare(where + "." + key, expected.getAsJsonObject().get(key), found.getAsJsonObject().get(key));
+        compare(
+            where + "." + key,
+            expected.getAsJsonObject().get(key),
+            found.getAsJsonObject().get(key));
       }
     } else if (expected.isJsonArray()) {
       assertEquals(expected.getAsJsonArray().size(), found.getAsJsonArray().size(), where);
       for (int i = 0; i < expected.getAsJsonArray().size(); i++) {
-        compare(where + "[" + i + "]", expected.getAsJsonArray().get(i), found.getAsJsonArray().get(i));
+        compare(
+            where + "[" + i + "]", expected.getAsJsonArray().get(i), found.getAsJsonArray().get(i));
       }
     } else if (found.getAsJsonPrimitive().isNumber()) {
       // Gson, which reads the vectors, takes some long integers for texts.
@@ -101,7 +111,9 @@ class MessagesTest {
 
   private static void same(String where, String expected, String found) {
     boolean exact = new BigDecimal(expected).compareTo(new BigDecimal(found)) == 0;
-    boolean near = Double.parseDouble(expected) == Double.parseDouble(found) && !expected.matches("-?[0-9]{16,}");
+    boolean near =
+        Double.parseDouble(expected) == Double.parseDouble(found)
+            && !expected.matches("-?[0-9]{16,}");
     boolean single = where.contains("sensor") || where.contains("actuator");
     boolean nearSingle = single && Float.parseFloat(expected) == Float.parseFloat(found);
     assertTrue(exact || near || nearSingle, where + " is " + found + ", expected " + expected);

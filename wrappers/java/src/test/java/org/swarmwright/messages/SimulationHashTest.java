@@ -11,7 +11,8 @@ class SimulationHashTest {
   void hashesAreThoseOfTheVectors() {
     for (JsonObject vector : Vectors.objects(Vectors.load("hashes.json"))) {
       String canonical = SimulationHash.canonical(vector.get("value"));
-      assertEquals(vector.get("canonical").getAsString(), canonical, vector.get("name").getAsString());
+      assertEquals(
+          vector.get("canonical").getAsString(), canonical, vector.get("name").getAsString());
       assertEquals(vector.get("sha256").getAsString(), SimulationHash.sha256(canonical));
     }
   }
@@ -22,7 +23,9 @@ class SimulationHashTest {
     JsonObject value = vector.getAsJsonObject("value");
     String hash =
         SimulationHash.of(
-            value.get("simulation").getAsString(), value.getAsJsonObject("parameters"), value.get("instance").getAsLong());
+            value.get("simulation").getAsString(),
+            value.getAsJsonObject("parameters"),
+            value.get("instance").getAsLong());
     assertEquals(vector.get("sha256").getAsString(), hash);
   }
 }

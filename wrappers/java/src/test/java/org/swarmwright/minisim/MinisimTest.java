@@ -5,7 +5,6 @@ import static org.junit.jupiter.api.Assertions.assertEquals;
 import static org.junit.jupiter.api.Assertions.assertThrows;
 import static org.junit.jupiter.api.Assertions.assertTrue;
 
-import com.google.gson.JsonElement;
 import com.google.gson.JsonObject;
 import com.google.gson.JsonParser;
 import java.util.Arrays;
@@ -27,7 +26,10 @@ class MinisimTest {
   @TestFactory
   Stream<DynamicTest> episodesGiveTheBitsOfTheVectors() {
     return Vectors.objects(VECTORS.get("episodes")).stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> checkEpisode(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(
+                    vector.get("name").getAsString(), () -> checkEpisode(vector)));
   }
 
   private static void checkEpisode(JsonObject vector) {
@@ -35,10 +37,12 @@ class MinisimTest {
     minisim.reset(new ParameterReader(vector.getAsJsonObject("parameters")));
     float[] sensors = new float[4];
     for (JsonObject step : Vectors.objects(vector.get("steps"))) {
-      assertEquals(step.get("acting").toString().replace(",", ", "), Arrays.toString(minisim.acting()));
+      assertEquals(
+          step.get("acting").toString().replace(",", ", "), Arrays.toString(minisim.acting()));
       for (int i = 0; i < minisim.acting().length; i++) {
         minisim.sense(minisim.acting()[i], sensors);
-        assertEquals(Vectors.texts(step.getAsJsonArray("sensor_bits").get(i)), Vectors.hex(sensors));
+        assertEquals(
+            Vectors.texts(step.getAsJsonArray("sensor_bits").get(i)), Vectors.hex(sensors));
       }
       minisim.step(Vectors.singles(step.get("actuator_bits")));
     }
@@ -48,7 +52,8 @@ class MinisimTest {
 
   private static void checkEnd(JsonObject end, Minisim minisim) {
     double fitness = Double.parseDouble(end.get("fitness_hex").getAsString());
-    assertEquals(Double.doubleToRawLongBits(fitness), Double.doubleToRawLongBits(minisim.fitness()));
+    assertEquals(
+        Double.doubleToRawLongBits(fitness), Double.doubleToRawLongBits(minisim.fitness()));
     List<String> states = Vectors.texts(end.get("states"));
     double[] metrics = minisim.metrics();
     assertEquals(Collections.frequency(states, "arrived"), metrics[0]);
@@ -59,7 +64,10 @@ class MinisimTest {
   @TestFactory
   Stream<DynamicTest> rolloutsGiveTheBitsOfTheVectors() {
     return Vectors.objects(VECTORS.get("rollouts")).stream()
-        .map(vector -> DynamicTest.dynamicTest(vector.get("name").getAsString(), () -> checkRollout(vector)));
+        .map(
+            vector ->
+                DynamicTest.dynamicTest(
+                    vector.get("name").getAsString(), () -> checkRollout(vector)));
   }
 
   private static void checkRollout(JsonObject vector) {
@@ -88,25 +96,40 @@ class MinisimTest {
   @Test
   void whatIsMeasuredHasItsName() {
     Minisim minisim = new Minisim();
-    assertEquals(List.of("arrived", "caught", "steps", "distance"), minisim.description().metrics());
+    assertEquals(
+        List.of("arrived", "caught", "steps", "distance"), minisim.description().metrics());
     minisim.step(new float[] {0f});
     assertArrayEquals(new double[] {0, 0, 1, 11}, minisim.metrics());
   }
 
   @Test
   void parametersThatCannotBeUsedAreNamed() {
-    refuses("parameter mapWidth: 0 found, expected a whole number from 1 to 1000000", "{\"mapWidth\": 0}");
-    refuses("parameter mapWidth: \"13\" (a string) found, expected a whole number from 1 to 1000000", "{\"mapWidth\": \"13\"}");
-    refuses("parameter agents[0]: [99,1] found, expected a position inside the map, [0, 0] to [13.0, 7.0]", "{\"agents\": [[99, 1]]}");
-    refuses("parameter agents: 1 positions found, but numAgents is 2; make them agree or leave one out",
+    refuses(
+        "parameter mapWidth: 0 found, expected a whole number from 1 to 1000000",
+        "{\"mapWidth\": 0}");
+    refuses(
+        "parameter mapWidth: \"13\" (a string) found, expected a whole number from 1 to 1000000",
+        "{\"mapWidth\": \"13\"}");
+    refuses(
+        "parameter agents[0]: [99,1] found, expected a position inside the map, [0, 0] to [13.0,"
+            + " 7.0]",
+        "{\"agents\": [[99, 1]]}");
+    refuses(
+        "parameter agents: 1 positions found, but numAgents is 2; make them agree or leave one out",
         "{\"agents\": [[1, 1]], \"numAgents\": 2}");
-    refuses("parameter placement: \"odd\" (a string) found, expected one of \"fixed\", \"random\"", "{\"placement\": \"odd\"}");
-    refuses("parameter speedAgents: -1 found, expected a finite number of at least 0", "{\"speedAgents\": -1}");
+    refuses(
+        "parameter placement: \"odd\" (a string) found, expected one of \"fixed\", \"random\"",
+        "{\"placement\": \"odd\"}");
+    refuses(
+        "parameter speedAgents: -1 found, expected a finite number of at least 0",
+        "{\"speedAgents\": -1}");
   }
 
   private static void refuses(String message, String parameters) {
-    ParameterReader reader = new ParameterReader(JsonParser.parseString(parameters).getAsJsonObject());
-    ParameterException error = assertThrows(ParameterException.class, () -> new Minisim().reset(reader));
+    ParameterReader reader =
+        new ParameterReader(JsonParser.parseString(parameters).getAsJsonObject());
+    ParameterException error =
+        assertThrows(ParameterException.class, () -> new Minisim().reset(reader));
     assertEquals(message, error.getMessage());
   }
 
