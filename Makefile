@@ -11,7 +11,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo java test test-engine test-java test-python lint lint-engine lint-python lint-protocol bench docs clean
+.PHONY: help demo java test test-engine test-java test-python lint lint-engine lint-java lint-python lint-protocol bench docs clean
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -61,11 +61,14 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA)
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	$(BIN)/python -m pytest
 
-lint: lint-engine lint-python lint-protocol
+lint: lint-engine lint-java lint-python lint-protocol
 
 lint-engine: $(VENV)/.created
 	$(CARGO) fmt $(MANIFEST) --all --check
 	$(CARGO) clippy $(MANIFEST) --workspace --all-targets --quiet -- -D warnings
+
+lint-java: $(JAVA)
+	$(MAVEN) spotless:check
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check

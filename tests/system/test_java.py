@@ -39,16 +39,16 @@ def expected(launch: Launch, experiment: Experiment) -> dict[str, Any]:
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_record_is_that_of_the_built_in_server(
-    broker: BrokerProcess,
+    embedded: BrokerProcess,
     serve_java: ServeJava,
     launch: Launch,
     experiment: Experiment,
     expected: dict[str, Any],
     mode: str,
 ) -> None:
-    serve_java(broker.url)
+    serve_java(embedded.url)
     path = experiment(f"{EXPERIMENT}mode: {mode}\n")
-    program = launch("optimize", path, "--broker", broker.url, "--out", "java")
+    program = launch("optimize", path, "--broker", embedded.url, "--out", "java")
     assert program.wait() == 0, program.stderr
     assert record(path.parent / "java") == expected
 

@@ -1,5 +1,7 @@
 package org.swarmwright.controllers;
 
+import java.util.Locale;
+
 /** What a node does to the sum of its inputs. A NaN passes through every one of them. */
 strictfp enum Activation {
   TANH {
@@ -38,6 +40,6 @@ strictfp enum Activation {
 
   /** The name in a specification. */
   String text() {
-    return name().toLowerCase(java.util.Locale.ROOT);
+    return name().toLowerCase(Locale.ROOT);
   }
 }

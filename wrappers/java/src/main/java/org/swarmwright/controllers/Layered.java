@@ -1,5 +1,7 @@
 package org.swarmwright.controllers;
 
+import java.util.Arrays;
+
 /**
  * A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between
  * steps.
@@ -15,7 +17,7 @@ final strictfp class Layered extends Architecture {
   private Layered(
       int sensors, int actuators, int[] hidden, Activation activation, OutputRange outputRange) {
     super(sensors, actuators);
-    layers = java.util.Arrays.copyOf(hidden, hidden.length + 1);
+    layers = Arrays.copyOf(hidden, hidden.length + 1);
     layers[hidden.length] = actuators;
     this.activation = activation;
     this.outputRange = outputRange;

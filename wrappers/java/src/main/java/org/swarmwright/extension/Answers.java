@@ -2,6 +2,7 @@ package org.swarmwright.extension;
 
 import java.io.IOException;
 import java.io.UncheckedIOException;
+import java.math.BigInteger;
 import java.nio.ByteBuffer;
 import java.nio.ByteOrder;
 import java.util.List;
@@ -131,7 +132,7 @@ public final class Answers {
     if (bits >= 0) {
       packer.packLong(bits);
     } else {
-      packer.packBigInteger(new java.math.BigInteger(Long.toUnsignedString(bits)));
+      packer.packBigInteger(new BigInteger(Long.toUnsignedString(bits)));
     }
   }
 

@@ -18,6 +18,7 @@ import org.msgpack.core.MessagePackException;
 import org.msgpack.core.MessageUnpacker;
 import org.msgpack.value.ImmutableValue;
 import org.msgpack.value.Value;
+import org.msgpack.value.ValueFactory;
 import org.swarmwright.messages.MessageException;
 
 /** A MessagePack map with text keys, each with the type that it must have. */
@@ -66,7 +67,7 @@ public final class MapReader {
       if (promised > length - unpacker.getTotalReadBytes()) {
         throw new MessageFormatException("the end is missing");
       }
-      return org.msgpack.value.ValueFactory.newBinary(unpacker.readPayload(promised), true);
+      return ValueFactory.newBinary(unpacker.readPayload(promised), true);
     }
     return unpacker.unpackValue();
   }

@@ -1,6 +1,9 @@
 package org.swarmwright.server;
 
+import java.util.ArrayList;
+import java.util.Arrays;
 import java.util.List;
+import java.util.Locale;
 import org.swarmwright.Description;
 import org.swarmwright.ParameterException;
 import org.swarmwright.ParameterReader;
@@ -38,7 +41,7 @@ final class Batch {
   /** By episode, how many rows are its agents. */
   private final int[] rows;
 
-  private final List<Failure> failed = new java.util.ArrayList<>();
+  private final List<Failure> failed = new ArrayList<>();
   private long step;
   private int allRows;
 
@@ -95,7 +98,7 @@ final class Batch {
 
   /** Whether all episodes have ended, or failed. */
   boolean isOver() {
-    return java.util.Arrays.stream(rows).allMatch(number -> number == ENDED);
+    return Arrays.stream(rows).allMatch(number -> number == ENDED);
   }
 
   /**
@@ -214,7 +217,7 @@ final class Batch {
   /** Who is missing and for how long, in words. */
   String waitingFor(long now) {
     return String.format(
-        java.util.Locale.ROOT,
+        Locale.ROOT,
         "%s has not sent the actuators of step %d of its batch for %.1f s",
         start.tool,
         step,

@@ -1,7 +1,10 @@
 package org.swarmwright.server;
 
 import java.nio.ByteBuffer;
+import java.nio.charset.StandardCharsets;
 import java.util.List;
+import java.util.logging.Level;
+import java.util.logging.Logger;
 import org.eclipse.paho.mqttv5.client.IMqttToken;
 import org.eclipse.paho.mqttv5.client.MqttAsyncClient;
 import org.eclipse.paho.mqttv5.client.MqttCallback;
@@ -17,6 +20,7 @@ import org.swarmwright.mqtt.BrokerAddress;
 
 /** The connection of a server, MQTT 5; it comes back by itself, with its subscriptions. */
 final class Link {
+  private static final Logger LOG = Logger.getLogger(Link.class.getName());
   private static final int TIMEOUT_MILLIS = 10_000;
   private static final int KEEP_ALIVE = 20;
 
@@ -64,7 +68,7 @@ final class Link {
       options.setUserName(address.username());
     }
     if (address.password() != null) {
-      options.setPassword(address.password().getBytes(java.nio.charset.StandardCharsets.UTF_8));
+      options.setPassword(address.password().getBytes(StandardCharsets.UTF_8));
     }
     MqttProperties expiry = new MqttProperties();
     expiry.setMessageExpiryInterval(LOST_EXPIRY);
@@ -118,8 +122,7 @@ final class Link {
     try {
       client.publish(topic, message);
     } catch (MqttException error) {
-      java.util.logging.Logger.getLogger(Link.class.getName())
-          .log(java.util.logging.Level.FINE, "a message on {0} is lost", topic);
+      LOG.log(Level.FINE, "a message on {0} is lost", topic);
     }
   }
 
@@ -141,8 +144,7 @@ final class Link {
     try {
       action.run();
     } catch (MqttException error) {
-      java.util.logging.Logger.getLogger(Link.class.getName())
-          .log(java.util.logging.Level.FINE, "closing the connection", error);
+      LOG.log(Level.FINE, "closing the connection", error);
     }
   }
 

@@ -1,17 +1,8 @@
 package org.swarmwright.server;
 
 import com.google.gson.JsonObject;
-import java.util.HashSet;
 import java.util.LinkedHashMap;
-import java.util.List;
 import java.util.Map;
-import java.util.Objects;
-import java.util.Set;
-import org.swarmwright.extension.BatchActuators;
-import org.swarmwright.extension.BatchStart;
-import org.swarmwright.extension.Evaluate;
-import org.swarmwright.extension.Refusal;
-import org.swarmwright.extension.Request;
 import org.swarmwright.extension.ToServer;
 import org.swarmwright.messages.Actuator;
 import org.swarmwright.messages.Capabilities;
@@ -20,84 +11,35 @@ import org.swarmwright.messages.Discovery;
 import org.swarmwright.messages.MessageException;
 import org.swarmwright.messages.Messages;
 import org.swarmwright.messages.Parameters;
-import org.swarmwright.messages.Presence;
 import org.swarmwright.messages.Requirements;
 import org.swarmwright.messages.Server;
-import org.swarmwright.messages.Swarmwright;
 import org.swarmwright.messages.Topics;
 import org.swarmwright.messages.Topics.Topic;
 
 /**
  * What a server decides: messages and time in, what is to be done out, no I/O, one thread at a
- * time.
- *
- * <p>A server is free, configured (parameters came, it waits for control), running an episode,
- * stepping a batch, working on requests for offloaded evaluation, or held: between two episodes of
- * a tool that gave its name it stays reserved for that tool for a moment (docs/decisions/004).
- * Times are nanoseconds of {@link System#nanoTime}.
+ * time. Times are nanoseconds of {@link System#nanoTime}.
  */
-final class Machine {
-  private static final long SECOND = 1_000_000_000L;
-
-  /**
-   * How long parameters without control, or a holder without a new episode, keep the server taken.
-   */
-  private static final long PATIENCE = 5 * SECOND;
-
-  /** After how long a missing actuator is worth a word. */
-  private static final long TELL_AFTER = 5 * SECOND;
-
+final class Machine extends Requests {
   /**
    * A change of presence is published when it has lasted this long: runs of a few milliseconds are
    * no news.
    */
   private static final long SETTLE = 150_000_000L;
 
+  /** Parameters messages kept for a control to come: of the tools on a broker, few ask at once. */
   private static final int KEPT = 8;
-  private static final int MOST_COMPLAINTS = 1000;
 
-  private enum State {
-    FREE,
-    CONFIGURED,
-    RUNNING,
-    STEPPING,
-    WORKING,
-    HELD
-  }
-
-  private final Identity identity;
-  private final Offer offer;
   private final Topics topics;
-  private final long stepTimeout;
-  private final Outbox outbox;
-  private final Offloaded offloaded;
-
-  private State state = State.FREE;
-  private long until;
-  private Run run;
-  private Batch batch;
-  private Work work;
-  private String holder;
 
   /** The last parameters by hash, the newest at the end. */
   private final Map<String, JsonObject> parameters = new LinkedHashMap<>();
 
-  /** The hash of the run before, which a control{run: false} may still name. */
-  private String lastHash;
-
   private String newestHash;
-  private final Set<String> complaints = new HashSet<>();
-  private Presence.State published;
-  private String publishedHolder;
-  private Long changedAt;
 
   Machine(Identity identity, Offer offer, Topics topics, double stepTimeout, Outbox outbox) {
-    this.identity = identity;
-    this.offer = offer;
+    super(identity, offer, stepTimeout, outbox);
     this.topics = topics;
-    this.stepTimeout = (long) (stepTimeout * SECOND);
-    this.outbox = outbox;
-    offloaded = new Offloaded(identity.id, offer, outbox);
   }
 
   /** A message came in. Retained messages are leftovers of somebody's past, except presence. */
@@ -120,7 +62,7 @@ final class Machine {
       dispatch(topic, payload, now);
     } catch (MessageException error) {
       if (topic == Topic.TO_SERVER) {
-        offloaded.refuseUnread(payload, error.getMessage());
+        replies.refuseUnread(payload, error.getMessage());
       }
       complain("refusing a message on " + topic.text() + ": " + error.getMessage());
     }
@@ -316,130 +258,7 @@ final class Machine {
     leave(now);
   }
 
-  // Requests of the extensions.
-
-  private void request(ToServer message, long now) {
-    if (message instanceof BatchActuators) {
-      stepBatch((BatchActuators) message, now);
-      return;
-    }
-    Request request = (Request) message;
-    if (!Offloaded.canReply(request.reply)) {
-      complain(
-          "cannot answer a request: its \"reply\" is \""
-              + request.reply
-              + "\", which is no topic of a tool");
-      return;
-    }
-    try {
-      checkTaken(request.tool);
-      if (request instanceof Evaluate) {
-        evaluate((Evaluate) request, now);
-      } else {
-        startBatch((BatchStart) request, now);
-      }
-    } catch (Refusal refusal) {
-      if (refusal.kind() != Refusal.Kind.TAKEN) {
-        complain("refusing a request of " + request.tool + ": " + refusal.getMessage());
-      }
-      offloaded.refuse(request, refusal);
-    }
-  }
-
-  private void checkTaken(String tool) {
-    String reason = null;
-    if (state == State.WORKING) {
-      reason = work.taken(tool);
-    } else if (state == State.STEPPING && batch.start.tool.equals(tool)) {
-      reason = "batch " + Long.toUnsignedString(batch.start.request) + " of this tool is under way";
-    } else if (state == State.RUNNING
-        || state == State.STEPPING
-        || state == State.HELD && !holder.equals(tool)) {
-      reason = "taken by " + holderInWords();
-    }
-    if (reason != null) {
-      throw new Refusal(Refusal.Kind.TAKEN, reason);
-    }
-  }
-
-  private void evaluate(Evaluate request, long now) {
-    Job job = offloaded.job(request, now);
-    if (state == State.WORKING) {
-      work.add(job);
-      return;
-    }
-    enter(State.WORKING, now);
-    work = new Work(request.tool, job);
-    outbox.evaluate(job);
-  }
-
-  /** A job has been computed; the next one follows. */
-  void finished(Job job, long now) {
-    if (state != State.WORKING) {
-      return;
-    }
-    if (work.isReleased()) {
-      enter(State.FREE, now);
-      return;
-    }
-    if (job.error != null) {
-      complain("refusing an evaluation for " + work.tool + ": " + job.error.getMessage());
-    }
-    offloaded.send(job);
-    for (Job next = work.next(); next != null; next = work.next()) {
-      if (next.expires == null || next.expires > now) {
-        outbox.evaluate(next);
-        return;
-      }
-      offloaded.refuse(
-          next.request, new Refusal(Refusal.Kind.FAILED, "the lease ran out before its turn came"));
-    }
-    leave(now);
-  }
-
-  private void startBatch(BatchStart start, long now) {
-    offloaded.checkTitle(start.simulation);
-    offloaded.checkMetrics(start.metrics);
-    Batch started =
-        new Batch(start, identity.id, offer.description(), offer.several(start.seeds.length));
-    enter(State.STEPPING, now);
-    batch = started;
-    senseBatch(now);
-  }
-
-  private void stepBatch(BatchActuators message, long now) {
-    if (state != State.STEPPING) {
-      return;
-    }
-    if (message.request != batch.start.request) {
-      complain(
-          "refusing actuators of another batch than that of "
-              + batch.start.tool
-              + " that is under way");
-    } else if (message.actuators.length == 0) {
-      leave(now);
-    } else {
-      batch.actuate(message);
-      senseBatch(now);
-    }
-  }
-
-  private void senseBatch(long now) {
-    if (batch.goOn(now)) {
-      return;
-    }
-    try {
-      offloaded.send(batch.start, batch.sense(now));
-      if (batch.isOver()) {
-        leave(now);
-      }
-    } catch (Refusal refusal) {
-      offloaded.send(batch.start, batch.refused(refusal));
-      leave(now);
-    }
-  }
-
-  // Time, connection, state.
+  // Time and connection.
 
   /** The next time at which {@link #tick} is needed; null for none. */
   Long nextTick() {
@@ -501,22 +320,6 @@ final class Machine {
     }
   }
 
-  private void tickBatch(long now) {
-    if (batch.goesOn) {
-      senseBatch(now);
-      return;
-    }
-    String words = batch.waitingFor(now);
-    if (now - batch.waitingSince >= stepTimeout) {
-      offloaded.send(batch.start, batch.refused(new Refusal(Refusal.Kind.FAILED, words)));
-      outbox.notice("warning: " + words + "; the batch is given up, the server is free again");
-      enter(State.FREE, now);
-    } else if (!batch.told && now - batch.waitingSince >= TELL_AFTER) {
-      batch.told = true;
-      outbox.notice("warning: " + words);
-    }
-  }
-
   /** The connection broke: messages of the run are lost, so the run is. */
   void disconnected(String reason, long now) {
     if (state == State.RUNNING || state == State.STEPPING || state == State.WORKING) {
@@ -524,119 +327,6 @@ final class Machine {
     }
     outbox.notice("lost the broker: " + reason + "; trying again");
     free(now);
-    published = null;
-  }
-
-  /** Gives up whatever is under way; what is being computed, as soon as it can be stopped. */
-  void free(long now) {
-    if (state == State.WORKING) {
-      work.release();
-    } else {
-      enter(State.FREE, now);
-    }
-  }
-
-  /** A run is over: its tool, if it gave its name, keeps the server for the next one. */
-  private void leave(long now) {
-    String tool = holder();
-    enter(tool == null ? State.FREE : State.HELD, now);
-    holder = tool;
-    until = now + PATIENCE;
-  }
-
-  private void enter(State next, long now) {
-    if (state == State.RUNNING) {
-      lastHash = run.hash;
-    }
-    if (next == State.FREE) {
-      offer.tidy();
-    }
-    state = next;
-    run = null;
-    batch = null;
-    work = null;
-    holder = null;
-    if (changedAt == null) {
-      changedAt = now;
-    }
-  }
-
-  // What the server says of itself.
-
-  private String holder() {
-    switch (state) {
-      case RUNNING:
-        return run.tool;
-      case STEPPING:
-        return batch.start.tool;
-      case WORKING:
-        return work.holder();
-      case HELD:
-        return holder;
-      default:
-        return null;
-    }
-  }
-
-  private String holderInWords() {
-    return holder() == null ? "another optimization tool" : holder();
-  }
-
-  List<String> titles() {
-    return List.of(offer.description().title());
-  }
-
-  private Capabilities capabilities() {
-    return identity.capabilities(offer.description(), offer.batch());
-  }
-
-  /** The presence message for a state. */
-  Presence presence(Presence.State now, String since) {
-    return new Presence(identity.id, now, titles(), capabilities(), holder(), since);
-  }
-
-  /** Publishes what the server does now, unless that is known. */
-  void publishPresence(String since) {
-    changedAt = null;
-    Presence.State now = state == State.FREE ? Presence.State.READY : Presence.State.BUSY;
-    if (now == published && Objects.equals(holder(), publishedHolder)) {
-      return;
-    }
-    outbox.presence(Messages.write(presence(now, since)));
-    outbox.notice(
-        now == Presence.State.READY ? "ready" : holder() == null ? "busy" : "busy for " + holder());
-    published = now;
-    publishedHolder = holder();
-  }
-
-  private void otherPresence(Presence presence) {
-    Swarmwright other = presence.getCapabilities().getSwarmwright();
-    if (presence.getServer() != identity.id
-        || other != null && identity.instance.equals(other.getInstance())) {
-      if (presence.getState() != Presence.State.LOST || presence.getServer() != identity.id) {
-        return;
-      }
-    }
-    if (presence.getState() == Presence.State.LOST) {
-      // A last will, an old one of this server or that of another with its ID, stands in the place
-      // of what is true.
-      published = null;
-      publishPresence(presence.getSince());
-    } else {
-      String host = other == null || other.getHost() == null ? "an unknown host" : other.getHost();
-      complain(
-          "another server has the id "
-              + identity.id
-              + " too ("
-              + host
-              + "); give one of them another --id");
-    }
-  }
-
-  /** A warning that is made only once, however often its cause comes back. */
-  private void complain(String text) {
-    if (complaints.size() < MOST_COMPLAINTS && complaints.add(text)) {
-      outbox.notice("warning: " + text);
-    }
+    forgetPresence();
   }
 }

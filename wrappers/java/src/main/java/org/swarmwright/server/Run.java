@@ -1,9 +1,11 @@
 package org.swarmwright.server;
 
 import com.google.gson.JsonObject;
+import com.google.gson.JsonPrimitive;
 import java.nio.charset.StandardCharsets;
 import java.util.Arrays;
 import java.util.List;
+import java.util.Locale;
 import java.util.Map;
 import java.util.TreeMap;
 import java.util.function.Consumer;
@@ -53,8 +55,8 @@ final class Run {
     this.tool = tool;
     this.visual = visual;
     Guard.reset(simulation, new ParameterReader(parameters));
-    String title = new com.google.gson.JsonPrimitive(simulation.description().title()).toString();
-    String text = new com.google.gson.JsonPrimitive(hash).toString();
+    String title = new JsonPrimitive(simulation.description().title()).toString();
+    String text = new JsonPrimitive(hash).toString();
     head = "{\"simulation\":" + title + ",\"simulation_hash\":" + text + ",\"agent\":";
     sensors = new float[simulation.description().sensors()];
     perAgent = simulation.description().actuators();
@@ -173,7 +175,7 @@ final class Run {
             .collect(Collectors.joining(", "));
     String holder = tool == null ? "the optimization tool" : tool;
     return String.format(
-        java.util.Locale.ROOT,
+        Locale.ROOT,
         "%s has not sent actuators for %d of %d agents (%s%s) for %.1f s",
         holder,
         missing,

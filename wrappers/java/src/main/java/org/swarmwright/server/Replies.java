@@ -18,7 +18,7 @@ import org.swarmwright.messages.MessageException;
 import org.swarmwright.messages.Topics.Topic;
 
 /** Checks requests of the extensions and writes their answers. */
-final class Offloaded {
+final class Replies {
   /**
    * Numbers of an answer: a fitness and some metrics for every episode, and as much room again for
    * reasons.
@@ -38,7 +38,7 @@ final class Offloaded {
 
   private Architecture architecture;
 
-  Offloaded(long server, Offer offer, Outbox outbox) {
+  Replies(long server, Offer offer, Outbox outbox) {
     this.server = server;
     this.offer = offer;
     this.outbox = outbox;
