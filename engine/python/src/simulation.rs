@@ -196,6 +196,12 @@ impl Simulation for Hosted {
         or_fail(self.call(|host| host.call_method0("measure")?.extract()))
     }
 
+    /// A thread that Python does not know gets a state for each call, which costs ten times the call; and the interpreter's
+    /// lock would change hands at each step.
+    fn scope(&self) -> fn(&mut dyn FnMut()) {
+        |calls| Python::attach(|_| calls())
+    }
+
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {
         if !self.copies {
             return None;

@@ -160,6 +160,12 @@ pub trait Simulation: Send {
         None
     }
 
+    /// Runs many calls of this simulation, on whatever thread makes them: for those that can be readied for all of them at
+    /// once.
+    fn scope(&self) -> fn(&mut dyn FnMut()) {
+        |calls| calls()
+    }
+
     /// The fitness of every candidate of a block in every episode, each followed by the metrics that the block asks
     /// for: row-major (candidates, episodes, 1 + metrics), to the bit what [`rollout`](crate::rollout) and
     /// [`measure`](crate::measure) give; none for those who leave that to them.

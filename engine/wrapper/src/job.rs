@@ -101,7 +101,11 @@ impl Job {
     #[must_use]
     pub fn run(mut self, means: Means) -> Done {
         let start = Instant::now();
-        let result = evaluate(&mut *self.simulation, &self.request, means, &self.abort);
+        let scope = self.simulation.scope();
+        let mut result = Ok(Evaluation::default());
+        scope(&mut || {
+            result = evaluate(&mut *self.simulation, &self.request, means, &self.abort);
+        });
         Done {
             request: self.request,
             simulation: self.simulation,

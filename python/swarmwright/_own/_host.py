@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -49,8 +49,7 @@ class Host:
         self._reported: set[str] = set()
         self._simulation: Simulation | None = None
         if description is None:
-            with self._explained("__init__"):
-                self._simulation = kind()
+            self._simulation = self._made()
             description = describe(self._simulation)
         self.description = description
         self.title = description.title
@@ -81,22 +80,16 @@ class Host:
         except InputError as error:
             raise _engine.InputError(str(error)) from None
         if self._simulation is None:
-            with self._explained("__init__"):
-                self._simulation = self._kind()
-        with self._explained("reset", refusing=True):
-            returned = self._simulation.reset(values, seed)
-        return self._seen("reset", returned, first=True)
+            self._simulation = self._made()
+        return self._seen("reset", self._call("reset", values, seed), first=True)
 
     def step(self, actions: NDArray[np.float32]) -> Seen:
         """Go on by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
-        with self._explained("step"):
-            returned = self._running.step(actions)
-        return self._seen("step", returned, first=False)
+        return self._seen("step", self._call("step", actions), first=False)
 
     def fitness(self) -> float:
         """Return the fitness. Raises SimulationError when the code fails."""
-        with self._explained("fitness"):
-            returned = self._running.fitness()
+        returned = self._call("fitness")
         value = _number(returned)
         if not math.isfinite(value):
             self._fail(f"fitness: {_short(returned)} returned, expected a finite number")
@@ -104,8 +97,7 @@ class Host:
 
     def measure(self) -> list[float]:
         """Return the metrics, in the order of `metrics`. Raises SimulationError when the code fails."""
-        with self._explained("measure"):
-            returned = self._running.measure()
+        returned = self._call("measure")
         if not isinstance(returned, Mapping):
             self._fail(f"measure: {_short(returned)} returned, expected a mapping from names to numbers")
         values = []
@@ -117,28 +109,25 @@ class Host:
                 self._fail(f"measure: {name!r} is {_short(returned[name])}, expected a finite number")
         return values
 
-    @property
-    def _running(self) -> Simulation:
-        assert self._simulation is not None, "reset comes first"
-        return self._simulation
-
     def _seen(self, method: str, returned: Any, *, first: bool) -> Seen:  # noqa: ANN401 - whatever it returns
         """Check observations; ask who acts."""
-        with self._explained("done"):
-            done = bool(self._running.done())
+        done = self._call("done")
+        if not isinstance(done, bool | np.bool_):
+            self._fail(f"done: {_short(done)} returned, expected True or False")
         if done and not first:
             return np.empty(0, np.uint32), np.empty((self._agents, self.sensors), np.float32), True
         rows = self._rows(method, returned, first=first)
         acting = np.empty(0, np.uint32) if done else self._acting()
-        finite = np.logical_and.reduce(np.isfinite(rows), axis=1)
-        for agent in acting:
-            if not finite[agent]:
-                sensor = int(np.flatnonzero(~np.isfinite(rows[agent]))[0])
-                self._fail(
-                    f"{method}: sensor {sensor} of agent {agent} is {rows[agent, sensor]}, "
-                    "expected a finite number (binary32)"
-                )
-        return acting, rows, done
+        # Mostly all of it is finite, which is quickly seen.
+        if not np.isfinite(rows).all():
+            for agent in acting:
+                wrong = np.flatnonzero(~np.isfinite(rows[agent]))
+                if len(wrong):
+                    self._fail(
+                        f"{method}: sensor {wrong[0]} of agent {agent} is {rows[agent, wrong[0]]}, "
+                        "expected a finite number (binary32)"
+                    )
+        return acting, rows, bool(done)
 
     def _rows(self, method: str, returned: Any, *, first: bool) -> NDArray[np.float32]:  # noqa: ANN401
         expected = f"({'agents' if first else self._agents}, {self.sensors})"
@@ -164,8 +153,7 @@ class Host:
         return rows
 
     def _acting(self) -> NDArray[np.uint32]:
-        with self._explained("acting"):
-            returned = self._running.acting()
+        returned = self._call("acting")
         if returned is None:
             return np.arange(self._agents, dtype=np.uint32)
         agents = np.asarray(returned)
@@ -185,20 +173,22 @@ class Host:
             )
         return np.unique(agents).astype(np.uint32)
 
-    @contextlib.contextmanager
-    def _explained(self, method: str, *, refusing: bool = False) -> Iterator[None]:
-        """Turn what the user's code raises into SimulationError.
-
-        refusing: InputError is about the parameters and stays.
-        """
+    def _call(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
+        """Call a method of the user's; what it raises becomes SimulationError."""
         try:
-            yield
+            return getattr(self._simulation, method)(*arguments)
         except (InputError, _engine.InputError) as error:
-            if refusing:
+            if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
         except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
+
+    def _made(self) -> Simulation:
+        try:
+            return self._kind()
+        except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
+            self._fail(self._cause("__init__", error), error)
 
     def _cause(self, method: str, error: BaseException) -> str:
         """What was raised, and the last line of the user's file that led there, or else the last of all."""

@@ -36,6 +36,7 @@ TROUBLE = [
     ("text", r"Walk.step: 'left, right' returned, expected numbers of the shape \(2, 2\)"),
     ("nothing", r"Walk.step: None returned, expected numbers of the shape \(2, 2\)"),
     ("ragged", r"Walk.step: \[\[1.0\], \[1.0, 2.0\]\] returned, expected numbers"),
+    ("not done", r"Walk.done: None returned, expected True or False"),
     ("fitness", r"Walk.fitness: nan returned, expected a finite number"),
     ("no fitness", r"Walk.fitness: None returned, expected a finite number"),
     ("acting", r"Walk.acting: \[0, 2\] returned, but there are 2 agents, from 0 to 1"),

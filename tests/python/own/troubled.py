@@ -51,8 +51,8 @@ class Walk(Simulation):
         self.left -= 1
         return np.asarray(self.seen()) if self.trouble == "" else self.seen()
 
-    def done(self) -> bool:
-        return self.left <= 0
+    def done(self) -> Any:
+        return {"not done": None}.get(self.trouble, self.left <= 0)
 
     def fitness(self) -> Any:
         return {"fitness": np.nan, "no fitness": None}.get(self.trouble, self.sum)
