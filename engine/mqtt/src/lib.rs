@@ -10,6 +10,7 @@ mod plain;
 mod publication;
 mod session;
 mod settings;
+mod tls;
 mod transport;
 
 pub use connection::{Connection, Event, Waker};
@@ -64,13 +65,11 @@ pub enum ConnectError {
         filter: String,
     },
     /// The certificates do not fit.
-    #[error(
-        "no secure connection to {url}: {reason}; name the broker's certificate authority with SWARMWRIGHT_CA_FILE"
-    )]
+    #[error("no secure connection to {url}: {reason}")]
     Tls {
         /// Where.
         url: String,
-        /// What does not fit.
+        /// What does not fit, and how to mend it.
         reason: String,
     },
 }

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use mqtt_protocol_core::mqtt::common::Cursor;
 use mqtt_protocol_core::mqtt::connection::{Event as CoreEvent, TimerKind};
 use mqtt_protocol_core::mqtt::packet::{
-    ContentType, CorrelationData, MessageExpiryInterval, Packet, Property, Qos as CoreQos,
-    ResponseTopic, SubEntry, SubOpts, v3_1_1, v5_0,
+    ContentType, CorrelationData, MaximumPacketSize, MessageExpiryInterval, Packet, Property,
+    Qos as CoreQos, ResponseTopic, SubEntry, SubOpts, v3_1_1, v5_0,
 };
 use mqtt_protocol_core::mqtt::prelude::*;
 use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode, MqttError};
@@ -17,6 +17,9 @@ use mqtt_protocol_core::mqtt::{self, role};
 use crate::plain::{self, Cut};
 use crate::publication::PublishOptions;
 use crate::settings::Settings;
+
+/// The largest packet that a broker may send here (MQTT 5), bytes: the protocol's largest message, its topic and properties.
+const LARGEST_PACKET: u32 = (64 << 20) + (1 << 20);
 
 /// Quality of service of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -191,7 +194,8 @@ impl Session {
         }
         let packet: Packet = match self.version {
             Version::V5 => {
-                let mut builder = connect!(v5_0);
+                let mut builder =
+                    connect!(v5_0).props(vec![MaximumPacketSize::new(LARGEST_PACKET)?.into()]);
                 if let Some(will) = &settings.will {
                     builder =
                         builder.will_props(vec![MessageExpiryInterval::new(will.expiry)?.into()]);

@@ -4,17 +4,14 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream as StdStream, ToSocketAddrs};
-use std::sync::Arc;
 
 use mio::net::TcpStream;
-use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, ServerName};
-use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use rustls::{ClientConnection, StreamOwned};
 use socket2::SockRef;
 use tungstenite::WebSocket;
 
-use crate::ConnectError;
 use crate::settings::{Scheme, Settings};
+use crate::{ConnectError, tls};
 
 /// TCP or TLS.
 enum Channel {
@@ -120,7 +117,7 @@ impl Transport {
         })?;
         let secure = matches!(settings.url.scheme, Scheme::Mqtts | Scheme::Wss);
         let channel = if secure {
-            tls(settings, stream)?
+            Channel::Tls(Box::new(tls::connect(settings, stream)?))
         } else {
             Channel::Plain(stream)
         };
@@ -201,41 +198,4 @@ fn connect_tcp(settings: &Settings) -> io::Result<TcpStream> {
         }
     }
     Err(last)
-}
-
-fn tls(settings: &Settings, stream: TcpStream) -> Result<Channel, ConnectError> {
-    let failed = |reason: String| ConnectError::Tls {
-        url: settings.url.to_string(),
-        reason,
-    };
-    let mut roots = RootCertStore::empty();
-    if let Some(file) = &settings.ca_file {
-        let unreadable =
-            |error: rustls::pki_types::pem::Error| failed(format!("{}: {error}", file.display()));
-        for certificate in CertificateDer::pem_file_iter(file).map_err(unreadable)? {
-            roots
-                .add(certificate.map_err(unreadable)?)
-                .map_err(|error| failed(error.to_string()))?;
-        }
-    } else {
-        roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
-    }
-    let name = ServerName::try_from(settings.url.host.clone())
-        .map_err(|error| failed(error.to_string()))?;
-    let config =
-        ClientConfig::builder_with_provider(Arc::new(rustls::crypto::ring::default_provider()))
-            .with_safe_default_protocol_versions()
-            .map_err(|error| failed(error.to_string()))?
-            .with_root_certificates(roots)
-            .with_no_client_auth();
-    let connection =
-        ClientConnection::new(Arc::new(config), name).map_err(|error| failed(error.to_string()))?;
-    let mut stream = StreamOwned::new(connection, stream);
-    while stream.conn.is_handshaking() {
-        stream
-            .conn
-            .complete_io(&mut stream.sock)
-            .map_err(|error| failed(error.to_string()))?;
-    }
-    Ok(Channel::Tls(Box::new(stream)))
 }
