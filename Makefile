@@ -2,6 +2,7 @@
 # make java    the simulation wrapper for Java and its example server
 # make test    every test
 # make lint    every check that needs no run
+# make audit   look for known weaknesses in what we depend on (asks databases in the network)
 # make bench   measure, into build/bench.json
 # make docs    write the reference pages that are made of the code
 # make clean   remove what was built (results in runs/ stay)
@@ -11,7 +12,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo java test test-engine test-java test-python lint lint-engine lint-java lint-python lint-protocol bench docs clean
+.PHONY: help demo java test test-engine test-java test-python lint lint-engine lint-java lint-python lint-protocol audit bench docs clean
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -66,6 +67,7 @@ lint: lint-engine lint-java lint-python lint-protocol
 lint-engine: $(VENV)/.created
 	$(CARGO) fmt $(MANIFEST) --all --check
 	$(CARGO) clippy $(MANIFEST) --workspace --all-targets --quiet -- -D warnings
+	$(BIN)/python engine/dependencies.py
 
 lint-java: $(JAVA)
 	$(MAVEN) spotless:check
@@ -78,6 +80,13 @@ lint-python: $(VENV)/.engine $(VENV)/.dev
 
 lint-protocol: protocol/node_modules/.package-lock.json
 	node protocol/validate.mjs
+
+# Apart from lint: cargo-deny takes minutes to compile, and both ask databases that no package registry mirrors.
+audit: $(VENV)/.engine
+	@command -v cargo-deny > /dev/null || $(CARGO) install --locked --quiet cargo-deny
+	$(BIN)/python -m pip install --quiet --group audit
+	$(CARGO) deny $(MANIFEST) check --config engine/deny.toml
+	$(BIN)/pip-audit --strict --skip-editable --local
 
 protocol/node_modules/.package-lock.json: protocol/package.json protocol/package-lock.json
 	@command -v npm > /dev/null || { $(call install,nodejs npm); }
