@@ -226,10 +226,14 @@ class Broker:
         *,
         websocket_port: int | None = None,
         users: str | None = None,
+        access: str | None = None,
         certificate: str | None = None,
         key: str | None = None,
     ) -> Broker:
-        """port 0: any free one. users: path of a password file. Raises EngineError when the address cannot be bound."""
+        """port 0: any free one. users, access: paths of a password file and of an access file, Mosquitto's formats.
+
+        Raises EngineError when the address cannot be bound or a file cannot be used.
+        """
     @property
     def url(self) -> str: ...
     @property
@@ -251,6 +255,18 @@ def evaluate_own(
     Returns fitness and metrics as `evaluate`, NaN where the simulation's code failed, and those evaluations:
     (candidate, episode, reason).
     Raises InputError for parameters that the simulation refuses, controllers that do not fit it.
+    """
+
+def hash_password(password: str) -> str:
+    """argon2id hash with a new salt, for a password file of the embedded broker."""
+
+def hash_for_mosquitto(password: str) -> str:
+    """PBKDF2-HMAC-SHA-512 hash with a new salt ($7$), for a password file of Mosquitto 2 or the embedded broker."""
+
+def certificates(hosts: Sequence[str], days: int) -> tuple[str, str, str, str]:
+    """PEM texts of an authority for ten years, its key, a certificate for the hosts (names or addresses) for so many days, its key.
+
+    Raises EngineError for a host that cannot stand in a certificate.
     """
 
 def serve(

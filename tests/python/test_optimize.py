@@ -226,7 +226,7 @@ def test_no_broker_there(unused_port: int, tmp_path: Path) -> None:
 def test_a_broker_that_refuses_the_password(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from swarmwright import _engine
 
-    (tmp_path / "users").write_text("ada:s3cret\n")
+    (tmp_path / "users").write_text(f"ada:{_engine.hash_password('s3cret')}\n")
     broker = _engine.Broker(users=str(tmp_path / "users"))
     try:
         monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")

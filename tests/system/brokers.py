@@ -78,7 +78,11 @@ def _embedded(port: int, folder: Path, users: Mapping[str, str]) -> list[str]:
     command = [*PROGRAM, "broker", "--port", str(port)]
     if users:
         file = folder / "users.txt"
-        file.write_text("".join(f"{name}:{password}\n" for name, password in users.items()))
+        for name, password in users.items():
+            add = [*PROGRAM, "broker", "--add-user", str(file), name]
+            subprocess.run(
+                add, input=f"{password}\n", text=True, check=True, capture_output=True, env=environment()
+            )
         command += ["--users", str(file)]
     return command
 

@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
@@ -37,16 +38,36 @@ def _send_at_once(_client: Client, _data: object, opened: object) -> None:
 
 
 class Peer:
-    """A connected client with subscriptions; what comes waits in `inbox`."""
+    """A connected client with subscriptions; what comes waits in `inbox`.
 
-    def __init__(self, url: str, *subscriptions: str, version: int = 5) -> None:
+    login: user and password. authority: whose certificates count, for `mqtts://`.
+    again: connect again when the connection is lost.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *subscriptions: str,
+        version: int = 5,
+        login: tuple[str, str] | None = None,
+        authority: Path | None = None,
+        again: bool = True,
+    ) -> None:
         self.inbox: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._subscribed = threading.Event()
-        self._client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTv5 if version == 5 else MQTTv311)
+        self._client = Client(
+            CallbackAPIVersion.VERSION2,
+            protocol=MQTTv5 if version == 5 else MQTTv311,
+            reconnect_on_failure=again,
+        )
         self._client.max_inflight_messages_set(1000)
         self._client.on_socket_open = _send_at_once
         self._client.on_message = self._on_message
         self._client.on_subscribe = lambda *_: self._subscribed.set()
+        if login:
+            self._client.username_pw_set(*login)
+        if authority:
+            self._client.tls_set(ca_certs=str(authority))
         address = urlsplit(url)
         assert address.hostname is not None
         assert address.port is not None

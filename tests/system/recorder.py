@@ -27,9 +27,9 @@ def validator(name: str) -> Draft202012Validator:
 class Recorder(Peer):
     """Subscribed to everything; `messages` are in the order in which the broker passed them on."""
 
-    def __init__(self, url: str, *filters: str) -> None:
+    def __init__(self, url: str, *filters: str, **how: Any) -> None:
         self.messages: list[Received] = []
-        super().__init__(url, *(filters or ("#",)))
+        super().__init__(url, *(filters or ("#",)), **how)
 
     def received(self, message: Received) -> None:
         self.messages.append(message)

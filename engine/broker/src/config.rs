@@ -12,7 +12,7 @@ pub struct Config {
     pub port: u16,
     /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
     pub websocket_port: Option<u16>,
-    /// Password file in the format of `mosquitto_passwd`; None = everybody may connect.
+    /// Password file, `user:hash` lines; None = everybody may connect.
     pub users: Option<PathBuf>,
     /// Access file in Mosquitto's format; None = everybody may read and write everything.
     pub access: Option<PathBuf>,

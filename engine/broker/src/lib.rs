@@ -15,6 +15,7 @@
 //! ```
 
 mod access;
+mod certificates;
 mod codec;
 mod config;
 mod connection;
@@ -24,14 +25,17 @@ mod lines;
 mod message;
 mod outbox;
 mod retained;
+mod secret;
 mod server;
 mod session;
 mod topic;
 mod transport;
 mod users;
 
+pub use certificates::{Certificates, certify};
 pub use config::{Config, Limits};
 pub use error::BrokerError;
+pub use secret::{hash_for_mosquitto, hash_password};
 
 use access::Access;
 use server::{Server, Stopper};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use swarmwright_broker::{Broker, Config};
+use swarmwright_broker::{Broker, Config, certify};
 
 use crate::errors::engine;
 
@@ -18,13 +18,15 @@ pub struct PyBroker {
 #[pymethods]
 impl PyBroker {
     #[new]
-    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, certificate=None, key=None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
+    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None))]
     fn new(
         py: Python<'_>,
         host: &str,
         port: u16,
         websocket_port: Option<u16>,
         users: Option<PathBuf>,
+        access: Option<PathBuf>,
         certificate: Option<PathBuf>,
         key: Option<PathBuf>,
     ) -> PyResult<Self> {
@@ -33,6 +35,7 @@ impl PyBroker {
             port,
             websocket_port,
             users,
+            access,
             certificate,
             key,
             ..Config::default()
@@ -60,4 +63,29 @@ impl PyBroker {
             py.detach(|| broker.stop());
         }
     }
+}
+
+/// The argon2id hash of a password.
+#[pyfunction]
+pub fn hash_password(py: Python<'_>, password: &str) -> PyResult<String> {
+    py.detach(|| swarmwright_broker::hash_password(password))
+        .map_err(engine)
+}
+
+/// The `$7$` hash of a password.
+#[pyfunction]
+pub fn hash_for_mosquitto(password: &str) -> PyResult<String> {
+    swarmwright_broker::hash_for_mosquitto(password).map_err(engine)
+}
+
+/// An authority, its key, a certificate, its key.
+#[pyfunction]
+pub fn certificates(hosts: Vec<String>, days: i64) -> PyResult<(String, String, String, String)> {
+    let made = certify(&hosts, days).map_err(engine)?;
+    Ok((
+        made.authority,
+        made.authority_key,
+        made.certificate,
+        made.key,
+    ))
 }

@@ -23,6 +23,9 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<controller::PyController>()?;
     module.add_class::<worlds::PyEpisode>()?;
     module.add_class::<broker::PyBroker>()?;
+    module.add_function(wrap_pyfunction!(broker::hash_password, module)?)?;
+    module.add_function(wrap_pyfunction!(broker::hash_for_mosquitto, module)?)?;
+    module.add_function(wrap_pyfunction!(broker::certificates, module)?)?;
     module.add_class::<pool::PyPool>()?;
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;

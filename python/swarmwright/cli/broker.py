@@ -1,66 +1,129 @@
-"""`swarmwright broker`: the embedded MQTT broker on its own."""
+"""`swarmwright broker`: the embedded MQTT broker on its own, and files for this and other brokers."""
 
 import ipaddress
+import shlex
 import socket
+import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, WholeNumber, json_option
+from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
 
 Port = WholeNumber(0, 65535)
 
+EXAMPLE = """\
+swarmwright broker --port 1883
+swarmwright broker --init lab --host broker.example.org
+swarmwright broker --add-user users.txt ada
+swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --key key.pem"""
 
-@click.command(
-    "broker",
-    cls=Command,
-    example="swarmwright broker --port 1883\nswarmwright broker --host 0.0.0.0 --users users.txt",
+
+@click.command("broker", cls=Command, example=EXAMPLE)
+@click.option("--port", type=Port, help="TCP port; 0 takes any free one.  [default: 1883, or 8883 with TLS]")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    metavar="HOST",
+    help="Address to listen on (default: 127.0.0.1); with --init, a name or address by which clients reach "
+    "the broker, as many times as there are (default: this machine's name).",
 )
-@click.option("--port", type=Port, default=1883, show_default=True, help="TCP port; 0 takes any free one.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--websocket-port", type=Port, metavar="PORT", help="Also listen for MQTT over websockets.")
 @click.option(
     "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users are let in."
 )
 @click.option(
+    "--access",
+    type=ExistingPath(),
+    metavar="FILE",
+    help="Who may read and write which topics, in the format of Mosquitto's acl_file.",
+)
+@click.option(
     "--certificate", type=ExistingPath(), metavar="FILE", help="Listen with TLS; certificate chain, PEM."
 )
 @click.option("--key", type=ExistingPath(), metavar="FILE", help="The certificate's private key, PEM.")
+@click.option(
+    "--add-user",
+    nargs=2,
+    metavar="FILE NAME",
+    help="Write a user into a password file, or give one another password, and end. The password is asked "
+    "for, or is the first line of standard input.",
+)
+@click.option(
+    "--init",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write a Mosquitto configuration with TLS, passwords and access rules into a folder, and end. "
+    "Nothing is overwritten.",
+)
+@click.option(
+    "--prefix",
+    "prefixes",
+    type=Prefix(),
+    multiple=True,
+    metavar="P",
+    help="With --init: topic prefix that gets accounts of its own, as many times as there are.",
+)
 @json_option
 def command(
-    port: int,
-    host: str,
+    port: int | None,
+    hosts: tuple[str, ...],
     websocket_port: int | None,
     users: Path | None,
+    access: Path | None,
     certificate: Path | None,
     key: Path | None,
+    add_user: tuple[str, str] | None,
+    folder: Path | None,
+    prefixes: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Run the MQTT broker until Ctrl-C.
+    """Run the MQTT broker until Ctrl-C, or write the files that a broker needs.
 
     Everybody who can reach the broker may use it, unless there is a password file. Therefore it listens to
-    this machine only, and to other machines with a password file.
+    this machine alone, and to other machines only with a password file and TLS.
     """
+    output = Output(as_json=as_json)
+    if folder is not None or add_user is not None:
+        others = {
+            "--websocket-port": websocket_port,
+            "--users": users,
+            "--access": access,
+            "--certificate": certificate,
+            "--key": key,
+            **({} if folder is None else {"--add-user": add_user}),
+        }
+        _refuse("--add-user" if folder is None else "--init", others)
+    if folder is not None:
+        return _init(output, folder, hosts, port, prefixes)
+    if add_user is not None:
+        return _add_user(output, Path(add_user[0]), add_user[1])
+    if prefixes:
+        raise click.UsageError("--prefix goes with --init alone; a broker serves every prefix.")
+    if len(hosts) > 1:
+        raise click.UsageError("The broker listens on one address; --host was given more than once.")
+    host = hosts[0] if hosts else "127.0.0.1"
     if (certificate is None) != (key is None):
         missing = "--key" if key is None else "--certificate"
         raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
-    if users is None and not _loopback(host):
-        raise click.UsageError(
-            f"'{host}' can be reached from other machines, and without a password everybody there could use "
-            "the broker. Give --users FILE, or listen on 127.0.0.1."
-        )
+    if access is not None and users is None:
+        raise click.UsageError("--access names users, and nobody has a name without --users FILE.")
+    _check_exposure(host, users=users, certificate=certificate)
     from swarmwright import _engine
 
-    output = Output(as_json=as_json)
     broker = _engine.Broker(
         host,
-        port,
+        port if port is not None else 8883 if certificate else 1883,
         websocket_port=websocket_port,
         users=str(users) if users else None,
+        access=str(access) if access else None,
         certificate=str(certificate) if certificate else None,
         key=str(key) if key else None,
     )
@@ -75,6 +138,31 @@ def command(
     return 0
 
 
+def _refuse(option: str, others: Mapping[str, object]) -> None:
+    given = [name for name, value in others.items() if value is not None]
+    if given:
+        raise click.UsageError(f"{option} writes files and starts no broker; leave out {', '.join(given)}.")
+
+
+def _check_exposure(host: str, *, users: Path | None, certificate: Path | None) -> None:
+    """Refuse to be reachable from other machines without both passwords and TLS."""
+    if (users and certificate) or _loopback(host):
+        return
+    reasons = []
+    if users is None:
+        reasons.append(
+            "Without a password everybody there could use the broker: give --users FILE, see --add-user."
+        )
+    if certificate is None:
+        reasons.append(
+            "Without TLS everybody on the way could read along: give --certificate FILE and --key FILE, "
+            "such as --init makes them."
+        )
+    raise click.UsageError(
+        f"'{host}' can be reached from other machines. {' '.join(reasons)} Or listen on 127.0.0.1."
+    )
+
+
 def _loopback(host: str) -> bool:
     """Whether every address of the host belongs to this machine alone."""
     try:
@@ -82,3 +170,52 @@ def _loopback(host: str) -> bool:
     except (OSError, UnicodeError) as error:
         raise click.UsageError(f"'{host}' is no address of this machine ({error}); try 127.0.0.1.") from None
     return all(ipaddress.ip_address(str(address[4][0]).split("%")[0]).is_loopback for address in found)
+
+
+def _add_user(output: Output, file: Path, name: str) -> int:
+    from swarmwright._password_file import check_user, set_password
+
+    check_user(name)
+    if sys.stdin.isatty():
+        password = click.prompt(f"Password of {name}", hide_input=True, confirmation_prompt=True, err=True)
+    else:
+        password = sys.stdin.readline().rstrip("\r\n")
+        if not password:
+            raise click.UsageError(
+                "The password is expected as the first line of standard input; it is empty."
+            )
+    new = set_password(file, name, password)
+    output.text(f"{file}: {name} {'added' if new else 'has another password now'}")
+    output.json({"event": "user", "file": str(file), "user": name, "new": new})
+    return 0
+
+
+def _init(
+    output: Output, folder: Path, hosts: tuple[str, ...], port: int | None, prefixes: tuple[str, ...]
+) -> int:
+    from swarmwright._mosquitto import write_configuration
+
+    if port == 0:
+        raise click.UsageError("--init writes the port down; name one, such as 8883.")
+    made = write_configuration(folder, given=hosts, port=port or 8883, prefixes=prefixes)
+    output.json({"event": "written", "folder": str(folder), "users": [account.user for account in made]})
+
+    def variables(role: str) -> str:
+        first = next(account for account in made if account.role == role)
+        return f". {shlex.quote(str(folder / f'{first.user}.env'))}"
+
+    prefix = f" --prefix {shlex.quote(made[0].prefix)}" if made[0].prefix else ""
+    output.text(
+        f"{folder}: a Mosquitto configuration with the users {', '.join(account.user for account in made)}"
+    )
+    output.text("Now, each in a terminal of its own:")
+    output.text(f"  mosquitto -c {shlex.quote(str(folder / 'mosquitto.conf'))}")
+    output.text(f"  {variables('server')} && swarmwright serve minisim{prefix}")
+    output.text(f"  {variables('tool')} && swarmwright optimize EXPERIMENT.yaml")
+    if prefix:
+        output.text(f"The experiment says which prefix is its own, `prefix: {made[0].prefix}`.")
+    output.text(
+        "Another machine needs ca.pem, and the .password of its role, by a safe way. ca-key.pem is needed to "
+        "renew the certificate alone; keep it elsewhere."
+    )
+    return 0

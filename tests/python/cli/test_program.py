@@ -92,7 +92,7 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["servers", "--prefix", "lab/#"], ["--prefix", "'#'"]),
         (["new", "minisym"], ["unknown template 'minisym'", "did you mean 'minisim'?"]),
         (["broker", "--port", "70000"], ["70000 is not in the range"]),
-        (["broker", "--host", "0.0.0.0"], ["can be reached from other machines", "--users"]),
+        (["broker", "--host", "0.0.0.0"], ["can be reached from other machines", "--users", "--certificate"]),
         (["broker", "--host", "::"], ["can be reached from other machines"]),
         (["broker", "--host", "no.such.host.invalid"], ["no address of this machine"]),
         (["broker", "--certificate", "experiment.yaml"], ["--key is missing"]),

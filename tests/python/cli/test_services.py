@@ -142,20 +142,3 @@ def test_an_id_that_is_taken(start: Any, program: Any, embedded_broker: str) -> 
     second = program("serve", "minisim", "--broker", embedded_broker, "--id", "9")
     assert second.returncode == 1
     assert "9" in second.stderr
-
-
-def test_the_broker_asks_for_the_password(start: Any, program: Any, tmp_path: Path) -> None:
-    (tmp_path / "users.txt").write_text("lab:correct horse\n")
-    (tmp_path / "secret").write_text("correct horse\n")
-    (listening,) = events(start("broker", "--port", "0", "--users", "users.txt", "--json"), "listening")
-    url = listening["url"]
-    without = program("servers", "--broker", url)
-    assert without.returncode == 1
-    assert "SWARMWRIGHT_PASSWORD" in without.stderr
-    wrong = program(
-        "servers", "--broker", url, env={"SWARMWRIGHT_USERNAME": "lab", "SWARMWRIGHT_PASSWORD": "battery"}
-    )
-    assert wrong.returncode == 1
-    assert "battery" not in wrong.stderr
-    right = {"SWARMWRIGHT_USERNAME": "lab", "SWARMWRIGHT_PASSWORD_FILE": str(tmp_path / "secret")}
-    assert program("servers", "--broker", url, env=right).returncode == 0

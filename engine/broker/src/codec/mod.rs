@@ -45,6 +45,8 @@ pub mod reason {
     pub const BAD_PASSWORD: u8 = 0x86;
     /// The user may not do this.
     pub const NOT_AUTHORIZED: u8 = 0x87;
+    /// Not now; later perhaps.
+    pub const BUSY: u8 = 0x89;
     /// The broker is stopping.
     pub const SHUTTING_DOWN: u8 = 0x8b;
     /// Enhanced authentication is not offered.

@@ -5,6 +5,7 @@ use crate::codec::{Connect, Publish, Refusal, Version, Welcome, connack, reason}
 use crate::message::Message;
 use crate::session::{Session, Terms, Testament};
 use crate::topic;
+use crate::users::Verdict;
 use std::time::{Duration, Instant};
 
 /// QoS 1 and 2 messages unacknowledged in one direction of a connection.
@@ -26,7 +27,7 @@ impl Hub {
             window: connect.receive_maximum.min(WINDOW),
             maximum_packet: connect.maximum_packet as usize,
         };
-        self.admit(connect)?;
+        self.admit(connect, now)?;
         if let Some(will) = &connect.will
             && !topic::is_name(will.topic)
         {
@@ -87,8 +88,8 @@ impl Hub {
     }
 
     /// User name and password, where a password file is in force.
-    fn admit(&self, connect: &Connect<'_>) -> Result<(), Refusal> {
-        let Some(users) = &self.users else {
+    fn admit(&mut self, connect: &Connect<'_>, now: Instant) -> Result<(), Refusal> {
+        let Some(users) = &mut self.users else {
             return Ok(());
         };
         let Some(user) = connect.user else {
@@ -97,13 +98,17 @@ impl Hub {
                 "this broker asks for user name and password",
             ));
         };
-        if users.admit(user, connect.password.unwrap_or_default()) {
-            return Ok(());
+        match users.admit(user, connect.password.unwrap_or_default(), now) {
+            Verdict::Admitted => Ok(()),
+            Verdict::Wrong => Err(Refusal::new(
+                reason::BAD_PASSWORD,
+                "wrong user name or password",
+            )),
+            Verdict::Later => Err(Refusal::new(
+                reason::BUSY,
+                "too many wrong passwords within a second",
+            )),
         }
-        Err(Refusal::new(
-            reason::BAD_PASSWORD,
-            "wrong user name or password",
-        ))
     }
 
     /// The identifier given to a client that came without; None when it has its own.

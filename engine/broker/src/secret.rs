@@ -1,0 +1,194 @@
+//! One user's password as a password file keeps it, and the making of such a line.
+
+use crate::BrokerError;
+use argon2::{
+    Argon2,
+    password_hash::{PasswordHash, PasswordHasher, PasswordVerifier, SaltString},
+};
+use base64::{Engine, engine::general_purpose::STANDARD};
+use ring::pbkdf2;
+use ring::rand::{SecureRandom, SystemRandom};
+use std::io;
+use std::num::NonZeroU32;
+
+const HINT: &str =
+    "write the line again with `swarmwright broker --add-user FILE NAME` or mosquitto_passwd";
+
+/// What a password is compared with.
+pub enum Secret {
+    /// `$argon2id$v=19$m=...,t=...,p=...$salt$hash`, RFC 9106.
+    Argon2(Box<str>),
+    /// `$7$iterations$salt$hash`: PBKDF2 with HMAC-SHA-512, as `mosquitto_passwd` writes it.
+    Pbkdf2 {
+        iterations: NonZeroU32,
+        salt: Vec<u8>,
+        hash: Vec<u8>,
+    },
+}
+
+impl Secret {
+    /// Reads the part of the line behind the user name; the error never repeats it.
+    pub fn read(text: &str) -> Result<Self, String> {
+        if text.starts_with("$argon2") {
+            return match PasswordHash::new(text) {
+                Ok(hash) if hash.salt.is_some() && hash.hash.is_some() => {
+                    Ok(Self::Argon2(text.into()))
+                }
+                _ => Err(format!("the argon2 hash is damaged; {HINT}")),
+            };
+        }
+        let Some(fields) = text.strip_prefix("$7$") else {
+            return Err(format!(
+                "only hashes are taken here, argon2 or $7$, and no passwords that can be read; {HINT}"
+            ));
+        };
+        let parts: Vec<&str> = fields.split('$').collect();
+        let [iterations, salt, hash] = parts[..] else {
+            return Err(format!("$7$iterations$salt$hash expected; {HINT}"));
+        };
+        let iterations = iterations
+            .parse()
+            .map_err(|_| format!("the number of iterations is wrong; {HINT}"))?;
+        let bytes = |text: &str| {
+            STANDARD
+                .decode(text)
+                .map_err(|error| format!("{error}; {HINT}"))
+        };
+        Ok(Self::Pbkdf2 {
+            iterations,
+            salt: bytes(salt)?,
+            hash: bytes(hash)?,
+        })
+    }
+
+    /// Is this the password?
+    pub fn is(&self, password: &[u8]) -> bool {
+        match self {
+            Self::Argon2(text) => PasswordHash::new(text)
+                .is_ok_and(|hash| Argon2::default().verify_password(password, &hash).is_ok()),
+            Self::Pbkdf2 {
+                iterations,
+                salt,
+                hash,
+            } => pbkdf2::verify(
+                pbkdf2::PBKDF2_HMAC_SHA512,
+                *iterations,
+                salt,
+                password,
+                hash,
+            )
+            .is_ok(),
+        }
+    }
+}
+
+/// The argon2id hash of a password with a new salt, for a password file: 19 MiB of memory, 2 passes, 1 lane, the
+/// parameters that OWASP's Password Storage Cheat Sheet names first.
+///
+/// # Errors
+/// The operating system gives no random numbers.
+pub fn hash_password(password: &str) -> Result<String, BrokerError> {
+    let salt: [u8; 16] = random()?;
+    SaltString::encode_b64(&salt)
+        .and_then(|salt| {
+            Argon2::default()
+                .hash_password(password.as_bytes(), &salt)
+                .map(|hash| hash.to_string())
+        })
+        .map_err(|error| system(&error))
+}
+
+/// The `$7$` hash of a password with a new salt, as Mosquitto 2 reads it: PBKDF2-HMAC-SHA-512, 10,000 iterations.
+///
+/// It is for long random passwords; those that people choose belong in [`hash_password`].
+///
+/// # Errors
+/// The operating system gives no random numbers.
+pub fn hash_for_mosquitto(password: &str) -> Result<String, BrokerError> {
+    const ITERATIONS: NonZeroU32 = NonZeroU32::new(10_000).unwrap();
+    let salt: [u8; 12] = random()?;
+    let mut hash = [0; 64];
+    pbkdf2::derive(
+        pbkdf2::PBKDF2_HMAC_SHA512,
+        ITERATIONS,
+        &salt,
+        password.as_bytes(),
+        &mut hash,
+    );
+    Ok(format!(
+        "$7${ITERATIONS}${}${}",
+        STANDARD.encode(salt),
+        STANDARD.encode(hash)
+    ))
+}
+
+fn random<const N: usize>() -> Result<[u8; N], BrokerError> {
+    let mut bytes = [0; N];
+    SystemRandom::new()
+        .fill(&mut bytes)
+        .map_err(|_| system(&"the operating system gives no random numbers"))?;
+    Ok(bytes)
+}
+
+fn system(error: &impl ToString) -> BrokerError {
+    BrokerError::System {
+        what: "hash the password",
+        source: io::Error::other(error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hash_that_mosquitto_passwd_wrote() {
+        let hash = include_str!("../tests/data/users")
+            .lines()
+            .find_map(|line| line.strip_prefix("ada:"));
+        let secret = Secret::read(hash.unwrap()).unwrap();
+        assert!(secret.is(b"correct horse"));
+        assert!(!secret.is(b"correct horsf"));
+        assert!(!secret.is(b""));
+    }
+
+    #[test]
+    fn hashes_made_here_admit_their_password_alone() {
+        for make in [hash_password, hash_for_mosquitto] {
+            let (first, second) = (make("pass:wörd").unwrap(), make("pass:wörd").unwrap());
+            assert_ne!(first, second, "the salt is new every time");
+            let secret = Secret::read(&first).unwrap();
+            assert!(secret.is("pass:wörd".as_bytes()));
+            for wrong in ["pass:word", "", "pass:wörd "] {
+                assert!(!secret.is(wrong.as_bytes()));
+            }
+        }
+    }
+
+    /// Hashes of another make (OpenSSL 3) are read, whatever their cost.
+    #[test]
+    fn a_hash_of_another_make_with_other_parameters() {
+        let secret = Secret::read(OPENSSL).unwrap();
+        assert!(secret.is(b"correct horse"));
+        assert!(!secret.is(b"correct horsf"));
+    }
+
+    const OPENSSL: &str = "$argon2id$v=19$m=1024,t=3,p=2$c2FsdHNhbHRzYWx0c2FsdA$it4mS7BNtvu87nsxKTLvldnWAIzKO9HoMR5I/DL6HMs";
+
+    #[test]
+    fn what_is_wrong_is_said_and_the_secret_is_not() {
+        for wrong in [
+            "plain password",
+            "$6$salt$hash",
+            "$7$101$salt",
+            "$7$0$c2FsdA==$aGFzaA==",
+            "$7$101$?$aGFzaA==",
+            "$argon2id$v=19$m=19456,t=2,p=1$c2FsdHNhbHQ",
+            "$argon2id$",
+        ] {
+            let message = Secret::read(wrong).err().unwrap();
+            assert!(message.contains("--add-user"), "{message}");
+            assert!(!message.contains(wrong), "{message}");
+        }
+    }
+}
