@@ -210,3 +210,22 @@ def test_tls_where_there_is_none(embedded: BrokerProcess, launch: Launch) -> Non
     refused = launch("servers", "--broker", embedded.url.replace("mqtt:", "mqtts:"))
     assert refused.wait() == 1
     assert f"127.0.0.1:{embedded.port}" in refused.stderr
+
+
+def test_a_hundred_megabytes_reach_nobody(
+    broker: BrokerProcess, serve: Any, launch: Launch, experiment: Experiment
+) -> None:
+    """The built-in broker ends the sender's connection; Mosquitto takes it and is told not to pass it on."""
+    servers = serve(broker.url)
+    status = Path(f"/proc/{servers.pids[1]}/status")
+
+    def most() -> int:
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) * 1024
+
+    before = most()
+    for topic in ("control", "swarmwright/v1/server/1"):
+        with Peer(broker.url, again=False) as sender, contextlib.suppress(RuntimeError):
+            sender.publish(topic, b"[" * 100_000_000)
+    assert launch("optimize", experiment(), "--broker", broker.url, "--out", "result").wait() == 0
+    assert most() - before < 64_000_000

@@ -102,7 +102,7 @@ fn files_that_cannot_be_used_are_named_with_their_line() {
                 users: some(&path),
                 ..Config::default()
             },
-            vec!["password file", &here, "line 4", "mosquitto_passwd"],
+            vec!["password file", &here, "line 3", "mosquitto_passwd"],
         ),
         (
             Config {
