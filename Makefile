@@ -60,7 +60,8 @@ test-java: $(JAVA)
 test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
-	$(BIN)/python -m pytest
+	# Many tests wait for other processes: three at a time keep two processors busy.
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 lint: lint-engine lint-java lint-python lint-protocol
 

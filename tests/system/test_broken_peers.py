@@ -173,6 +173,7 @@ def test_interrupted_runs_free_their_servers_at_once(
     tool.ask("c" * 64)
     answers = {tool.hear(2)[1]["server"], tool.hear(2)[1]["server"]}
     assert answers == {1, 2}
+    recorder.settle()  # it may hear of all this later than the servers
     assert {content["server"] for content in recorder.on("control") if not content["run"]} == {1, 2}
     last = json.loads(run.lines[-1])
     assert last["generations"] >= 1
