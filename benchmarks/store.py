@@ -22,10 +22,11 @@ LENGTHS = (100, 1000)
 """Generations of the runs whose memory is compared."""
 
 _PEAK = """
-import resource, sys, swarmwright
+import os, sys, swarmwright
+from benchmarks.processes import peak_memory
 from benchmarks.store import tiny
 swarmwright.optimize(tiny(int(sys.argv[1]), int(sys.argv[2])), out=sys.argv[3])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(peak_memory(os.getpid()))
 """
 
 
@@ -62,7 +63,7 @@ class StoreSuite:
         wall = Samples(f"a generation of {self._candidates} evaluations of 1 ms, local", "ms")
         share = Samples("storing it, share of its time", "%", aim="<= 5 %")
         short, long = (
-            Samples(f"peak memory, {length} generations of {self._candidates}", "MiB")
+            Samples(f"peak memory, {length} generations of {self._candidates}", "MB")
             for length in self._lengths
         )
         long.against, long.aim = short, "<= 1.1"
@@ -113,7 +114,7 @@ def _shares(experiment: Experiment, folder: Path) -> tuple[float, float]:
 
 
 def _peak(candidates: int, generations: int, folder: Path) -> float:
-    """Return the largest resident memory, in MiB, of a process that makes a run."""
+    """Return the largest resident memory, in MB, of a process that makes a run."""
     arguments = [sys.executable, "-c", _PEAK, str(candidates), str(generations), str(folder)]
     result = subprocess.run(arguments, cwd=ROOT, check=True, capture_output=True, text=True)
     return float(result.stdout)
