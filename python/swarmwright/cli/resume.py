@@ -60,6 +60,8 @@ def command(
     broker = experiment_broker(broker, experiment.broker, wanted)
     if opened.state == "done" and not generations:
         output.text(f"{run} is finished: there is nothing left to do.")
+    else:
+        output.text(f"Going through the {opened.generations} generations that are stored; then on from there.")
     return evolve(
         output,
         experiment if generations is None else experiment.replace(method={"generations": generations}),
