@@ -61,7 +61,8 @@ def command(
     if opened.state == "done" and not generations:
         output.text(f"{run} is finished: there is nothing left to do.")
     else:
-        output.text(f"Going through the {opened.generations} generations that are stored; then on from there.")
+        whole = generations or experiment.generations
+        output.text(f"{opened.generations} of {whole} generations are stored; through these, then on from there.")
     return evolve(
         output,
         experiment if generations is None else experiment.replace(method={"generations": generations}),
