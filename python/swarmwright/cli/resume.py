@@ -62,7 +62,9 @@ def command(
         output.text(f"{run} is finished: there is nothing left to do.")
     else:
         whole = generations or experiment.generations
-        output.text(f"{opened.generations} of {whole} generations are stored; through these, then on from there.")
+        output.text(
+            f"{opened.generations} of {whole} generations are stored; through these, then on from there."
+        )
     return evolve(
         output,
         experiment if generations is None else experiment.replace(method={"generations": generations}),
