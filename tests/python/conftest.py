@@ -1,14 +1,19 @@
 """What the library's tests share: a simulation server as somebody else would write it, with D6.1 alone."""
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import paho.mqtt.client as mqtt
 import pytest
 from hypothesis import HealthCheck, settings
 from paho.mqtt.enums import CallbackAPIVersion
+
+from swarmwright import Run, optimize
+from tests.python.records import EXPERIMENT
 
 # Other work on the machine must not make an example look slow; every test has its time-out.
 settings.register_profile("swarmwright", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -118,3 +123,16 @@ def _serving(broker: str, title: str, **options: Any) -> Iterator[ForeignServer]
 def foreign() -> Callable[..., AbstractContextManager[ForeignServer]]:
     """Runs a `ForeignServer` for the time of a `with` block: `foreign(broker, title, **options)`."""
     return _serving
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run of `EXPERIMENT`, not to be changed."""
+    return optimize(EXPERIMENT, out=tmp_path_factory.mktemp("runs") / "run")
+
+
+@pytest.fixture
+def copy(finished: Run, tmp_path: Path) -> Path:
+    """A run folder to break."""
+    shutil.copytree(finished.path, tmp_path / "copy")
+    return tmp_path / "copy"

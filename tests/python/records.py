@@ -1,6 +1,16 @@
-"""Comparing what runs left behind."""
+"""A small run to look at, and comparing what runs left behind."""
 
-from swarmwright import Run
+from swarmwright import Experiment, Run
+
+EXPERIMENT = Experiment.from_mapping(
+    {
+        "simulation": "minisim",
+        "parameters": {"placement": "random", "maxSteps": 5},
+        "method": {"population": 12, "generations": 4},
+        "ranking": {"episodes": 2},
+        "servers": "local",
+    }
+)
 
 
 def same_record(run: Run, expected: Run) -> None:

@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import shutil
 import sqlite3
 from pathlib import Path
 
@@ -13,28 +12,7 @@ from pyarrow import parquet
 from swarmwright import Experiment, InputError, Run, optimize, repeat
 from swarmwright._folders import default_folder
 from swarmwright._statistics import quantile
-
-EXPERIMENT = Experiment.from_mapping(
-    {
-        "simulation": "minisim",
-        "parameters": {"placement": "random", "maxSteps": 5},
-        "method": {"population": 12, "generations": 4},
-        "ranking": {"episodes": 2},
-        "servers": "local",
-    }
-)
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return optimize(EXPERIMENT, out=tmp_path_factory.mktemp("runs") / "run")
-
-
-@pytest.fixture
-def copy(finished: Run, tmp_path: Path) -> Path:
-    """A run folder to break."""
-    shutil.copytree(finished.path, tmp_path / "copy")
-    return tmp_path / "copy"
+from tests.python.records import EXPERIMENT
 
 
 def test_all_files_are_there(finished: Run) -> None:

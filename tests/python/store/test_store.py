@@ -11,30 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Run, RunError, optimize, resume
+from swarmwright import InputError, Run, RunError, optimize, resume
 from swarmwright._store import FILE, StoreWriter
-
-EXPERIMENT = Experiment.from_mapping(
-    {
-        "simulation": "minisim",
-        "parameters": {"placement": "random", "maxSteps": 5},
-        "method": {"population": 12, "generations": 4},
-        "ranking": {"episodes": 2},
-        "servers": "local",
-    }
-)
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return optimize(EXPERIMENT, out=tmp_path_factory.mktemp("runs") / "run")
-
-
-@pytest.fixture
-def copy(finished: Run, tmp_path: Path) -> Path:
-    """A run folder to break."""
-    shutil.copytree(finished.path, tmp_path / "copy")
-    return tmp_path / "copy"
+from tests.python.records import EXPERIMENT
 
 
 def test_it_is_a_plain_sqlite_file_for_any_program(finished: Run) -> None:
