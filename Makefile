@@ -25,7 +25,7 @@ CARGO := cargo
 MANIFEST := --manifest-path engine/Cargo.toml
 JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
-MAVEN := mvn -q -B -f wrappers/java/pom.xml
+MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
 
 # Installs Debian packages where that is allowed, else says which ones are missing.
