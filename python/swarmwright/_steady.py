@@ -124,14 +124,5 @@ class SteadyLoop(Loop):
         return entry if "warning" in entry else {**entry, "candidate": first + entry["candidate"]}
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
-        if not genomes:
-            return np.empty((0, self._weight_count), dtype=np.float32)
-        rows = np.array(genomes, dtype=np.float32)
+        rows = np.array(genomes, dtype=np.float32).reshape(-1, self._representation.genome_size)
         return np.ascontiguousarray(self._representation.weights(rows), dtype=np.float32)
-
-    @property
-    def _weight_count(self) -> int:
-        width: int = self._representation.weights(
-            np.zeros((1, self._representation.genome_size), dtype=np.float32)
-        ).shape[1]
-        return width

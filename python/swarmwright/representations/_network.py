@@ -1,5 +1,6 @@
 """Networks of nodes, each with a bias and weights: what the neural representations share."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Literal
@@ -40,9 +41,9 @@ class NodeNetwork(Representation):
 
     options: NetworkOptions
 
+    @abstractmethod
     def node_sizes(self) -> Sequence[int]:
         """Return how many weights each node has, in the genome's order, its bias not counted."""
-        raise NotImplementedError
 
     @cached_property
     def _starts(self) -> NDArray[np.intp]:

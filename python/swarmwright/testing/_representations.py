@@ -82,6 +82,7 @@ def _check_weights(subject: Representation) -> None:
     assert rows.shape == (len(genomes), needed), (
         f"weights returns the shape {rows.shape}; controllers of this architecture have {needed} weights"
     )
+    assert subject.weights(genomes[:0]).shape == (0, needed), "weights of no genomes must be no rows"
     assert np.isfinite(rows).all(), "weights returns numbers that are not finite"
     for genome, row in zip(genomes, rows, strict=True):
         alone = subject.weights(genome[np.newaxis])[0]
