@@ -1,11 +1,27 @@
-"""Where results go when nothing is said."""
+"""Where results go when nothing is said, and what is ours in a run folder."""
 
 from pathlib import Path
 
 from swarmwright._experiment import Experiment
+from swarmwright._store import FILE
 
 RUNS = Path("runs")
 """The folder of runs, in the current one."""
+
+_OURS = (
+    "run.sqlite",
+    "run.sqlite-wal",
+    "run.sqlite-shm",
+    "run.sqlite-journal",
+    "run.sqlite.new",
+    "experiment.yaml",
+    "best.json",
+    "best.json.new",
+    "fitness.png",
+    "plot.png",
+    "controller.png",
+)
+"""Files that a run writes into its folder."""
 
 
 def default_folder(experiment: Experiment) -> Path:
@@ -20,3 +36,18 @@ def default_folder(experiment: Experiment) -> Path:
         number += 1
         folder = base.with_name(f"{base.name}-{number}")
     return folder
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a run has begun in this folder."""
+    return (folder / FILE).exists()
+
+
+def remove_run(folder: Path) -> list[str]:
+    """Delete what a run wrote; return the names of what else is in the folder, which stays."""
+    for name in _OURS:
+        (folder / name).unlink(missing_ok=True)
+    left = sorted(entry.name for entry in folder.iterdir())
+    if not left:
+        folder.rmdir()
+    return left

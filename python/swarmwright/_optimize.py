@@ -8,7 +8,7 @@ from pathlib import Path
 from swarmwright._backend import Backend, Progress, Servers, open_backend
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
-from swarmwright._folders import default_folder
+from swarmwright._folders import default_folder, is_run, remove_run
 from swarmwright._loop import Generation, Loop, OnGeneration, new_loop
 from swarmwright._plot import prepare
 from swarmwright._run import Run
@@ -42,7 +42,7 @@ def optimize(
     servers found there are used. Every generation is stored before the next is asked for, so that `resume`
     can go on after whatever happens. Ctrl-C ends the run early: the results of all finished generations are
     kept, and the run that is returned has `interrupted` set. Before the first generation is finished there is
-    nothing to keep: KeyboardInterrupt is raised.
+    nothing to keep: KeyboardInterrupt is raised, and no run folder is left.
 
     Args:
         experiment: what to do, or the path of its file.
@@ -73,8 +73,13 @@ def optimize(
         resolved = dataclasses.replace(
             experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
         )
-        with StoreWriter.create(folder, resolved, metrics=backend.metrics) as store:
-            _run(resolved, store, None, backend, on_generation, on_progress)
+        try:
+            with StoreWriter.create(folder, resolved, metrics=backend.metrics) as store:
+                _run(resolved, store, None, backend, on_generation, on_progress)
+        except KeyboardInterrupt:
+            if folder.exists() and not (is_run(folder) and StoreReader(folder).history()):
+                remove_run(folder)
+            raise
     return _finished(folder)
 
 

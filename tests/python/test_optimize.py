@@ -91,6 +91,15 @@ def test_a_callback_can_end_it(tmp_path: Path) -> None:
     assert not run.interrupted
 
 
+def test_interrupted_before_the_first_generation_it_leaves_nothing(tmp_path: Path) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        optimize(small(), on_progress=interrupt, servers="local", out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_target_ends_it(tmp_path: Path) -> None:
     experiment = small(method={"population": 12, "generations": 3, "target": -1000.0})
     assert optimize(experiment, servers="local", out=tmp_path / "run").generations == 1

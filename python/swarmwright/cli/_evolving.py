@@ -117,11 +117,6 @@ def _conclude(output: Output, run: "Run") -> None:
     """Say what came out, where everything is, and what to do next."""
     from swarmwright import _engine
 
-    if not run.generations:
-        output.text(
-            f"Interrupted before the first generation was evaluated; {run.path} holds the experiment."
-        )
-        return
     best = run.best
     output.json(
         {

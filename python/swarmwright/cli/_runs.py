@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
@@ -12,20 +11,6 @@ from swarmwright.cli._progress import duration
 if TYPE_CHECKING:
     from swarmwright import Run
 
-OURS = (
-    "run.sqlite",
-    "run.sqlite-wal",
-    "run.sqlite-shm",
-    "run.sqlite-journal",
-    "run.sqlite.new",
-    "experiment.yaml",
-    "best.json",
-    "best.json.new",
-    "fitness.png",
-    "plot.png",
-    "controller.png",
-)
-"""Files that a run writes into its folder."""
 _WARNINGS = 10  # shown at most
 
 
@@ -159,13 +144,3 @@ def _servers(run: "Run") -> list[dict[str, Any]]:
         }
         for server in sorted(seconds)
     ]
-
-
-def delete_run(folder: Path) -> list[str]:
-    """Delete what a run wrote; return the names of what else is in the folder, which stays."""
-    for name in OURS:
-        (folder / name).unlink(missing_ok=True)
-    left = sorted(entry.name for entry in folder.iterdir())
-    if not left:
-        folder.rmdir()
-    return left

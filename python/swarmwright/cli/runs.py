@@ -7,7 +7,7 @@ import click
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import ExistingPath, at_option, json_option
 from swarmwright.cli._output import Output
-from swarmwright.cli._runs import delete_run, describe, facts_of, list_table
+from swarmwright.cli._runs import describe, facts_of, list_table
 
 
 @click.group(
@@ -139,6 +139,7 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     is 1 when the question was answered with no.
     """
     from swarmwright import Run
+    from swarmwright._folders import remove_run
 
     output = Output(as_json=as_json)
     opened = [Run.open(run) for run in runs]
@@ -153,7 +154,7 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
             click.echo("Nothing was deleted.", err=True)
             return 1
     for run in opened:
-        left = delete_run(run.path)
+        left = remove_run(run.path)
         output.json({"deleted": str(run.path), "left": left})
         kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
         output.text(f"Deleted {run.path}{kept}")
