@@ -58,10 +58,10 @@ class Results:
     """An entry per attempt at one evaluation or at a block of them, and per warning."""
 
 
-def _judged(expression: FitnessExpression | None, results: Results) -> Results:
+def _judged(expression: FitnessExpression | None, results: Results, numbers: Sequence[int]) -> Results:
     """Put the experiment's fitness in the place of the simulation's own.
 
-    An episode for which it has no value has failed.
+    An episode for which it has no value has failed. numbers: of the candidates, for what is said of them.
     """
     if expression is None:
         return results
@@ -74,7 +74,9 @@ def _judged(expression: FitnessExpression | None, results: Results) -> Results:
     for fault in faults:
         candidate, episode = places[fault.index]
         error = f"fitness: {fault.reason}"
-        failures.append({"warning": f"candidate {candidate}, episode {episode}: {error}", "error": error})
+        failures.append(
+            {"warning": f"episode {episode}: {error}", "candidate": int(numbers[candidate]), "error": error}
+        )
     return Results(fitness, results.metrics, results.journal + failures)
 
 
@@ -264,9 +266,16 @@ class LocalBackend:
 
     def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results; an episode fails where the fitness expression or the simulation's code does."""
+        return self._evaluate(crews, seeds, on_progress, range(len(crews.weights)))
+
+    def _evaluate(
+        self, crews: Crews, seeds: Sequence[int], on_progress: Progress, numbers: Sequence[int]
+    ) -> Results:
         with engine_errors():
             results = self.compute(crews, seeds, on_progress)
-        return _judged(self._expression, results)
+        for entry in results.journal:
+            entry["candidate"] = numbers[entry["candidate"]]
+        return _judged(self._expression, results, numbers)
 
     def compute(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results with the simulation's own fitness. Raises the engine's errors."""
@@ -285,8 +294,8 @@ class LocalBackend:
         """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
         first, weights = 0, crews.weights
         while len(weights):
-            results = self.evaluate(Crews(crews.architecture, weights), seeds, on_progress)
             numbers = range(first, first + len(weights))
+            results = self._evaluate(Crews(crews.architecture, weights), seeds, on_progress, numbers)
             first += len(weights)
             more = feed(numbers, results)
             if more is None:
@@ -335,7 +344,8 @@ class BrokerBackend:
                 crews.architecture, crews.weights, list(seeds), progress
             )
         self._check_servers()
-        return _judged(self._expression, Results(fitness, metrics, _entries(journal)))
+        results = Results(fitness, metrics, _entries(journal))
+        return _judged(self._expression, results, range(len(fitness)))
 
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
@@ -345,7 +355,7 @@ class BrokerBackend:
         ) -> NDArray[np.float32] | None:
             self._check_servers()
             results = Results(fitness, metrics, _entries(journal))
-            return feed(candidates, _judged(self._expression, results))
+            return feed(candidates, _judged(self._expression, results, candidates))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()
@@ -360,4 +370,4 @@ class BrokerBackend:
 
 
 def _entries(journal: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in journal.splitlines() if line.strip()]
+    return [json.loads(line) for line in journal.split("\n") if line]  # texts may hold other line ends

@@ -75,7 +75,7 @@ class Loop:
         self._best_so_far = -np.inf
         self._waiting_for = ""
         self._started = self._latest = time.monotonic()
-        self._resumed_at = 0
+        self._resumed_at = 0  # told to the method before this session
         self._stored = 0  # generations
 
     @property
@@ -106,7 +106,7 @@ class Loop:
             again = self._tell(genomes, seeds, results)
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._resumed_at, self._stored = self._evaluations, self._method.generation
+        self._resumed_at, self._stored = self._method.evaluations, self._method.generation
 
     def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
         """Go on until the budget is used, the target is reached, a callback says no, or Ctrl-C.
@@ -118,7 +118,7 @@ class Loop:
         try:
             stopped = self._go_on(backend, on_generation, on_progress)
         except KeyboardInterrupt:
-            if not self._evaluations:
+            if not self._stored:
                 raise
             return "interrupted"
         except RunError as error:
@@ -250,7 +250,7 @@ class Loop:
             evaluations=summary.evaluations,
             seconds=elapsed,
             evaluations_per_second=evaluated / max(seconds, 1e-9),
-            seconds_left=left * elapsed / max(summary.evaluations - self._resumed_at, 1),
+            seconds_left=left * elapsed / max(self._method.evaluations - self._resumed_at, 1),
             waiting_for=self._waiting_for,
         )
 

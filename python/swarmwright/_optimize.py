@@ -121,10 +121,15 @@ def resume(
         loop = new_loop(experiment, experiment.representation(), store)
         loop.replay(reader)
         if loop.done:
+            if reader.sessions()[-1].outcome not in {"done", "stopped"}:
+                # It ended between its last generation and its end: that is all there is to mend.
+                store.begin("nothing was left to evaluate", loop.libraries)
+                store.conclude("done")
+            store.save_best(experiment.representation())
             return _finished(folder)
+        backend = stack.enter_context(open_backend(experiment, broker=broker, servers=servers))
         if generations is not None:
             store.replace_experiment(experiment)
-        backend = stack.enter_context(open_backend(experiment, broker=broker, servers=servers))
         _run(experiment, store, loop, backend, on_generation, on_progress)
     return _finished(folder)
 
@@ -162,9 +167,8 @@ def _with_budget(experiment: Experiment, generations: int) -> Experiment:
 
 def _finished(folder: Path) -> Run:
     run = Run.open(folder)
-    if run.generations:
-        try:
-            run.plot()
-        except KeyboardInterrupt as interrupt:
-            raise InterruptedAtEnd(run) from interrupt
+    try:
+        run.plot()
+    except KeyboardInterrupt as interrupt:
+        raise InterruptedAtEnd(run) from interrupt
     return run

@@ -56,7 +56,7 @@ class SteadyLoop(Loop):
             again = self._whole()
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._resumed_at, self._stored = self._evaluations, self._method.generation
+        self._resumed_at, self._stored = self._method.evaluations, self._method.generation
 
     def _ask_all(self) -> list[Genome]:
         """Ask for all candidates that can be had now; return the new ones."""
@@ -121,7 +121,7 @@ class SteadyLoop(Loop):
 
     def _placed(self, entry: dict[str, Any], first: int) -> dict[str, Any]:
         """Return a journal entry with the candidate's number in the whole run."""
-        return entry if "warning" in entry else {**entry, "candidate": first + entry["candidate"]}
+        return {**entry, "candidate": first + entry["candidate"]} if "candidate" in entry else entry
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
         rows = np.array(genomes, dtype=np.float32).reshape(-1, self._representation.genome_size)

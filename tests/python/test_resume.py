@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, Generation, InputError, Run, optimize, resume
+from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
 from tests.python.records import same_record
 
 VALUES: dict[str, Any] = {
@@ -135,3 +135,27 @@ def test_a_run_goes_on_elsewhere(whole: Run, tmp_path: Path) -> None:
     run = resume(tmp_path / "moved", servers="local")
     same_record(run, whole)
     assert {attempt.session for attempt in run.attempts()} == {1}
+
+
+def test_a_run_that_ended_after_its_last_generation_becomes_done(whole: Run, tmp_path: Path) -> None:
+    def interrupt(now: Generation) -> None:
+        if now.generation == 11:
+            raise KeyboardInterrupt
+
+    run = optimize(whole.experiment, interrupt, out=tmp_path / "run")
+    assert (run.generations, run.state) == (12, "interrupted")
+    (run.path / "best.json").unlink()
+    again = resume(run)
+    assert again.state == "done"
+    same_record(again, whole)
+    assert len(resume(again).sessions) == 2
+
+
+def test_a_larger_budget_counts_only_when_there_is_somebody_to_work(
+    whole: Run, tmp_path: Path, unused_port: int
+) -> None:
+    short = optimize(whole.experiment.replace(method={"generations": 2}), out=tmp_path / "run")
+    with pytest.raises(RunError):
+        resume(short, generations=12, broker=f"mqtt://127.0.0.1:{unused_port}")
+    assert Run.open(short.path).experiment.generations == 2
+    assert Experiment.load(short.path / "experiment.yaml").generations == 2

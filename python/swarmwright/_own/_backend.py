@@ -28,7 +28,7 @@ class OwnBackend(LocalBackend):
             metrics=self.metrics,
         )
         journal = [
-            {"warning": f"candidate {candidate}, episode {episode} failed: {reason}", "error": reason}
+            {"warning": f"episode {episode} failed: {reason}", "candidate": candidate, "error": reason}
             for candidate, episode, reason in failures
         ]
         return Results(fitness, metrics, journal)

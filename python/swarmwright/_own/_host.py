@@ -156,7 +156,10 @@ class Host:
         returned = self._call("acting")
         if returned is None:
             return np.arange(self._agents, dtype=np.uint32)
-        agents = np.asarray(returned)
+        try:
+            agents = np.asarray(returned)
+        except (TypeError, ValueError):  # ragged
+            agents = np.empty(1, object)
         if agents.dtype == np.bool_ and agents.shape == (self._agents,):
             return np.flatnonzero(agents).astype(np.uint32)
         if not agents.size:

@@ -53,8 +53,7 @@ def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     notes = []
     for run in runs:
         place = str(run.path.resolve())
-        values = {key: value for key, value in run.experiment.to_mapping().items() if key not in _SAME_RESULT}
-        same = json.dumps([values, run.experiment.seed], sort_keys=True, default=str)
+        same = json.dumps([_flat(run.experiment), run.experiment.seed], sort_keys=True, default=str)
         other = kept.get(same)
         if place in places:
             notes.append(f"{run.path} is given twice and counts once")

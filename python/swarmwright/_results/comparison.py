@@ -144,8 +144,11 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
     for run in opened:
         if not run.history:
             raise InputError(f"{run.path}: holds no finished generation to compare")
-    if at is not None and at < min(run.history[0].evaluations for run in opened):
-        raise InputError(f"at {at} evaluations no generation was finished; compare later")
+    slowest = max(opened, key=lambda run: run.history[0].evaluations)
+    if at is not None and at < (needed := slowest.history[0].evaluations):
+        raise InputError(
+            f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
+        )
     kins, notes = group(opened)
     groups = tuple(_group(kin, at) for kin in kins)
     pairs = tuple(combinations(groups, 2))

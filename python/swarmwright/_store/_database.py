@@ -43,6 +43,7 @@ def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
     """
     new = file.with_name(NEW)
     with errors(file, InputError):
+        new.write_bytes(b"")  # what another process left behind when it was killed
         connection = sqlite3.connect(new, isolation_level=None)
         try:
             connection.execute("PRAGMA journal_mode = MEMORY")

@@ -154,7 +154,8 @@ class StoreWriter:
         attempts, events = [], []
         for entry in journal:
             if "warning" in entry:
-                events.append((self._session, generation, _now(), "warning", entry["warning"]))
+                whose = f"candidate {entry['candidate']}, " if "candidate" in entry else ""
+                events.append((self._session, generation, _now(), "warning", whose + entry["warning"]))
             else:
                 attempts.append(attempt_row(self._session, generation, entry))
         self._connection.executemany(_ATTEMPT, attempts)
@@ -191,7 +192,9 @@ class StoreWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None:
         if self._outcome is None and kind is not None:
-            self._outcome = "interrupted" if kind is KeyboardInterrupt else str(error) or kind.__name__
+            self._outcome = (
+                "interrupted" if issubclass(kind, KeyboardInterrupt) else str(error) or kind.__name__
+            )
         try:
             if self._session:
                 with transaction(self._connection, self.file):

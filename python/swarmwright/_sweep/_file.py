@@ -1,6 +1,7 @@
 """Sweep files: which variants of an experiment, with which seeds, where the results go."""
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,6 +148,14 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
             raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
         if key == "seed":
             raise InputError(f"{source.place((*at, key))}seeds are no part of the grid; see the key 'seeds'")
+        section, _, option = str(key).partition(".")
+        if option and section in grid:
+            raise InputError(
+                f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
+            )
+    count = math.prod(map(len, grid.values()))
+    if count > _MOST_RUNS:
+        raise InputError(f"{source.place(at)}makes {count} variants; at most {_MOST_RUNS} are possible")
     return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
 
 

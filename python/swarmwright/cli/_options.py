@@ -141,13 +141,13 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     """`--candidate N` and `--generation G`: one line of a run's record."""
     generation = click.option(
         "--generation",
-        type=WholeNumber(min=0),
+        type=WholeNumber(min=0, max=2**63 - 1),
         metavar="G",
         help="Generation of the candidate, from 0. Default: the best candidate's.",
     )
     candidate = click.option(
         "--candidate",
-        type=WholeNumber(min=0),
+        type=WholeNumber(min=0, max=2**63 - 1),
         metavar="N",
         help="Candidate of that generation, from 0; without --generation, the number of the evaluation in "
         "the whole run. Default: the best one.",

@@ -142,7 +142,7 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     from swarmwright._folders import remove_run
 
     output = Output(as_json=as_json)
-    opened = [Run.open(run) for run in runs]
+    opened = [Run.open(run) for run in {run.resolve(): run for run in runs}.values()]
     busy = [run.path for run in opened if run.state == "running"]
     if busy:
         raise click.UsageError(f"{busy[0]}: a process works on this run; stop it first. Nothing was deleted.")

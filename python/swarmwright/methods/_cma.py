@@ -62,7 +62,9 @@ class Cma(Method):
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
-        """Refuse genes that are not numbers to compute with."""
+        """Refuse genes that are not numbers to compute with, and a single one."""
+        if representation.genome_size < 2:
+            return "there is a single gene, which the library cannot work with; take de, pso or nnga"
         return None if representation.continuous else DISCRETE
 
     @property
@@ -165,7 +167,8 @@ class Regimes:
     def begin(self, one: float, other: float, *, left: int) -> tuple[int, float]:
         """Return the population and the share of the initial step of the next start.
 
-        one, other: uniform in [0, 1). left: evaluations of the budget that are left; no population is larger.
+        one, other: uniform in [0, 1). left: evaluations of the budget that are left, to which large
+                populations are cut, though not below the first.
         """
         self._here, self._most = 0, math.inf
         if self._restart == "none":  # only where numbers have become infinite

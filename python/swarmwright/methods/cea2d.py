@@ -177,6 +177,8 @@ class Cea2d(Method):
 
     def _told(self, index: int, genome: Genome, fitness: float) -> None:
         cell = self._places.pop(index)
+        if self._stays(cell) and not fitness > self._fitness[cell]:
+            return  # another candidate for this cell has come before and is one of the best meanwhile
         self._genomes[cell], self._fitness[cell] = genome, fitness
 
     def _elite(self, cell: int) -> list[int]:

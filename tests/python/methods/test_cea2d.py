@@ -173,3 +173,17 @@ def test_steady_state_sweeps_over_the_cells_that_do_not_stay() -> None:
 def test_shares_that_make_no_population_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=words):
         Cea2dOptions(**options)
+
+
+@pytest.mark.parametrize("in_flight", [1, 16, 100])
+def test_in_steady_state_the_best_member_stays(in_flight: int) -> None:
+    """Also where several candidates for one cell are in flight."""
+    method = new(3, width=3, height=3, generations=40, operation="steady_state", in_flight=in_flight)
+    best = -np.inf
+    while not method.done:
+        while method.can_ask:
+            method.ask_next()
+        fitness = float(np.sin(method.evaluations * 12.9898) * 43758.5453 % 1)
+        best = max(best, fitness)
+        method.tell_next(fitness)
+        assert np.nanmax(method.population_fitness) == best

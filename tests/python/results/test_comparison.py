@@ -100,8 +100,17 @@ def test_runs_of_different_length_and_a_place_to_compare_at(tmp_path: Path) -> N
     for at, expected in ((4, 0.0), (11, 1.0), (12, 5.0), (99, 5.0)):
         assert compare([long, short], at=at).groups[0].median == expected
     assert "own end" not in str(compare([long, short], at=4))
-    with pytest.raises(InputError, match="at 3 evaluations no generation was finished"):
+    with pytest.raises(
+        InputError, match="at 3 evaluations .* had no finished generation yet; compare at 4 or later"
+    ):
         compare([long, short], at=3)
+
+
+def test_no_run_counts_as_failed_that_had_not_finished_a_generation(tmp_path: Path) -> None:
+    quick = KnownRun(tmp_path / "quick", [[0.0] * 4, [1.0] * 4], seed=1)
+    slow = KnownRun(tmp_path / "slow", [[2.0] * 8], seed=1, method=SEARCH)
+    with pytest.raises(InputError, match=r"at 5 evaluations .*slow had no finished .* at 8 or later"):
+        compare([quick, slow], at=5)
 
 
 def test_failed_candidates_and_runs(tmp_path: Path) -> None:

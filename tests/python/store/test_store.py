@@ -108,11 +108,11 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
             with pytest.raises(InputError) as error:
                 attempt(folder)
             said.append(str(error.value))
-        raise KeyboardInterrupt
+        raise SystemExit  # as good as killed: nobody tidies up
 
     with monkeypatch.context() as patch:
         patch.setattr("swarmwright._store._writer.create", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
     assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3
     with pytest.raises(InputError, match="ended before anything was computed; begin again"):
@@ -203,3 +203,11 @@ def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
     assert longer.generations == run.generations + 1
     undisturbed = optimize(experiment, lambda now: now.generation < run.generations, out=tmp_path / "whole")
     assert longer.digest == undisturbed.digest
+
+
+def test_what_a_killed_process_left_of_a_store_is_in_nobody_s_way(copy: Path) -> None:
+    folder = copy.parent / "broken"
+    folder.mkdir()
+    shutil.copy(copy / FILE, folder / "run.sqlite.new")
+    shutil.copy(copy / "experiment.yaml", folder)
+    assert optimize(EXPERIMENT, lambda _: False, out=folder).generations == 1
