@@ -267,7 +267,7 @@ def hash_for_mosquitto(password: str) -> str:
     """PBKDF2-HMAC-SHA-512 hash with a new salt ($7$), for a password file of Mosquitto 2 or the embedded broker."""
 
 def certificates(hosts: Sequence[str], days: int) -> tuple[str, str, str, str]:
-    """PEM texts of an authority for ten years, its key, a certificate for the hosts (names or addresses) for so many days, its key.
+    """PEM texts of an authority for ten years or more, its key, a certificate for the hosts (names or addresses) for so many days, its key.
 
     Raises EngineError for a host that cannot stand in a certificate.
     """

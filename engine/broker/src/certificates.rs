@@ -8,7 +8,7 @@ use rcgen::{
 use std::io;
 use time::{Duration, OffsetDateTime};
 
-/// Years that the authority holds; the broker's certificate has a term of its own.
+/// Days that the authority holds, at least; the broker's certificate has a term of its own.
 const AUTHORITY_DAYS: i64 = 3650;
 
 /// An authority and the certificate that it signed, PEM each; keys are ECDSA P-256, PKCS #8.
@@ -23,7 +23,7 @@ pub struct Certificates {
     pub key: String,
 }
 
-/// Makes an authority for ten years and a certificate for `hosts` (names or IP addresses, one at least) for `days` days.
+/// Makes an authority for ten years at least and a certificate for `hosts` (names or IP addresses, one at least) for `days` days.
 ///
 /// Both hold from an hour ago on, since clocks differ.
 ///

@@ -247,8 +247,8 @@ impl Pool {
         Ok(self.machine.take_results())
     }
 
-    /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended and how that went, and
-    /// returns the genomes of further ones, (candidates, weights) row-major, or none to stop. The end is reached when all
+    /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended (none when there is only
+    /// something to warn of) and how that went, and returns the genomes of further ones, (candidates, weights) row-major, or none to stop. The end is reached when all
     /// have ended and `feed` had no more. `on_progress(done, total, waiting_for)` as for [`evaluate`](Self::evaluate).
     ///
     /// # Errors
@@ -261,7 +261,7 @@ impl Pool {
     ) -> Result<(), PoolError> {
         let take = |pool: &mut Self| {
             let settled = pool.machine.take_settled();
-            if settled.candidates.is_empty() {
+            if settled.candidates.is_empty() && pool.warnings.is_empty() {
                 return Ok(true);
             }
             let Some(genomes) = feed(settled, pool.take_journal(), pool.take_warnings()) else {

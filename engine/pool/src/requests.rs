@@ -56,6 +56,9 @@ impl Request {
             None => format!(
                 "server {server} has not answered a block of {count} evaluations for {seconds:.1} s"
             ),
+            Some(batch) if !batch.steers() => format!(
+                "server {server} has not sent the fitness of its batch of {count} episodes for {seconds:.1} s"
+            ),
             Some(batch) if batch.steps() == 0 => {
                 format!(
                     "server {server} has not begun its batch of {count} episodes for {seconds:.1} s"
@@ -135,15 +138,15 @@ impl Machine {
             metrics: self.config.demand.metrics.clone(),
         });
         let metrics = self.config.demand.metrics.clone();
+        // Agents that steer themselves are not heard of before all episodes are over.
+        let episodes = if work.architecture().steers() {
+            1
+        } else {
+            u32::try_from(piece.len()).unwrap_or(u32::MAX)
+        };
+        let patience = self.config.step_timeout.saturating_mul(episodes);
         let batch = Batch::new(controllers, self.agents, metrics);
-        self.request(
-            &message,
-            piece,
-            server,
-            self.config.step_timeout,
-            Some(batch),
-            now,
-        );
+        self.request(&message, piece, server, patience, Some(batch), now);
     }
 
     fn request(

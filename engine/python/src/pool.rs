@@ -24,7 +24,9 @@ pub struct PyPool {
 
 fn error(error: &PoolError) -> PyErr {
     match error {
-        PoolError::Settings(_) | PoolError::Topic(_) | PoolError::NoSizes => input(error),
+        PoolError::Settings(_) | PoolError::Topic(_) | PoolError::NoSizes | PoolError::Work(_) => {
+            input(error)
+        }
         _ => engine(error),
     }
 }

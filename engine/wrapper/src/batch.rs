@@ -197,6 +197,9 @@ impl Batch {
     /// # Errors
     /// Another step, or the wrong number of actuators: the message is refused, the batch goes on waiting.
     pub fn actuate(&mut self, message: &BatchActuators) -> Result<(), String> {
+        if self.goes_on {
+            return Err("nobody's actuators are waited for now".to_owned());
+        }
         if message.step != self.step {
             return Err(format!(
                 "they answer step {}, but step {} waits for actuators",

@@ -74,7 +74,7 @@ def test_what_cannot_be_plotted(program: Any, runs: Path, tmp_path: Path) -> Non
         (("empty",), "empty"),
         ((run, "--out", "x.gif"), ".png, .svg or .pdf"),
         ((run, "--out", "nowhere/x.png"), "there is no folder 'nowhere'"),
-        ((run, "--at", "1"), "at 1 evaluations no generation was finished"),
+        ((run, "--at", "1"), "had no finished generation yet; compare at 6 or later"),
         ((run, run, "empty"), "empty"),
     ):
         result = program("plot", *arguments)
