@@ -100,9 +100,7 @@ def test_runs_of_different_length_and_a_place_to_compare_at(tmp_path: Path) -> N
     for at, expected in ((4, 0.0), (11, 1.0), (12, 5.0), (99, 5.0)):
         assert compare([long, short], at=at).groups[0].median == expected
     assert "own end" not in str(compare([long, short], at=4))
-    with pytest.raises(
-        InputError, match=r"at 3 evaluations .* compare at 4 or later"
-    ):
+    with pytest.raises(InputError, match=r"at 3 evaluations .* compare at 4 or later"):
         compare([long, short], at=3)
 
 
