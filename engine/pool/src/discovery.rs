@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 use swarmwright_protocol::{Discovery, Presence, ServerMessage, Topic};
 
 use crate::machine::Machine;
-use crate::offers::{Answer, Job};
+use crate::offers::Answer;
 use crate::run::Run;
+use crate::slot::Job;
 
 /// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
 pub(crate) const FIRST_ROUND: Duration = Duration::from_millis(100);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::machine::Machine;
 use crate::mode::Way;
-use crate::offers::Slot;
+use crate::slot::Slot;
 
 /// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
 const BLOCK: f64 = 0.020;

@@ -3,6 +3,7 @@
 //! What is decided is in [`machine`], which knows neither sockets nor clocks; [`Pool`] is its thin shell.
 
 mod batch;
+mod demand;
 mod discovery;
 mod dispatch;
 mod ledger;
@@ -13,13 +14,15 @@ mod offers;
 mod pool;
 mod requests;
 mod run;
+mod slot;
 mod status;
 mod stepwise;
 mod work;
 
+pub use demand::Demand;
 pub use ledger::{Results, Settled, rectangle};
 pub use machine::{Action, Config, Machine};
 pub use mode::Mode;
-pub use offers::{Demand, Offers};
+pub use offers::Offers;
 pub use pool::{Options, Pool, PoolError, list_servers};
 pub use work::{Attempt, Work, WorkError, check_work};

@@ -10,11 +10,13 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value};
 use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
 
+use crate::demand::Demand;
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
 use crate::ledger::{Ledger, Piece, Results, Settled};
-use crate::offers::{Demand, Job, Offers};
+use crate::offers::Offers;
 use crate::requests::Request;
 use crate::run::Run;
+use crate::slot::Job;
 use crate::work::{Attempt, Work, WorkError};
 
 const COMPLAINTS: usize = 1000;

@@ -9,11 +9,11 @@ use swarmwright_mqtt::{
 };
 use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
 
+use crate::demand::Demand;
 use crate::discovery::PROBATION;
 use crate::ledger::{Results, Settled};
 use crate::machine::{Action, Config, Machine};
 use crate::mode::Mode;
-use crate::offers::Demand;
 use crate::work::{Attempt, Work, WorkError};
 
 /// How often the caller is asked whether to go on.

@@ -12,7 +12,7 @@ use crate::ledger::Piece;
 use crate::machine::{Action, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
-use crate::offers::Job;
+use crate::slot::Job;
 use crate::work::Attempt;
 
 /// A block is given to somebody else when it takes this many times as long as expected.

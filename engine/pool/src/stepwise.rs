@@ -10,8 +10,8 @@ use crate::ledger::Piece;
 use crate::machine::{Action, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
-use crate::offers::Job;
 use crate::run::Run;
+use crate::slot::Job;
 use crate::work::Attempt;
 
 /// How long a server that sent a message that was refused may take to send a better one.

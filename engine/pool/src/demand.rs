@@ -1,0 +1,100 @@
+//! What the experiment needs of a server, and why one does not fit.
+
+use swarmwright_protocol::{Capabilities, Requirements};
+
+use crate::metrics::unannounced;
+use crate::mode::{Mode, Way};
+
+/// What the experiment needs of a server.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Demand {
+    /// Title of the simulation.
+    pub simulation: String,
+    /// Dimensions and agents.
+    pub requirements: Requirements,
+    /// Numbers in a sensor message, if known.
+    pub sensors: Option<usize>,
+    /// Numbers in an actuator message, if known.
+    pub actuators: Option<usize>,
+    /// How servers are to evaluate.
+    pub mode: Mode,
+    /// Kind of the controllers, once it is known.
+    pub kind: Option<String>,
+    /// Names of the metrics that are needed of every episode.
+    pub metrics: Vec<String>,
+}
+
+impl Demand {
+    /// Why a server does not fit; none if it does.
+    #[must_use]
+    pub fn misfit(&self, simulations: &[String], capabilities: &Capabilities) -> Option<String> {
+        if !simulations.contains(&self.simulation) {
+            return Some(format!(
+                "offers {}, not {}",
+                simulations.join(", "),
+                self.simulation
+            ));
+        }
+        if !capabilities.fulfil(&self.requirements) {
+            let agents = capabilities.max_agents.map_or_else(String::new, |agents| {
+                format!(" and at most {agents} agents")
+            });
+            return Some(format!(
+                "has {} dimensions{agents}",
+                capabilities.dimensions
+            ));
+        }
+        let announced = capabilities.swarmwright.as_ref();
+        let differs =
+            |what: &str, wanted: Option<usize>, found: Option<usize>| match (wanted, found) {
+                (Some(wanted), Some(found)) if wanted != found => Some(format!(
+                    "announces {found} {what}, but the experiment says {wanted}"
+                )),
+                _ => None,
+            };
+        differs("sensors", self.sensors, announced.and_then(|a| a.sensors))
+            .or_else(|| {
+                differs(
+                    "actuators",
+                    self.actuators,
+                    announced.and_then(|a| a.actuators),
+                )
+            })
+            .or_else(|| {
+                let names = announced.map_or(&[][..], |announced| &announced.metrics);
+                unannounced(&self.metrics, names)
+            })
+            .or_else(|| self.way(capabilities).err())
+    }
+
+    pub(crate) fn way(&self, capabilities: &Capabilities) -> Result<Way, String> {
+        Way::of(self.mode, self.kind.as_deref(), capabilities)
+    }
+
+    /// The demand in words.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let agents = self
+            .requirements
+            .max_agents
+            .map_or_else(String::new, |agents| format!(", at least {agents} agents"));
+        let counts = match (self.sensors, self.actuators) {
+            (Some(sensors), Some(actuators)) => {
+                format!(", {sensors} sensors, {actuators} actuators")
+            }
+            _ => String::new(),
+        };
+        let mode = match self.mode {
+            Mode::Auto | Mode::Stepwise => String::new(),
+            mode => format!(", mode {mode}"),
+        };
+        let metrics = match self.metrics.len() {
+            0 => String::new(),
+            _ => format!(", metrics {}", self.metrics.join(", ")),
+        };
+        format!(
+            "simulation {}, {} dimensions{agents}{counts}{metrics}{mode}",
+            self.simulation, self.requirements.dimensions
+        )
+    }
+}

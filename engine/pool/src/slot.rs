@@ -1,0 +1,58 @@
+//! A server that is used: what it has to do and how fast it is.
+
+use std::time::Instant;
+
+use swarmwright_protocol::Capabilities;
+
+use crate::mode::Way;
+
+/// Work that a server has for this tool.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Job {
+    /// The stepwise episode of this hash.
+    Episode(String),
+    /// The request of this number: a block or a batch.
+    Request(u64),
+}
+
+/// A server that answered a discovery and fits.
+#[derive(Debug, Clone)]
+pub(crate) struct Slot {
+    pub way: Way,
+    /// What it has to do, the oldest first.
+    pub jobs: Vec<Job>,
+    /// It failed; not before this time again.
+    pub benched: Option<Instant>,
+    pub instance: Option<String>,
+    pub capabilities: Capabilities,
+    /// Measured speed, episodes a second.
+    pub rate: Option<f64>,
+    /// Failures in a row, and why it failed last.
+    pub failures: u32,
+    pub failure: String,
+    /// How often in a row another tool was faster.
+    pub beaten: u32,
+    /// The last round of discovery that it answered.
+    pub round: u64,
+    /// Last hash that it ran for this tool.
+    pub last_hash: Option<String>,
+    /// Whether it computed something for this tool, and so is held for it.
+    pub held: bool,
+}
+
+impl Slot {
+    /// Whether it may get work.
+    pub fn usable(&self) -> bool {
+        self.benched.is_none()
+    }
+
+    /// Learns from `episodes` that took `seconds`.
+    pub fn measured(&mut self, episodes: usize, seconds: f64) {
+        #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 episodes")]
+        let rate = episodes as f64 / seconds.max(1e-7);
+        if rate.is_finite() {
+            self.rate = Some(self.rate.map_or(rate, |before| (before + rate) / 2.0));
+        }
+        self.failures = 0;
+    }
+}
