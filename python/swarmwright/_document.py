@@ -55,7 +55,8 @@ class Document(Options):
     simulation: str = Field(min_length=1, max_length=1000)
     """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
     which a server offers it. Or a class in Python, path/to/file.py:Class (relative to this file) or
-    package.module:Class; servers of it are started here, too."""
+    package.module:Class, or an environment of Gymnasium or PettingZoo, gymnasium:CartPole-v1; servers of it
+    are started here, too."""
     requirements: Requirements | None = None
     """What a simulation server must be able to do. Default: the dimensions that the built-in simulation or
     the class announces; 2 dimensions for any other."""

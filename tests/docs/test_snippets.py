@@ -4,6 +4,7 @@ What stands behind the language of a fenced block, which nobody sees on the page
 
 - `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
 - `bash background ready="text"`: left running until the page's end; the next block waits for that text;
+- `bash shown`: not run, since it installs something;
 - `bash make`: targets of the Makefile, checked to be there without being made, for they run these tests;
 - `python`: run as a script; any language with `file=NAME`: written to that file;
 - `text output`: what the `bash` or `python` block before it has said; `...` stands for anything.
@@ -170,6 +171,8 @@ def _bash(
     block: Block, text: str, stack: ExitStack, folder: Path, environment: dict[str, str], where: str
 ) -> str:
     """Run a block as its directives say; what it said."""
+    if "shown" in block.directives:
+        return ""
     if "make" in block.directives:
         for line in text.splitlines():
             if line.startswith("make "):

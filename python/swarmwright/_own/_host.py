@@ -80,7 +80,10 @@ class Host:
         except InputError as error:
             raise _engine.InputError(str(error)) from None
         if self._simulation is None:
-            self._simulation = self._made()
+            try:
+                self._simulation = self._made()
+            except InputError as error:
+                raise _engine.InputError(str(error)) from None
         return self._seen("reset", self._call("reset", values, seed), first=True)
 
     def step(self, actions: NDArray[np.float32]) -> Seen:
@@ -190,14 +193,22 @@ class Host:
     def _made(self) -> Simulation:
         try:
             return self._kind()
+        except InputError:  # what it needs is not there
+            raise
         except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause("__init__", error), error)
 
     def _cause(self, method: str, error: BaseException) -> str:
-        """What was raised, and the last line of the user's file that led there, or else the last of all."""
+        """What was raised, and the last line of the user's file that led there, or else the last of all.
+
+        What came from an environment of another library is told with the last line of anybody's own code.
+        """
         frames = traceback.extract_tb(error.__traceback__)[1:]
         own = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
-        mine = [frame for frame in frames if frame.filename == own] or frames
+        if self._kind.__module__.startswith("swarmwright.adapters."):
+            mine = [frame for frame in frames if not _is_installed(frame.filename)] or frames
+        else:
+            mine = [frame for frame in frames if frame.filename == own] or frames
         where = f" ({_shown(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
         words = str(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
@@ -233,6 +244,13 @@ def _shown(file: str) -> str:
         folder = Path.cwd()
         return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
     return file
+
+
+def _is_installed(file: str) -> bool:
+    """Whether a file belongs to Swarmwright, to Python, or to a package that was installed."""
+    path = Path(file)
+    own = Path(__file__).parents[1]
+    return path.is_relative_to(own) or bool({"site-packages", "dist-packages"} & set(path.parts))
 
 
 def _short(value: Any) -> str:  # noqa: ANN401 - any object

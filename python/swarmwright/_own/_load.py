@@ -1,4 +1,4 @@
-"""Finds the class of a user's simulation: `package.module:Class` or `path/to/file.py:Class`."""
+"""Finds the class of a simulation: `package.module:Class`, `path/to/file.py:Class`, or an adapter's."""
 
 import importlib
 import importlib.util
@@ -11,6 +11,7 @@ from swarmwright._errors import InputError
 from swarmwright._own._base import Simulation
 from swarmwright._own._names import FROM_FILE, files
 from swarmwright._suggest import did_you_mean
+from swarmwright.adapters._name import is_adapted
 
 serving = False
 """Whether this process is a simulation server, which imports a module only for its class."""
@@ -23,8 +24,13 @@ def load(name: str, folder: Path | None = None) -> type[Simulation]:
         name: see above. Modules are looked for where Python looks for them, then in the working folder.
         folder: that paths are relative to; default: the working folder.
 
-    Raises InputError: there is no such file, module or class, or importing it fails.
+    Raises InputError: there is no such file, module, class or environment, or importing it fails.
     """
+    if is_adapted(name):
+        from swarmwright import adapters
+
+        _look_in(Path.cwd())
+        return adapters.simulation(name)
     place, _, wanted = name.rpartition(":")
     module = _file((folder or Path()) / place) if place.endswith(".py") else _module(place)
     found = getattr(module, wanted, None)

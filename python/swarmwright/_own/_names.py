@@ -1,4 +1,4 @@
-"""Names of users' simulations: `package.module:Class` or `path/to/file.py:Class`."""
+"""Names of users' simulations: `package.module:Class`, `path/to/file.py:Class`, or `library:environment`."""
 
 import re
 import sys
@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 from swarmwright._errors import InputError
+from swarmwright.adapters._name import is_adapted
 
 _OWN = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 FROM_FILE = "swarmwright simulation "
@@ -15,12 +16,14 @@ files: dict[str, ModuleType] = {}
 
 
 def is_own(simulation: str) -> bool:
-    """Whether a simulation is named by its class rather than by a title."""
-    return _OWN.fullmatch(simulation) is not None
+    """Whether a simulation is named by its class, or as another library's environment, not by a title."""
+    return _OWN.fullmatch(simulation) is not None or is_adapted(simulation)
 
 
 def absolute(name: str, folder: Path | None = None) -> str:
     """Return a name that means the same in every folder, as far as it is that of a file."""
+    if is_adapted(name):
+        return name
     place, colon, wanted = name.rpartition(":")
     return f"{((folder or Path()) / place).resolve()}{colon}{wanted}" if place.endswith(".py") else name
 
@@ -31,6 +34,9 @@ def name_of(kind: type) -> str:
     Classes of a script are found in its file; those of a notebook, as __main__:Class, in this process alone.
     Raises InputError for a class that is defined within a function or another class.
     """
+    adapted: str = vars(kind).get("adapted", "")
+    if adapted:
+        return adapted
     if kind.__qualname__ != kind.__name__:
         raise InputError(
             f"simulation: {kind.__qualname__} is not defined at the top level of a module, "

@@ -57,7 +57,8 @@ def command(
     """Offer a SIMULATION on a broker until Ctrl-C.
 
     SIMULATION is the title of one that is built in, or a class in Python, as path/to/file.py:Class or
-    package.module:Class, which derives from swarmwright.Simulation.
+    package.module:Class, which derives from swarmwright.Simulation, or an environment of another library, as
+    gymnasium:CartPole-v1 or pettingzoo:mpe2.simple_spread_v3?N=5.
 
     Every server is a process of its own and serves one optimization tool at a time.
     """

@@ -1,0 +1,45 @@
+"""Environments of other libraries as simulations: `gymnasium:CartPole-v1`, `pettingzoo:mpe2.simple_v3`.
+
+An adapter's name stands where a simulation's title or class does, in experiments and in `swarmwright serve`:
+the library, a colon, the environment as that library names it, and then, as in a web address, options that
+its constructor gets: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
+"""
+
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from swarmwright._errors import InputError
+from swarmwright.adapters._name import LIBRARIES, split
+
+if TYPE_CHECKING:
+    from swarmwright.adapters._environment import Environment
+
+__all__ = ["simulation"]
+
+
+@cache
+def simulation(name: str) -> type["Environment"]:
+    """Return the class of simulations that an adapter's name stands for.
+
+    Raises InputError: the library is not installed, or has no such environment.
+    """
+    library, environment, options = split(name)
+    try:
+        module = import_module(f"swarmwright.adapters.{library}")
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith("swarmwright"):
+            raise
+        raise InputError(
+            f"{name}: {error.name} is not installed; pip install 'swarmwright[{library}]'"
+        ) from error
+    base: type[Environment] = getattr(module, LIBRARIES[library])
+    attributes = {
+        "environment": environment,
+        "options": options,
+        "title": name.partition(":")[2],
+        "adapted": name,
+        "__module__": base.__module__,
+        "__doc__": base.__doc__,
+    }
+    return type(base.__name__, (base,), attributes)

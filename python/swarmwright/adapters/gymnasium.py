@@ -1,0 +1,66 @@
+"""Gymnasium's environments as simulations: a swarm of one agent.
+
+Source: https://gymnasium.farama.org
+"""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.adapters._environment import Environment, environment_seed
+from swarmwright.adapters._spaces import actuators, sensors
+
+
+class Gymnasium(Environment):
+    """A Gymnasium environment; the fitness is the sum of rewards.
+
+        class Pole(Gymnasium):
+            environment = "CartPole-v1"
+
+    Sensors and actuators are made of its spaces, see `swarmwright.adapters._spaces`.
+    """
+
+    metrics = {  # noqa: RUF012 - as in the base class
+        "steps": "Steps of the episode.",
+        "terminated": "1 if the environment came to an end, 0 if the time was over.",
+    }
+
+    def make(self, options: dict[str, Any]) -> "gymnasium.Env[Any, Any]":
+        """Return a new environment; override it to add wrappers."""
+        return gymnasium.make(self.environment, **options)
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
+        """Go to the start of an episode."""
+        self._start(parameters)
+        self._reward, self._steps, self._terminated, self._over = 0.0, 0, False, False
+        seen, _ = self.env.reset(seed=environment_seed(seed))
+        return self._read(seen)[None]
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Go on by one step."""
+        seen, reward, terminated, truncated, _ = self.env.step(self._act(actions[0].astype(float)))
+        self._reward += float(reward)
+        self._steps += 1
+        self._terminated = bool(terminated)
+        self._over = bool(terminated or truncated) or self._steps >= self.most_steps
+        return self._read(seen)[None]
+
+    def done(self) -> bool:
+        """Return whether the environment has ended the episode, or it has had all its steps."""
+        return self._over
+
+    def fitness(self) -> float:
+        """Return the sum of rewards."""
+        return self._reward
+
+    def measure(self) -> dict[str, float]:
+        """Return the metrics."""
+        return {"steps": self._steps, "terminated": float(self._terminated)}
+
+    def _sizes(self) -> tuple[int, int]:
+        seen = sensors(self.env.observation_space, f"{self.environment}: observation_space")
+        done = actuators(self.env.action_space, f"{self.environment}: action_space")
+        self._read, self._act = seen.read, done.act
+        return seen.width, done.width

@@ -1,0 +1,161 @@
+"""Gymnasium's and PettingZoo's environments: one record in every mode, and mistakes that are explained."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from mpe2 import simple_spread_v3
+
+from swarmwright import Controller, Experiment, InputError, RunError, adapters, optimize, simulate
+from swarmwright.adapters.gymnasium import Gymnasium
+from tests.python.records import same_record
+
+SPREAD = "pettingzoo:mpe2.simple_spread_v3"
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules are looked for in the working folder."""
+    monkeypatch.chdir(HERE)
+
+
+def experiment(simulation: Any, **changes: Any) -> Experiment:
+    return Experiment.from_mapping(
+        {
+            "simulation": simulation,
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"population": 6, "generations": 1},
+            "ranking": {"episodes": 2},
+            **changes,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["gymnasium:CartPole-v1", "gymnasium:Pendulum-v1?max_episode_steps=30", SPREAD]
+)
+def test_one_record_here_and_on_servers_in_every_mode(name: str, tmp_path: Path) -> None:
+    here = optimize(experiment(name), servers="local", out=tmp_path / "here")
+    assert here.history[0].best > here.history[0].mean
+    for mode, servers in (("stepwise", 1), ("batched", 2), ("offloaded", 2)):
+        run = optimize(experiment(name, mode=mode), servers=servers, out=tmp_path / mode)
+        same_record(run, here)
+
+
+def test_the_fitness_is_the_reward_of_the_environment() -> None:
+    one = experiment("gymnasium:Pendulum-v1", ranking={"episodes": 1}, parameters={"seed": 7})
+    genome = np.full(one.genome_size, 0.5, np.float32)
+    controller = Controller(one.representation().specification(genome))
+    env = gymnasium.make("Pendulum-v1")
+    seen, _ = env.reset(seed=7)
+    reward, over = 0.0, False
+    while not over:
+        (action,) = controller((seen / [1, 1, 8]).astype(np.float32))
+        seen, gained, terminated, truncated, _ = env.step(np.array([2 * action], np.float32))
+        reward += float(gained)
+        over = terminated or truncated
+    assert simulate(one, controller, servers="local") == pytest.approx(reward, rel=1e-6)
+
+
+def test_a_swarm_gets_the_mean_of_its_rewards() -> None:
+    one = experiment(SPREAD, parameters={"seed": 3, "max_cycles": 10})
+    controller = Controller(one.representation().specification(np.zeros(one.genome_size, np.float32)))
+    env = simple_spread_v3.parallel_env(max_cycles=10)
+    env.reset(seed=3)
+    rewards: list[float] = []
+    while env.agents:
+        _, gained, _, _, _ = env.step(dict.fromkeys(env.agents, 0))
+        rewards += gained.values()
+    assert simulate(one, controller, servers="local") == pytest.approx(sum(rewards) / 3)
+
+
+def test_options_in_the_name_and_parameters() -> None:
+    five = experiment(f"{SPREAD}?N=5&continuous_actions=True", parameters={"max_cycles": 3}, fitness="steps")
+    assert (five.sensors, five.actuators) == (30, 5)
+    assert simulate(five, servers="local") == 3
+    assert five.to_mapping()["simulation"] == f"{SPREAD}?N=5&continuous_actions=True"
+
+
+def test_a_class_and_its_name_are_the_same() -> None:
+    assert experiment(adapters.simulation(SPREAD)).simulation == SPREAD
+
+
+class Pole(Gymnasium):
+    """A shorter pole."""
+
+    environment = "CartPole-v1"
+    options = {"max_episode_steps": 20}  # noqa: RUF012
+
+
+def test_a_class_of_ones_own() -> None:
+    one = experiment(Pole, fitness="steps - 10 * terminated")
+    assert simulate(one, servers="local") in {20.0, *(float(steps - 10) for steps in range(1, 20))}
+
+
+def test_agents_drop_out_and_differ() -> None:
+    one = experiment("pettingzoo:broken")
+    assert (one.sensors, one.actuators) == (2, 3)
+    # a: 5 + 4 + 3 + 2 + 1 + 0, b is gone after the fourth step: 5 + 4 + 3 + 2
+    assert simulate(one, servers="local") == (15 + 14) / 2
+    assert simulate(experiment("pettingzoo:broken", fitness="best - worst"), servers="local") == 1
+
+
+def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Gymnasium, "most_steps", 50)
+    assert simulate(experiment("gymnasium:broken:Failing-v0?endless=true"), servers="local") == 50
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("gymnasium:CartPol-v1", "Gymnasium CartPol-v1: NameNotFound: .* Did you mean: `CartPole`"),
+        ("gymnasium:CartPole-v1?gravi=1", "unexpected keyword argument 'gravi'"),
+        ("gymnasium:CartPole-v1?fast", "'fast' found after the question mark, expected option=value"),
+        (
+            "gymnasium:broken:Failing-v0?text=true",
+            "observation_space: a Text space cannot be read by sensors",
+        ),
+        ("pettingzoo:mpe2.simple_spreat_v3", "ModuleNotFoundError: No module named 'mpe2.simple_spreat_v3'"),
+        ("pettingzoo:mpe2", "mpe2: has no parallel_env"),
+        ("pettingzoo:broken?agents=false", "broken: has no possible_agents"),
+    ],
+)
+def test_what_does_not_exist_is_said_before_the_run(name: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        experiment(name)
+
+
+def test_parameters_that_change_the_agents() -> None:
+    one = experiment(SPREAD, parameters={"N": 4})
+    words = "N: with it agents have 24 sensors and 5 actuators instead of 18 and 5; put it into the"
+    with pytest.raises(InputError, match=words):
+        simulate(one, servers="local")
+    wrong = experiment("gymnasium:CartPole-v1", parameters={"gravi": 3})
+    with pytest.raises(InputError, match=r"gravi: .*unexpected keyword argument"):
+        simulate(wrong, servers="local")
+
+
+@pytest.mark.parametrize("servers", ["local", 1])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "pettingzoo:broken?trouble=raise",
+            r"PettingZoo.step: ValueError: the wheels came off \(.*broken.py:\d+\)",
+        ),
+        (
+            "pettingzoo:broken?trouble=more",
+            "PettingZoo.step: SimulationError: broken: agent 'c' is none of its possible_agents, a, b",
+        ),
+        ("pettingzoo:broken?trouble=shape", r"PettingZoo.step: ValueError: .*\(3,\)"),
+        ("gymnasium:broken:Failing-v0", r"LinAlgError: Singular matrix \(.*broken.py:\d+\)"),
+    ],
+)
+def test_exceptions_in_an_environment_arrive_with_message_and_place(
+    name: str, words: str, servers: Any
+) -> None:
+    with pytest.raises(RunError, match=words):
+        simulate(experiment(name, mode="offloaded"), servers=servers)
