@@ -81,7 +81,7 @@ pub struct Capabilities {
 }
 
 /// The extension part of a server's capabilities.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Announcement {
     /// Version of the extension profile.
     pub version: u64,
@@ -97,6 +97,10 @@ pub struct Announcement {
     pub actuators: Option<usize>,
     /// Names of what is measured in an episode beside the fitness.
     pub metrics: Vec<String>,
+    /// How far two evaluations of one episode agree: bitwise, statistical, none; nothing where the server does not say.
+    pub determinism: Option<String>,
+    /// With `statistical`: how far fitness and metrics may differ, as a part of the larger one, absolute below 1.
+    pub tolerance: Option<f64>,
     /// Random for each start of a server: tells two servers with one id apart.
     pub instance: Option<String>,
     /// Where the server runs.
@@ -308,6 +312,10 @@ impl Announcement {
             sensors: keys.lenient("sensors"),
             actuators: keys.lenient("actuators"),
             metrics: keys.lenient("metrics").unwrap_or_default(),
+            determinism: keys.lenient("determinism"),
+            tolerance: keys
+                .lenient("tolerance")
+                .filter(|tolerance| *tolerance >= 0.0),
             instance: keys.lenient("instance"),
             host: keys.lenient("host"),
             pid: keys.lenient("pid"),
@@ -323,6 +331,8 @@ impl Announcement {
         insert(&mut object, "actuators", self.actuators);
         let metrics = Some(self.metrics.clone()).filter(|names| !names.is_empty());
         insert(&mut object, "metrics", metrics);
+        insert(&mut object, "determinism", self.determinism.clone());
+        insert(&mut object, "tolerance", self.tolerance);
         insert(&mut object, "instance", self.instance.clone());
         insert(&mut object, "host", self.host.clone());
         insert(&mut object, "pid", self.pid);

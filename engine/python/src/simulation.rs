@@ -11,8 +11,8 @@ use serde_json::Value;
 use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
-    Block, Description, MetricInfo, ParameterError, Parameters, RolloutError, Simulation, fail,
-    measure, rollout,
+    Block, Description, Determinism, MetricInfo, ParameterError, Parameters, RolloutError,
+    Simulation, fail, measure, rollout,
 };
 use swarmwright_wrapper::guarded;
 
@@ -43,6 +43,17 @@ struct Hosted {
     observations: Vec<f32>,
 }
 
+/// Whether an episode can be repeated; `_describe.py` has checked the name.
+fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
+    let name: Option<String> = host.getattr("determinism")?.extract()?;
+    Ok(match name.as_deref() {
+        Some("bitwise") => Determinism::Bitwise,
+        Some("statistical") => Determinism::Statistical(host.getattr("tolerance")?.extract()?),
+        Some(_) => Determinism::None,
+        None => Determinism::Undeclared,
+    })
+}
+
 /// What `reset` and `step` of a host return: the agents that act next, (agents, sensors), whether the episode has ended.
 type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
 
@@ -64,6 +75,7 @@ impl Hosted {
                 sensors: host.getattr("sensors")?.extract()?,
                 actuators: host.getattr("actuators")?.extract()?,
                 metrics: metrics.into_iter().map(metric).collect(),
+                determinism: determinism(&host)?,
             },
             copies: host.getattr("copies")?.extract()?,
             host: host.unbind(),

@@ -19,7 +19,7 @@ pub use parameters::ParameterReader;
 pub use registry::{create, describe, description, evaluate, titles};
 pub use rollout::{Episode, RolloutError, rollout};
 pub use simulation::{
-    Body, Description, MetricInfo, ParameterError, ParameterInfo, Parameters, Scene, Simulation,
-    UnknownMetric, measure,
+    Body, Description, Determinism, MetricInfo, ParameterError, ParameterInfo, Parameters, Scene,
+    Simulation, UnknownMetric, measure,
 };
 pub use text::{TextStyle, render};

@@ -96,5 +96,6 @@ pub fn describe(title: &str) -> Option<Value> {
         "actuators": description.actuators,
         "parameters": parameters,
         "metrics": metrics,
+        "determinism": description.determinism.name(),
     }))
 }

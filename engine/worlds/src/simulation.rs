@@ -10,8 +10,44 @@ use crate::{Block, Means, RolloutError};
 /// Problem-specific parameters, as they stand in a parameters message (D6.1, Schema 10).
 pub type Parameters = Map<String, Value>;
 
+/// How far two evaluations of one episode with one controller agree, wherever they were made.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Determinism {
+    /// To the bit: all follows from parameters, seed and actuators.
+    Bitwise,
+    /// Fitness and metrics differ by at most this, as a part of the larger one, absolute below 1; finite, 0 or more.
+    Statistical(f64),
+    /// Not at all.
+    None,
+    /// The simulation does not say.
+    #[default]
+    Undeclared,
+}
+
+impl Determinism {
+    /// The name in messages; none for what is not declared.
+    #[must_use]
+    pub const fn name(self) -> Option<&'static str> {
+        match self {
+            Self::Bitwise => Some("bitwise"),
+            Self::Statistical(_) => Some("statistical"),
+            Self::None => Some("none"),
+            Self::Undeclared => None,
+        }
+    }
+
+    /// How far results may differ, where that is declared.
+    #[must_use]
+    pub const fn tolerance(self) -> Option<f64> {
+        match self {
+            Self::Statistical(tolerance) => Some(tolerance),
+            _ => None,
+        }
+    }
+}
+
 /// What a simulation says of itself before it is configured.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Description {
     /// The title used in discovery.
     pub title: String,
@@ -25,6 +61,8 @@ pub struct Description {
     pub actuators: usize,
     /// What is measured in an episode beside the fitness, in the order of [`Simulation::metrics`].
     pub metrics: Cow<'static, [MetricInfo]>,
+    /// Whether an episode can be repeated.
+    pub determinism: Determinism,
 }
 
 impl Description {

@@ -46,6 +46,8 @@ impl Identity {
                     .iter()
                     .map(|metric| metric.name.to_string())
                     .collect(),
+                determinism: simulation.determinism.name().map(str::to_owned),
+                tolerance: simulation.determinism.tolerance(),
                 instance: Some(self.instance.clone()),
                 host: Some(self.host.clone()),
                 pid: Some(self.pid),

@@ -26,6 +26,6 @@ pub use job::{Done, Job};
 pub use machine::{Action, Machine, Notice};
 pub use server::{Options, ServeError, SimulationServer};
 pub use swarmwright_worlds::{
-    Block, Body, Description, Failure, Means, ParameterError, Parameters, RolloutError, Scene,
-    Simulation, fail,
+    Block, Body, Description, Determinism, Failure, Means, ParameterError, Parameters,
+    RolloutError, Scene, Simulation, fail,
 };

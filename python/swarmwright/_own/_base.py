@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,6 +55,13 @@ class Simulation(ABC):
     Where any are declared, an experiment that names the class cannot set others."""
     metrics: Sequence[str] | Mapping[str, str] = ()
     """What `measure` returns: names, or name -> description. Experiments can make the fitness of them."""
+    determinism: Literal["bitwise", "statistical", "none"] | None = None
+    """How far two evaluations of one episode with one controller agree, wherever they are made: to the bit,
+    within `tolerance`, or not at all. None: not known. Where it is bitwise or statistical, experiments can
+    have results checked on another server (`faults: {audit: 0.01}`)."""
+    tolerance: float = 0.0
+    """Where `determinism` is statistical: how far fitness and metrics may differ, as a part of the larger
+    one, absolute below 1."""
     copies: bool = True
     """Whether one process can have several objects of this class, whose episodes are then stepped side by
     side in the mode `batched`. False for those that hold something there is only one of: a window, a robot, a

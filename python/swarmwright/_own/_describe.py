@@ -1,6 +1,7 @@
 """What a user's simulation says of itself, checked."""
 
 import json
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from swarmwright._own._base import Simulation
 from swarmwright._own._parameter import Parameter, declared
 
 _LARGEST = 1_000_000
+_DETERMINISMS = ("bitwise", "statistical", "none")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -26,6 +28,8 @@ class Description:
     parameters: Mapping[str, Parameter]
     metrics: Mapping[str, str]
     copies: bool
+    determinism: str | None
+    tolerance: float
 
     def plain(self) -> dict[str, Any]:
         """Return what `_engine.describe` says of a built-in simulation."""
@@ -40,6 +44,7 @@ class Description:
                 for name, one in self.parameters.items()
             },
             "metrics": {name: {"unit": "", "description": text} for name, text in self.metrics.items()},
+            "determinism": self.determinism,
         }
 
 
@@ -67,7 +72,22 @@ def describe(simulation: Simulation) -> Description:
         parameters=parameters,
         metrics=_metrics(where, simulation.metrics),
         copies=bool(simulation.copies),
+        determinism=_determinism(where, simulation.determinism),
+        tolerance=_tolerance(where, simulation.tolerance),
     )
+
+
+def _determinism(where: str, value: Any) -> str | None:  # noqa: ANN401 - whatever the class says
+    if value is not None and value not in _DETERMINISMS:
+        expected = ", ".join(_DETERMINISMS)
+        raise InputError(f"{where}.determinism: {value!r} found, expected one of {expected}, or None")
+    return None if value is None else str(value)
+
+
+def _tolerance(where: str, value: Any) -> float:  # noqa: ANN401 - whatever the class says
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise InputError(f"{where}.tolerance: {value!r} found, expected a number, 0 or more")
+    return float(value)
 
 
 def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the class says

@@ -59,6 +59,8 @@ class Host:
         self.actuators = description.actuators
         self.copies = description.copies
         self.metrics = list(description.metrics.items())
+        self.determinism = description.determinism
+        self.tolerance = description.tolerance
         self._agents = 0
 
     def another(self) -> "Host":

@@ -27,6 +27,7 @@ def test_what_is_announced() -> None:
         "actuators": 1,
         "parameters": {"steps": steps, "trouble": trouble},
         "metrics": {"steps": {"unit": "", "description": "Steps done."}},
+        "determinism": None,
     }
 
 
@@ -48,6 +49,12 @@ def test_properties_serve_as_well_and_the_class_gives_the_title() -> None:
         ("sensors", 0, "Walk.sensors: 0 found, expected an integer from 1"),
         ("sensors", 2.0, "Walk.sensors: 2.0 found"),
         ("actuators", None, "Walk.actuators: None found"),
+        (
+            "determinism",
+            "exact",
+            "Walk.determinism: 'exact' found, expected one of bitwise, statistical, none",
+        ),
+        ("tolerance", float("nan"), "Walk.tolerance: nan found, expected a number, 0 or more"),
         ("dimensions", -1, "Walk.dimensions: -1 found, expected an integer from 0"),
         ("max_agents", "many", "Walk.max_agents: 'many' found"),
         ("title", 7, "Walk.title: 7 found, expected text"),

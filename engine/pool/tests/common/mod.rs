@@ -16,7 +16,9 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value};
 use swarmwright_pool::{Attempt, Config, Demand, Machine as PoolMachine, Mode, Results, Work};
 use swarmwright_protocol::{Requirements, Topic, Topics};
-use swarmwright_worlds::{Description, MetricInfo, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{
+    Description, Determinism, MetricInfo, ParameterError, Parameters, Simulation,
+};
 use swarmwright_wrapper::{Identity, Machine as ServerMachine, Notice};
 
 pub use extended::{Extended, refusal};
@@ -60,6 +62,7 @@ impl Simulation for Line {
             sensors: self.sensors,
             actuators: 1,
             metrics: METRICS.into(),
+            determinism: Determinism::Bitwise,
         }
     }
 

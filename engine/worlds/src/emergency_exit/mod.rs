@@ -28,8 +28,8 @@ mod random;
 mod settings;
 
 use crate::{
-    Block, Body, Description, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
-    RolloutError, Scene, Simulation,
+    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
+    Parameters, RolloutError, Scene, Simulation,
 };
 use field::{Cell, Field, RandomField};
 use grid::{DIRECTION_OF_MOVE, Grid, Taken};
@@ -221,6 +221,7 @@ impl Simulation for EmergencyExit {
             sensors: SENSORS,
             actuators: ACTUATORS,
             metrics: METRICS.into(),
+            determinism: Determinism::Bitwise,
         }
     }
 

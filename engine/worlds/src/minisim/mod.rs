@@ -32,8 +32,8 @@ mod rule;
 mod settings;
 
 use crate::{
-    Block, Body, Description, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
-    RolloutError, Scene, Simulation,
+    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
+    Parameters, RolloutError, Scene, Simulation,
 };
 pub(crate) use lanes::MinisimLanes;
 use nearest::Nearest;
@@ -197,6 +197,7 @@ impl Simulation for Minisim {
             sensors: 4,
             actuators: 1,
             metrics: METRICS.into(),
+            determinism: Determinism::Bitwise,
         }
     }
 

@@ -61,6 +61,7 @@ impl Simulation for Walk {
             sensors: 2,
             actuators: 1,
             metrics: METRICS.into(),
+            determinism: swarmwright_worlds::Determinism::Bitwise,
         }
     }
 

@@ -11,6 +11,18 @@ public final class Description {
   private final int sensors;
   private final int actuators;
   private final List<String> metrics;
+  private final Determinism determinism;
+  private final Double tolerance;
+
+  /** How far two evaluations of one episode with one controller agree, wherever they were made. */
+  public enum Determinism {
+    /** To the bit. */
+    BITWISE,
+    /** Within a tolerance. */
+    STATISTICAL,
+    /** Not at all. */
+    NONE
+  }
 
   private Description(
       String title,
@@ -18,7 +30,9 @@ public final class Description {
       int maxAgents,
       int sensors,
       int actuators,
-      List<String> metrics) {
+      List<String> metrics,
+      Determinism determinism,
+      Double tolerance) {
     this.title = Objects.requireNonNull(title, "title");
     if (dimensions < 1 || maxAgents < 0 || sensors < 1 || actuators < 1) {
       throw new IllegalArgumentException(
@@ -38,6 +52,8 @@ public final class Description {
       }
     }
     this.metrics = List.copyOf(metrics);
+    this.determinism = determinism;
+    this.tolerance = tolerance;
     this.dimensions = dimensions;
     this.maxAgents = maxAgents;
     this.sensors = sensors;
@@ -54,12 +70,13 @@ public final class Description {
    * @throws IllegalArgumentException if a number is less
    */
   public static Description of(String title, int dimensions, int sensors, int actuators) {
-    return new Description(title, dimensions, 0, sensors, actuators, List.of());
+    return new Description(title, dimensions, 0, sensors, actuators, List.of(), null, null);
   }
 
   /** The same with a largest number of agents; 0 for no limit, the default. */
   public Description withMaxAgents(int number) {
-    return new Description(title, dimensions, number, sensors, actuators, metrics);
+    return new Description(
+        title, dimensions, number, sensors, actuators, metrics, determinism, tolerance);
   }
 
   /**
@@ -68,7 +85,39 @@ public final class Description {
    * @throws IllegalArgumentException if a name is not a letter or _, then letters, digits and _
    */
   public Description withMetrics(String... names) {
-    return new Description(title, dimensions, maxAgents, sensors, actuators, List.of(names));
+    return new Description(
+        title, dimensions, maxAgents, sensors, actuators, List.of(names), determinism, tolerance);
+  }
+
+  /** The same, saying that an episode can be repeated to the bit, or not at all. */
+  public Description with(Determinism declared) {
+    if (declared == Determinism.STATISTICAL) {
+      throw new IllegalArgumentException("statistical: give a tolerance, with withTolerance");
+    }
+    return new Description(
+        title, dimensions, maxAgents, sensors, actuators, metrics, declared, null);
+  }
+
+  /**
+   * The same, saying that repeated episodes agree within a tolerance.
+   *
+   * @param largest how far fitness and metrics may differ, as a part of the larger one, absolute
+   *     below 1
+   * @throws IllegalArgumentException if it is negative, NaN or infinite
+   */
+  public Description withTolerance(double largest) {
+    if (!(largest >= 0) || Double.isInfinite(largest)) {
+      throw new IllegalArgumentException("tolerance: a number, 0 or more, not " + largest);
+    }
+    return new Description(
+        title,
+        dimensions,
+        maxAgents,
+        sensors,
+        actuators,
+        metrics,
+        Determinism.STATISTICAL,
+        largest);
   }
 
   /** What experiment files name it. */
@@ -94,6 +143,16 @@ public final class Description {
   /** Numbers that an agent does in a step. */
   public int actuators() {
     return actuators;
+  }
+
+  /** Whether an episode can be repeated; null where that is not known. */
+  public Determinism determinism() {
+    return determinism;
+  }
+
+  /** How far repeated episodes may differ where that is declared, else null. */
+  public Double tolerance() {
+    return tolerance;
   }
 
   /** Names of what is measured in an episode beside the fitness. */

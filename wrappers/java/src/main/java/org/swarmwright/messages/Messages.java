@@ -176,9 +176,17 @@ public final class Messages {
         .withSensors(count(fields, "sensors"))
         .withActuators(count(fields, "actuators"))
         .withMetrics(fields.lenient(() -> fields.optionalTexts("metrics")))
+        .withDeterminism(fields.lenient(() -> determinism(fields)))
+        .withTolerance(
+            fields.has("tolerance") ? fields.lenient(() -> fields.number("tolerance")) : null)
         .withInstance(fields.lenient(() -> fields.optionalText("instance")))
         .withHost(fields.lenient(() -> fields.optionalText("host")))
         .withPid(count(fields, "pid"));
+  }
+
+  private static Swarmwright.Determinism determinism(Fields fields) {
+    String name = fields.optionalText("determinism");
+    return name == null ? null : Swarmwright.Determinism.fromValue(name);
   }
 
   private static Integer count(Fields fields, String key) {

@@ -20,7 +20,8 @@ public final strictfp class Minisim implements Simulation {
   private static final Description DESCRIPTION =
       Description.of("minisim", 2, 4, 1)
           .withMaxAgents(Settings.MAX_BODIES)
-          .withMetrics("arrived", "caught", "steps", "distance");
+          .withMetrics("arrived", "caught", "steps", "distance")
+          .with(Description.Determinism.BITWISE);
   private static final int[] NOBODY = {};
 
   private enum State {

@@ -4,6 +4,7 @@ import java.net.InetAddress;
 import java.net.UnknownHostException;
 import java.security.SecureRandom;
 import java.util.List;
+import java.util.Locale;
 import org.swarmwright.Description;
 import org.swarmwright.messages.Capabilities;
 import org.swarmwright.messages.Swarmwright;
@@ -42,10 +43,18 @@ final class Identity {
                 .withControllers(List.of("layered", "fully_meshed", "mealy_fsm", "parameter_set"))
                 .withBatch(batch)
                 .withMetrics(simulation.metrics().isEmpty() ? null : simulation.metrics())
+                .withDeterminism(name(simulation.determinism()))
+                .withTolerance(simulation.tolerance())
                 .withSensors(simulation.sensors())
                 .withActuators(simulation.actuators())
                 .withInstance(instance)
                 .withHost(host)
                 .withPid(pid));
+  }
+
+  private static Swarmwright.Determinism name(Description.Determinism determinism) {
+    return determinism == null
+        ? null
+        : Swarmwright.Determinism.fromValue(determinism.name().toLowerCase(Locale.ROOT));
   }
 }
