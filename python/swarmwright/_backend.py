@@ -101,6 +101,9 @@ class Backend(Protocol):
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Run controllers as they come: first `crews`, then those that `feed` returns."""
 
+    def about(self, run: str, generation: int | None, generations: int) -> None:
+        """Say what the evaluations that follow are for, to those who watch."""
+
 
 @contextmanager
 def open_backend(
@@ -290,6 +293,9 @@ class LocalBackend:
         )
         return Results(fitness, metrics, [])
 
+    def about(self, run: str, generation: int | None, generations: int) -> None:
+        """Nobody watches: there is no broker."""
+
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
         first, weights = 0, crews.weights
@@ -325,6 +331,10 @@ class BrokerBackend:
             title = experiment.simulation
             hint = "" if _simulations.is_here(title) else did_you_mean(title, known)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
+
+    def about(self, run: str, generation: int | None, generations: int) -> None:
+        """Tell those who watch the broker."""
+        self._pool.about(run, generation, generations)
 
     def _metrics_hint(self) -> str:
         """A name that servers announce, near one that none of them does."""

@@ -18,6 +18,7 @@ __all__ = [
     "Pool",
     "Stream",
     "Streams",
+    "Watcher",
     "__version__",
     "certificates",
     "check_parameters",
@@ -294,6 +295,21 @@ def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> str:
     """JSON array, sorted by id: {"server", "state": "ready"|"busy"|"lost", "simulations", "capabilities", "tool", "since", "host", "pid"}."""
 
 @final
+class Watcher:
+    """Hears what servers and optimization tools on a broker say of themselves; publishes nothing."""
+
+    def __new__(cls, broker: str, *, prefix: str = "") -> Watcher:
+        """Raises EngineError (no broker, refused) or InputError."""
+    def poll(self, seconds: float) -> str:
+        """JSON array of what came within so many seconds; returns as soon as there is something. KeyboardInterrupt is raised promptly.
+
+        {"presence": as of `servers`}, {"left": server}, {"token", "status": protocol/schemas/status.schema.json, and `words`
+        in each of `waiting_for`}, {"broker": "back"}, {"broker": "lost", "reason"}.
+        """
+    def close(self) -> None:
+        """Disconnect."""
+
+@final
 class Pool:
     """The optimization tool's side: finds servers, runs episodes on them, returns results in the order of the candidates."""
 
@@ -342,6 +358,10 @@ class Pool:
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
         """
+    def about(
+        self, run: str | None = None, generation: int | None = None, generations: int | None = None
+    ) -> None:
+        """Say what the evaluations that follow are for: those who watch the broker are told."""
     def announced_metrics(self) -> list[str]:
         """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
     def stream(

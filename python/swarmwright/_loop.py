@@ -138,6 +138,7 @@ class Loop:
         while not self._method.done:
             number = self._method.generation
             genomes, seeds = self._ask()
+            self._announce(backend, number)
             results = backend.evaluate(
                 Crews.of(self._representation, genomes), seeds, self._watched(on_progress)
             )
@@ -176,6 +177,10 @@ class Loop:
         if self._ranking.options.reevaluate:
             genomes = np.concatenate([genomes, self._method.kept()])
         return genomes, self._ranking.seeds(self._first_seed, number)
+
+    def _announce(self, backend: Backend, generation: int | None) -> None:
+        """Tell the backend what it works for; others may watch it."""
+        backend.about(self._store.folder.resolve().name, generation, self._method.options.generations)
 
     def _watched(self, on_progress: Progress | None) -> Progress:
         """Return the callback that also notes what is waited for."""

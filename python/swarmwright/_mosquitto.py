@@ -28,12 +28,13 @@ CERTIFICATE_DAYS = 730
 _TO_SERVERS = ("discovery", "parameters", "control", "actuator", "swarmwright/v1/server/+")
 _TO_TOOLS = ("server", "sensor", "fitness", "swarmwright/v1/tool/+")
 _PRESENCE = ("swarmwright/v1/presence/+",)
+_STATUS = ("swarmwright/v1/status/+",)
 
 ROLES: dict[str, dict[str, tuple[str, ...]]] = {
-    "tool": {"write": _TO_SERVERS, "read": (*_TO_TOOLS, *_PRESENCE)},
+    "tool": {"write": (*_TO_SERVERS, *_STATUS), "read": (*_TO_TOOLS, *_PRESENCE)},
     # It reads presence too, to notice another server with its id.
     "server": {"write": (*_TO_TOOLS, *_PRESENCE), "read": (*_TO_SERVERS, *_PRESENCE)},
-    "watcher": {"write": (), "read": (*_TO_SERVERS, *_TO_TOOLS, *_PRESENCE)},
+    "watcher": {"write": (), "read": (*_TO_SERVERS, *_TO_TOOLS, *_PRESENCE, *_STATUS)},
 }
 """What each role may publish and read, without prefix."""
 

@@ -106,6 +106,7 @@ class SteadyLoop(Loop):
             return None if self._method.done else self._weights(self._ask_all())
 
         self._ask_all()
+        self._announce(backend, None)  # several are under way
         crews = Crews.of(self._representation, np.array(self._flying, dtype=np.float32))
         backend.stream(crews, self._seeds, feed, self._watched(on_progress))
         return stopped

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 Validators = Callable[[str], Draft202012Validator]
 Value: TypeAlias = Any  # JSON of whatever shape
-TOOL = {"discovery", "parameters", "control", "actuator"}
+TOOL = {"discovery", "parameters", "control", "actuator", "status"}
 SERVER = {"server", "sensor", "fitness", "presence"}
 # Extensions: a topic for several messages.
 TO_SERVER = {"evaluate", "batch_start", "batch_actuators"}
@@ -46,12 +46,13 @@ def test_examples_fit_their_schemas(document: Value, validators: Validators) -> 
 
 def test_addresses_are_the_topics(document: Value) -> None:
     addresses = {name: channel["address"] for name, channel in document["channels"].items()}
-    expected = {name: f"{{prefix}}{name}" for name in (TOOL | SERVER) - {"presence"}}
+    expected = {name: f"{{prefix}}{name}" for name in (TOOL | SERVER) - {"presence", "status"}}
     assert addresses == {
         **expected,
         "presence": "{prefix}swarmwright/v1/presence/{server}",
         "to_server": "{prefix}swarmwright/v1/server/{server}",
         "to_tool": "{prefix}swarmwright/v1/tool/{token}",
+        "status": "{prefix}swarmwright/v1/status/{token}",
     }
     assert document["components"]["parameters"]["prefix"]["default"] == ""
 
@@ -65,7 +66,8 @@ def test_each_topic_of_blocks_has_its_messages(document: Value) -> None:
     ("role", "sends", "receives"),
     [
         ("optimization tool", TOOL | {"to_server"}, SERVER | {"to_tool"}),
-        ("simulation server", SERVER | {"to_tool"}, TOOL | {"to_server"}),
+        ("simulation server", SERVER | {"to_tool"}, TOOL - {"status"} | {"to_server"}),
+        ("watcher", set(), {"status"}),
     ],
 )
 def test_what_one_role_sends_the_other_receives(

@@ -19,14 +19,15 @@ from tests.system.runs import record
 
 Make = Callable[..., ReadyMade]
 
-EXTENSIONS = ("swarmwright/v1/presence/3", "swarmwright/v1/server/3", "swarmwright/v1/tool/5f00")
+STATUS = "swarmwright/v1/status/5f00"
+EXTENSIONS = ("swarmwright/v1/presence/3", "swarmwright/v1/server/3", "swarmwright/v1/tool/5f00", STATUS)
 OF_TOOLS = {"discovery", "parameters", "control", "actuator", "swarmwright/v1/server/3"}
 OF_SERVERS = {"server", "sensor", "fitness", "swarmwright/v1/presence/3", "swarmwright/v1/tool/5f00"}
-WRITES = {"tool": OF_TOOLS, "server": OF_SERVERS, "watcher": set[str]()}
+WRITES = {"tool": {*OF_TOOLS, STATUS}, "server": OF_SERVERS, "watcher": set[str]()}
 READS = {
     "tool": OF_SERVERS,
     "server": {*OF_TOOLS, "swarmwright/v1/presence/3"},
-    "watcher": {*OF_TOOLS, *OF_SERVERS},
+    "watcher": {*OF_TOOLS, *OF_SERVERS, STATUS},
 }
 
 

@@ -17,6 +17,7 @@ mod run;
 mod slot;
 mod status;
 mod stepwise;
+mod watch;
 mod work;
 
 pub use demand::Demand;
@@ -24,5 +25,6 @@ pub use ledger::{Results, Settled, rectangle};
 pub use machine::{Action, Config, Machine};
 pub use mode::Mode;
 pub use offers::Offers;
-pub use pool::{Options, Pool, PoolError, list_servers};
+pub use pool::{About, Options, Pool, PoolError};
+pub use watch::{News, Watcher, list_servers};
 pub use work::{Attempt, Work, WorkError, check_work};

@@ -64,6 +64,15 @@ pub(crate) enum Way {
 }
 
 impl Way {
+    /// The name in experiment files and announcements.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stepwise => Mode::Stepwise.name(),
+            Self::Batched(_) => Mode::Batched.name(),
+            Self::Offloaded => Mode::Offloaded.name(),
+        }
+    }
+
     /// The way for a server; `kind` is that of the controllers, none while it is not known.
     ///
     /// # Errors

@@ -1,13 +1,12 @@
 //! The pool's shell: connection, clock, the machine's actions carried out.
 
-use std::collections::BTreeMap;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Map, Value};
 use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
 };
-use swarmwright_protocol::{Message, Presence, Topic, TopicError, Topics};
+use swarmwright_protocol::{Activity, Topic, TopicError, Topics};
 
 use crate::demand::Demand;
 use crate::discovery::PROBATION;
@@ -18,6 +17,20 @@ use crate::work::{Attempt, Work, WorkError};
 
 /// How often the caller is asked whether to go on.
 const ASK: Duration = Duration::from_millis(100);
+
+/// How often those who watch are told how it stands.
+const TELL: Duration = Duration::from_secs(1);
+
+/// What the work is for, as those who watch are told.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct About {
+    /// Name of the run.
+    pub run: Option<String>,
+    /// The generation under way, from 0.
+    pub generation: Option<u64>,
+    /// Generations of the whole run.
+    pub generations: Option<u64>,
+}
 
 /// How a pool is to work.
 #[derive(Debug, Clone)]
@@ -93,6 +106,10 @@ pub struct Pool {
     topics: Topics,
     /// The topic on which requests are answered.
     reply: String,
+    /// The topic on which those who watch are told how it stands.
+    status: String,
+    about: About,
+    tell_at: Instant,
     discovery_timeout: Duration,
     step_timeout: Duration,
     probation: Duration,
@@ -165,6 +182,9 @@ impl Pool {
             machine: Machine::new(config, now),
             connection,
             reply: topics.to_tool(&token),
+            status: topics.status(&token),
+            about: About::default(),
+            tell_at: now,
             probation,
             topics,
             discovery_timeout: options.discovery_timeout,
@@ -320,6 +340,24 @@ impl Pool {
         result
     }
 
+    /// What the work that follows is for.
+    pub fn set_about(&mut self, about: About) {
+        self.about = about;
+    }
+
+    /// Tells those who watch how it stands.
+    fn tell(&mut self, left: bool, now: Instant) {
+        self.tell_at = now + TELL;
+        let mut status = self.machine.status(now);
+        status.run = self.about.run.clone();
+        (status.generation, status.generations) = (self.about.generation, self.about.generations);
+        if left {
+            status.state = Activity::Left;
+        }
+        self.connection
+            .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
+    }
+
     /// Metrics that servers with this simulation announce, sorted.
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
@@ -328,8 +366,12 @@ impl Pool {
 
     /// Sends what is to be sent and handles what came, until `until` at the latest.
     fn poll(&mut self, until: Instant) {
-        if self.machine.next_tick() <= Instant::now() {
-            self.machine.tick(Instant::now());
+        let now = Instant::now();
+        if self.machine.next_tick() <= now {
+            self.machine.tick(now);
+        }
+        if self.tell_at <= now {
+            self.tell(false, now);
         }
         self.act();
         self.connection
@@ -416,48 +458,7 @@ impl Pool {
     pub fn close(mut self) {
         self.machine.release();
         self.act();
+        self.tell(true, Instant::now());
         self.connection.close(Duration::from_secs(1));
     }
-}
-
-/// Everybody's presence on the broker, by id: what is retained, and what comes within `wait`.
-///
-/// # Errors
-/// No broker, credentials refused, a prefix that cannot be.
-pub fn list_servers(
-    settings: Settings,
-    prefix: &str,
-    wait: Duration,
-) -> Result<Vec<Presence>, PoolError> {
-    let topics = Topics::new(prefix)?;
-    let filter = Subscription {
-        filter: topics.presence_filter(),
-        qos: QoS::AtLeastOnce,
-    };
-    let mut connection = Connection::open(settings, vec![filter])?;
-    let deadline = Instant::now() + wait;
-    let mut found = BTreeMap::new();
-    let mut events = Vec::new();
-    while Instant::now() < deadline {
-        connection.poll(deadline, &mut events);
-        for event in events.drain(..) {
-            let Event::Message(message) = event else {
-                continue;
-            };
-            if topics.parse(message.topic()) != Some(Topic::Presence) {
-                continue;
-            }
-            if let Ok(Message::Presence(presence)) =
-                Message::decode(Topic::Presence, message.payload())
-            {
-                found.insert(message.topic().to_owned(), presence);
-            } else {
-                found.remove(message.topic());
-            }
-        }
-    }
-    connection.close(Duration::from_secs(1));
-    let mut presences: Vec<Presence> = found.into_values().collect();
-    presences.sort_by_key(|presence| presence.server);
-    Ok(presences)
 }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s,
-    Refusal, RefusalKind, ToServer, ToTool, U64s,
+    Missing, PieceKind, Refusal, RefusalKind, ToServer, ToTool, U64s, Waiting,
 };
 
 use crate::batch::Batch;
@@ -48,26 +48,26 @@ impl Request {
         }
     }
 
-    /// What is waited for, in words.
-    pub fn waiting_for(&self, now: Instant) -> String {
-        let seconds = now.saturating_duration_since(self.heard).as_secs_f64();
-        let (server, count) = (self.server, self.piece.len());
-        match &self.batch {
-            None => format!(
-                "server {server} has not answered a block of {count} evaluations for {seconds:.1} s"
-            ),
-            Some(batch) if !batch.steers() => format!(
-                "server {server} has not sent the fitness of its batch of {count} episodes for {seconds:.1} s"
-            ),
-            Some(batch) if batch.steps() == 0 => {
-                format!(
-                    "server {server} has not begun its batch of {count} episodes for {seconds:.1} s"
-                )
-            }
-            Some(batch) => format!(
-                "server {server} has not answered the actuators of {count} episodes in step {} for {seconds:.1} s",
-                batch.steps() - 1
-            ),
+    /// What is waited for.
+    pub fn waiting_for(&self, now: Instant) -> Waiting {
+        let (kind, missing) = match &self.batch {
+            None => (PieceKind::Block, Missing::Result),
+            Some(batch) if !batch.steers() => (PieceKind::Batch, Missing::Result),
+            Some(batch) if batch.steps() == 0 => (PieceKind::Batch, Missing::Start),
+            Some(_) => (PieceKind::Batch, Missing::Sensors),
+        };
+        let steps = self
+            .batch
+            .as_ref()
+            .and_then(|batch| batch.steps().checked_sub(1));
+        Waiting {
+            server: self.server,
+            kind,
+            missing,
+            evaluations: self.piece.len() as u64,
+            agent: None,
+            step: steps,
+            silent: now.saturating_duration_since(self.heard).as_secs_f64(),
         }
     }
 }
@@ -378,7 +378,7 @@ impl Machine {
         late.sort_unstable();
         for number in late {
             if let Some(request) = self.requests.get(&number) {
-                let (server, reason) = (request.server, request.waiting_for(now));
+                let (server, reason) = (request.server, request.waiting_for(now).to_string());
                 self.fail_server(server, &reason, now);
             }
         }

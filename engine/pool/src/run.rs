@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use swarmwright_controllers::Controller;
-use swarmwright_protocol::{ReadingWriter, SensorReading};
+use swarmwright_protocol::{Missing, PieceKind, ReadingWriter, SensorReading, Waiting};
 
 use crate::ledger::Piece;
 
@@ -103,21 +103,16 @@ impl Run {
         self.steps() > 0
     }
 
-    /// What is waited for, in words.
-    pub fn waiting_for(&self, now: Instant) -> String {
-        let seconds = now.saturating_duration_since(self.heard).as_secs_f64();
-        if !self.steers() {
-            return format!(
-                "server {} has not sent the fitness of its episode for {seconds:.1} s",
-                self.server
-            );
-        }
-        if !self.begun() {
-            return format!(
-                "server {} has not begun its episode for {seconds:.1} s",
-                self.server
-            );
-        }
+    /// What is waited for.
+    pub fn waiting_for(&self, now: Instant) -> Waiting {
+        let missing = if !self.steers() {
+            Missing::Result
+        } else if self.begun() {
+            Missing::Sensors
+        } else {
+            Missing::Start
+        };
+        let begun = missing == Missing::Sensors;
         // An agent that was answered less often than others still owes its sensors of the step before.
         let steps = self.steps();
         let behind = self
@@ -125,10 +120,14 @@ impl Run {
             .iter()
             .position(|&count| count > 0 && count < steps);
         let agent = behind.map_or(self.last_agent, |agent| agent as u64);
-        format!(
-            "server {} has not answered the actuators of agent {agent} in step {} for {seconds:.1} s",
-            self.server,
-            steps - 1
-        )
+        Waiting {
+            server: self.server,
+            kind: PieceKind::Episode,
+            missing,
+            evaluations: 1,
+            agent: begun.then_some(agent),
+            step: begun.then(|| steps - 1),
+            silent: now.saturating_duration_since(self.heard).as_secs_f64(),
+        }
     }
 }

@@ -2,10 +2,16 @@
 
 use std::time::{Duration, Instant};
 
+use swarmwright_protocol::{Activity, MOST_LISTED, NoServer, Status, Used, Waiting};
+
 use crate::machine::Machine;
+use crate::slot::Slot;
 
 /// After how long silence is worth a word.
 const SILENCE: Duration = Duration::from_secs(1);
+
+/// Most characters of a reason in a status.
+const LONGEST: usize = 200;
 
 /// How long other servers may take to answer when one refused the work.
 const OTHERS: Duration = Duration::from_millis(500);
@@ -69,36 +75,98 @@ impl Machine {
             .map_or(Duration::ZERO, |since| now.saturating_duration_since(since))
     }
 
+    /// All work under way, what was silent for the longest time first.
+    #[must_use]
+    pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
+        let mut runs: Vec<_> = self.runs.values().collect();
+        runs.sort_by_key(|run| (run.heard, run.server));
+        let mut requests: Vec<_> = self.requests.iter().collect();
+        requests.sort_by_key(|(number, request)| (request.heard, **number));
+        let runs = runs.into_iter().map(|run| run.waiting_for(now));
+        let requests = requests
+            .into_iter()
+            .map(|(_, request)| request.waiting_for(now));
+        let mut all: Vec<Waiting> = runs.chain(requests).collect();
+        all.sort_by(|a, b| b.silent.total_cmp(&a.silent));
+        all
+    }
+
     /// What is waited for, in words; empty while everything moves.
     #[must_use]
     pub fn waiting_for(&self, now: Instant) -> String {
         if self.finished() {
             return String::new();
         }
-        let run = self.runs.values().min_by_key(|run| (run.heard, run.server));
-        let request = self
-            .requests
-            .iter()
-            .min_by_key(|(number, request)| (request.heard, **number))
-            .map(|(_, request)| request);
-        let is_silent = |heard: Instant| now.saturating_duration_since(heard) >= SILENCE;
-        match (run, request) {
-            (Some(run), other)
-                if is_silent(run.heard) && other.is_none_or(|other| run.heard <= other.heard) =>
-            {
-                run.waiting_for(now)
-            }
-            (_, Some(request)) if is_silent(request.heard) => request.waiting_for(now),
-            (None, None) => {
-                let seconds = self.lonely(now).as_secs_f64();
-                if seconds >= SILENCE.as_secs_f64() {
-                    let found = self.offers.describe(&self.config.demand);
+        match self.waiting(now).first() {
+            Some(oldest) if oldest.silent >= SILENCE.as_secs_f64() => oldest.to_string(),
+            Some(_) => String::new(),
+            None => match self.no_server(now) {
+                Some(NoServer { seconds, found }) => {
                     format!("no server for {seconds:.1} s ({found})")
-                } else {
-                    String::new()
                 }
-            }
-            _ => String::new(),
+                None => String::new(),
+            },
         }
     }
+
+    fn no_server(&self, now: Instant) -> Option<NoServer> {
+        let lonely = self.lonely(now);
+        (lonely >= SILENCE).then(|| NoServer {
+            seconds: lonely.as_secs_f64(),
+            found: self.offers.describe(&self.config.demand),
+        })
+    }
+
+    /// What those who watch are told.
+    #[must_use]
+    pub fn status(&self, now: Instant) -> Status {
+        let count = |number: usize| number as u64;
+        let used = |(id, slot): (&u64, &Slot)| Used {
+            server: *id,
+            mode: slot.way.name().to_owned(),
+            speed: slot.rate.map(rounded),
+            failures: slot.failures.into(),
+            reason: (slot.failures > 0).then(|| shortened(&slot.failure)),
+            // One that is new waits a moment, too, and has not failed.
+            benched: slot
+                .benched
+                .filter(|_| slot.failures > 0)
+                .map(|until| rounded(until.saturating_duration_since(now).as_secs_f64())),
+        };
+        let mut servers: Vec<Used> = self.offers.slots.iter().map(used).collect();
+        servers.sort_by_key(|used| (used.benched.is_none(), used.server));
+        servers.truncate(MOST_LISTED);
+        let mut waiting_for = self.waiting(now);
+        waiting_for.truncate(MOST_LISTED);
+        for waiting in &mut waiting_for {
+            waiting.silent = rounded(waiting.silent);
+        }
+        let mut status = Status::new(
+            self.config.tool.clone(),
+            self.config.demand.simulation.clone(),
+        );
+        if self.ledger.work.is_some() {
+            status.state = Activity::Evaluating;
+        }
+        (status.done, status.total) = (count(self.done()), count(self.total()));
+        (status.waiting_for, status.servers) = (waiting_for, servers);
+        status.no_server = self.no_server(now).map(|alone| NoServer {
+            seconds: rounded(alone.seconds),
+            found: shortened(&alone.found),
+        });
+        status
+    }
+}
+
+/// To thousandths: what is finer than a millisecond tells nobody anything.
+fn rounded(number: f64) -> f64 {
+    (number * 1e3).round() / 1e3
+}
+
+/// A text of which a thousand fit in a message.
+fn shortened(text: &str) -> String {
+    if text.chars().count() <= LONGEST {
+        return text.to_owned();
+    }
+    text.chars().take(LONGEST - 2).chain(" …".chars()).collect()
 }

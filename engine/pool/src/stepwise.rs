@@ -182,7 +182,7 @@ impl Machine {
             let Some(run) = self.runs.get(&hash) else {
                 continue;
             };
-            let (server, waiting) = (run.server, run.waiting_for(now));
+            let (server, waiting) = (run.server, run.waiting_for(now).to_string());
             let reason = run
                 .refused
                 .as_ref()

@@ -11,7 +11,7 @@ use common::{
 };
 use proptest::prelude::*;
 use swarmwright_pool::{Mode, Results, Work};
-use swarmwright_protocol::{RefusalKind, ToServer, Topics};
+use swarmwright_protocol::{PieceKind, RefusalKind, Status, ToServer, Topics};
 
 const SEEDS: [u64; 3] = [3, 4, 9];
 const CANDIDATES: usize = 40;
@@ -142,6 +142,47 @@ fn an_answer_that_comes_after_its_lease_is_not_heard() {
     numbers.sort_unstable();
     numbers.dedup();
     assert_eq!(numbers.len(), all, "a request number was used twice");
+}
+
+#[test]
+fn the_status_names_who_is_waited_for_and_who_has_a_pause() {
+    let mut net = Net::new(7);
+    let slow = Extended {
+        pace: Duration::from_secs(25),
+        ..offloaded(1)
+    };
+    net.add(Party::Extended(Box::new(slow)));
+    net.add(Party::Extended(Box::new(offloaded(2))));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    let start = net.now;
+    let status = net.tool(index).status(start);
+    assert_eq!((status.done, status.total), (0, 120));
+    assert!(status.waiting_for.is_empty() && status.servers.is_empty());
+    while net.tool(index).done() < 110 {
+        net.turn();
+    }
+    let now = net.now + Duration::from_secs(9);
+    let status = net.tool(index).status(now);
+    let oldest = &status.waiting_for[0];
+    assert_eq!((oldest.server, oldest.kind), (1, PieceKind::Block));
+    assert!(oldest.silent > 8.0);
+    assert_eq!(net.tool(index).waiting_for(now), oldest.to_string());
+    assert_eq!(Status::decode(&status.encode()), Ok(status));
+    // The tool waits for 10 seconds.
+    let benched = loop {
+        net.turn();
+        let now = net.now;
+        let mut servers = net.tool(index).status(now).servers;
+        if servers.first().is_some_and(|first| first.benched.is_some()) {
+            break servers.remove(0);
+        }
+    };
+    assert_eq!((benched.server, benched.failures), (1, 1));
+    let reason = benched.reason.as_deref().unwrap();
+    assert!(
+        reason.starts_with("server 1 has not answered a block"),
+        "{reason}"
+    );
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod messages;
 mod numbers;
 mod presence;
 mod readings;
+mod status;
 mod topics;
 
 pub use extension::{
@@ -21,6 +22,7 @@ pub use messages::{
 };
 pub use presence::{Presence, State};
 pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};
+pub use status::{Activity, MOST_LISTED, Missing, NoServer, PieceKind, Status, Used, Waiting};
 pub use topics::{Topic, TopicError, Topics};
 
 /// Larger payloads are refused unread.

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::numbers::Id;
 use crate::{
-    Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, ToServer, ToTool, Topic,
+    Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, Status, ToServer, ToTool, Topic,
 };
 
 /// Any message, by topic.
@@ -24,6 +24,7 @@ pub enum Message {
     Presence(Presence),
     ToServer(ToServer),
     ToTool(ToTool),
+    Status(Box<Status>),
 }
 
 impl Message {
@@ -43,6 +44,7 @@ impl Message {
             Topic::Presence => Self::Presence(Presence::decode(payload)?),
             Topic::ToServer => Self::ToServer(ToServer::decode(payload)?),
             Topic::ToTool => Self::ToTool(ToTool::decode(payload)?),
+            Topic::Status => Self::Status(Box::new(Status::decode(payload)?)),
         })
     }
 }

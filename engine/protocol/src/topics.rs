@@ -23,6 +23,8 @@ pub enum Topic {
     ToServer,
     /// Extension: the answers to one tool.
     ToTool,
+    /// Extension: what one tool does now and waits for, for those who watch.
+    Status,
 }
 
 impl Topic {
@@ -51,6 +53,7 @@ impl Topic {
             Self::Presence => PRESENCE,
             Self::ToServer => TO_SERVER,
             Self::ToTool => TO_TOOL,
+            Self::Status => STATUS,
         }
     }
 
@@ -69,6 +72,7 @@ impl Topic {
                     PRESENCE if last.parse::<u64>().is_ok() => Self::Presence,
                     TO_SERVER if last.parse::<u64>().is_ok() => Self::ToServer,
                     TO_TOOL if !last.is_empty() => Self::ToTool,
+                    STATUS if !last.is_empty() => Self::Status,
                     _ => return None,
                 }
             }
@@ -79,6 +83,7 @@ impl Topic {
 const PRESENCE: &str = "swarmwright/v1/presence";
 const TO_SERVER: &str = "swarmwright/v1/server";
 const TO_TOOL: &str = "swarmwright/v1/tool";
+const STATUS: &str = "swarmwright/v1/status";
 
 /// A prefix that cannot stand before a topic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -147,6 +152,18 @@ impl Topics {
     #[must_use]
     pub fn to_tool(&self, token: &str) -> String {
         format!("{}{TO_TOOL}/{token}", self.prefix)
+    }
+
+    /// The topic on which one tool says how it stands; `token` as in [`to_tool`](Self::to_tool).
+    #[must_use]
+    pub fn status(&self, token: &str) -> String {
+        format!("{}{STATUS}/{token}", self.prefix)
+    }
+
+    /// The filter that all status messages pass.
+    #[must_use]
+    pub fn status_filter(&self) -> String {
+        format!("{}{STATUS}/+", self.prefix)
     }
 
     /// A name that stands in a message, without prefix, as a topic.

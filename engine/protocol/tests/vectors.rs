@@ -6,7 +6,9 @@ use std::path::PathBuf;
 
 use base64::Engine;
 use serde_json::{Value, json};
-use swarmwright_protocol::{Capabilities, EpisodeHasher, Message, State, Topic, Topics};
+use swarmwright_protocol::{
+    Capabilities, EpisodeHasher, Message, State, Status, Topic, Topics, Used, Waiting,
+};
 
 fn vectors() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../protocol/vectors")
@@ -17,11 +19,17 @@ fn load(name: &str) -> Vec<Value> {
     serde_json::from_str(&text).unwrap()
 }
 
+/// The vectors of all messages in JSON.
+fn every_message() -> Vec<Value> {
+    [load("messages.json"), load("status.json")].concat()
+}
+
 fn topic(name: &str) -> Topic {
     match name {
         "presence" => Topic::Presence,
         "to_server" => Topic::ToServer,
         "to_tool" => Topic::ToTool,
+        "status" => Topic::Status,
         _ => Topic::SEED
             .into_iter()
             .find(|topic| topic.name() == name)
@@ -38,6 +46,25 @@ fn capabilities(capabilities: &Capabilities) -> Value {
             "controllers": Some(&announced.controllers).filter(|kinds| !kinds.is_empty()), "batch": announced.batch, "sensors": announced.sensors,
             "actuators": announced.actuators, "metrics": Some(&announced.metrics).filter(|names| !names.is_empty()), "instance": announced.instance, "host": announced.host, "pid": announced.pid,
         })),
+    })
+}
+
+/// A status as the vectors write it: what is absent is null.
+fn status(message: &Status) -> Value {
+    let waiting = |one: &Waiting| {
+        json!({"server": one.server, "kind": one.kind, "missing": one.missing, "evaluations": one.evaluations,
+            "agent": one.agent, "step": one.step, "silent": one.silent, "words": one.to_string()})
+    };
+    let used = |one: &Used| {
+        json!({"server": one.server, "mode": one.mode, "speed": one.speed, "failures": one.failures,
+            "reason": one.reason, "benched": one.benched})
+    };
+    json!({
+        "tool": message.tool, "state": message.state, "simulation": message.simulation, "run": message.run,
+        "generation": message.generation, "generations": message.generations, "done": message.done,
+        "total": message.total, "no_server": message.no_server,
+        "waiting_for": message.waiting_for.iter().map(waiting).collect::<Vec<_>>(),
+        "servers": message.servers.iter().map(used).collect::<Vec<_>>(),
     })
 }
 
@@ -76,6 +103,7 @@ fn reading(message: &Message) -> Value {
             "state": match m.state { State::Ready => "ready", State::Busy => "busy", State::Lost => "lost" },
             "simulations": m.simulations, "capabilities": capabilities(&m.capabilities), "tool": m.tool, "since": m.since,
         }),
+        Message::Status(m) => status(m),
     }
 }
 
@@ -108,7 +136,7 @@ fn same(left: &Value, right: &Value, binary32: bool) -> bool {
 
 #[test]
 fn messages_are_read_as_the_vectors_say() {
-    for vector in load("messages.json") {
+    for vector in every_message() {
         let payload = match (&vector["text"], &vector["bytes"], &vector["file"]) {
             (Value::String(text), ..) => text.clone().into_bytes(),
             (_, Value::String(bytes), _) => base64::engine::general_purpose::STANDARD
@@ -158,7 +186,7 @@ fn messages_are_read_as_the_vectors_say() {
 
 #[test]
 fn what_is_written_reads_back_the_same() {
-    for vector in load("messages.json")
+    for vector in every_message()
         .iter()
         .filter(|vector| vector["accept"] == true)
     {
@@ -180,6 +208,7 @@ fn what_is_written_reads_back_the_same() {
             Message::Presence(m) => m.encode(),
             Message::ToServer(m) => m.encode(),
             Message::ToTool(m) => m.encode(),
+            Message::Status(m) => m.encode(),
         };
         assert_eq!(
             Message::decode(topic, &written),
@@ -224,6 +253,7 @@ fn topics_are_those_of_the_vectors() {
             Topic::Presence => topics.presence(server()),
             Topic::ToServer => topics.to_server(server()),
             Topic::ToTool => topics.to_tool(vector["token"].as_str().unwrap()),
+            Topic::Status => topics.status(vector["token"].as_str().unwrap()),
             _ => topics.name(meant),
         };
         assert_eq!(written, name);

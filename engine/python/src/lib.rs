@@ -11,6 +11,7 @@ mod results;
 mod server;
 mod simulation;
 mod streams;
+mod watch;
 mod worlds;
 
 use pyo3::prelude::*;
@@ -27,6 +28,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(broker::hash_for_mosquitto, module)?)?;
     module.add_function(wrap_pyfunction!(broker::certificates, module)?)?;
     module.add_class::<pool::PyPool>()?;
+    module.add_class::<watch::PyWatcher>()?;
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
@@ -41,6 +43,6 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulation::evaluate_own, module)?)?;
     module.add_function(wrap_pyfunction!(local::levels, module)?)?;
     module.add_function(wrap_pyfunction!(server::serve, module)?)?;
-    module.add_function(wrap_pyfunction!(pool::servers, module)?)?;
+    module.add_function(wrap_pyfunction!(watch::servers, module)?)?;
     Ok(())
 }

@@ -3,10 +3,9 @@
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde_json::json;
-use std::time::Duration;
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{Attempt, Demand, Options, Pool, PoolError, list_servers};
-use swarmwright_protocol::{Requirements, State};
+use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError};
+use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, object};
 use crate::genomes::work;
@@ -103,6 +102,21 @@ impl PyPool {
         });
         raised.map_or(Ok(()), Err)?;
         result.map_err(|failed| error(&failed))
+    }
+
+    #[pyo3(signature = (run=None, generation=None, generations=None))]
+    fn about(
+        &mut self,
+        run: Option<String>,
+        generation: Option<u64>,
+        generations: Option<u64>,
+    ) -> PyResult<()> {
+        self.pool()?.set_about(About {
+            run,
+            generation,
+            generations,
+        });
+        Ok(())
     }
 
     fn announced_metrics(&mut self) -> PyResult<Vec<String>> {
@@ -239,33 +253,4 @@ impl PyPool {
             .as_mut()
             .ok_or_else(|| input("the pool is closed"))
     }
-}
-
-/// Who is on the broker.
-#[pyfunction]
-#[pyo3(signature = (broker, *, prefix="", wait=1.0))]
-pub fn servers(py: Python<'_>, broker: &str, prefix: &str, wait: f64) -> PyResult<String> {
-    let settings = Settings::from_environment(broker).map_err(input)?;
-    let wait =
-        Duration::try_from_secs_f64(wait).map_err(|failed| input(format!("wait: {failed}")))?;
-    let found = py
-        .detach(|| list_servers(settings, prefix, wait))
-        .map_err(|failed| error(&failed))?;
-    let lines: Vec<_> = found
-        .iter()
-        .map(|presence| {
-            let announced = presence.capabilities.swarmwright.as_ref();
-            json!({
-                "server": presence.server,
-                "state": match presence.state { State::Ready => "ready", State::Busy => "busy", State::Lost => "lost" },
-                "simulations": presence.simulations,
-                "capabilities": presence.capabilities.to_value(),
-                "tool": presence.tool,
-                "since": presence.since,
-                "host": announced.and_then(|announced| announced.host.clone()),
-                "pid": announced.and_then(|announced| announced.pid),
-            })
-        })
-        .collect();
-    Ok(json!(lines).to_string())
 }

@@ -25,7 +25,11 @@ HEADINGS = (
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 
 
-@click.command("servers", cls=Command, example="swarmwright servers --broker mqtt://localhost:1883")
+@click.command(
+    "servers",
+    cls=Command,
+    example="swarmwright servers --broker mqtt://localhost:1883\nswarmwright servers --watch",
+)
 @broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
 @prefix_option
 @click.option(
@@ -36,33 +40,52 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
     metavar="SECONDS",
     help="How long to listen for answers.",
 )
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Go on until Ctrl-C: what each server does, which one is waited for, and every optimization tool at "
+    "work. With --json an object each --every seconds.",
+)
+@click.option(
+    "--every",
+    type=click.FloatRange(0.1, 3600.0),
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="With --watch: how often it is shown.",
+)
 @json_option
-def command(broker: str, prefix: str, wait: float, as_json: bool) -> None:
-    """List the simulation servers on a broker.
+def command(broker: str, prefix: str, wait: float, watch: bool, every: float, as_json: bool) -> int:
+    """List the simulation servers on a broker, or watch them at work.
 
     What each offers, and whether it is ready, busy (and for whom) or lost.
     """
     from swarmwright import _engine
 
     output = Output(as_json=as_json)
+    if watch:
+        from swarmwright.cli._watching import watch as go_on
+
+        return go_on(output, broker, prefix, every)
     found = json.loads(_engine.servers(broker, prefix=prefix, wait=wait))
     for server in found:
         output.json(server)
     if as_json:
-        return
+        return 0
     if not found:
         output.text(f"No simulation server on {broker}.")
         output.text(f"Start one with: swarmwright serve minisim --broker {broker}")
         output.text(
             "Servers that know D6.1 alone say nothing unasked: `optimize` finds them by their simulation."
         )
-        return
+        return 0
     rows = [row(server) for server in found]
     if output.terminal:
         _table(output, rows)
     else:
         for line in [HEADINGS, *rows]:
             output.text("\t".join(line))
+    return 0
 
 
 def row(server: Mapping[str, Any]) -> tuple[str, ...]:

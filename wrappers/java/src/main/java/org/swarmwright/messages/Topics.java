@@ -25,7 +25,9 @@ public final class Topics {
     /** Requests to one server (an extension). */
     TO_SERVER("swarmwright/v1/server"),
     /** Answers to one tool (an extension). */
-    TO_TOOL("swarmwright/v1/tool");
+    TO_TOOL("swarmwright/v1/tool"),
+    /** What one tool does now, for those who watch (an extension). */
+    STATUS("swarmwright/v1/status");
 
     private final String text;
 
@@ -95,7 +97,7 @@ public final class Topics {
       } else if (bare.startsWith(topic.text + "/")) {
         String last = bare.substring(topic.text.length() + 1);
         boolean fits =
-            topic == Topic.TO_TOOL
+            topic == Topic.TO_TOOL || topic == Topic.STATUS
                 ? !last.isEmpty() && last.indexOf('/') < 0
                 : last.matches("[0-9]{1,19}");
         return fits ? topic : null;

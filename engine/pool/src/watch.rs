@@ -1,0 +1,116 @@
+//! Looking on: who is on the broker, and what they say of themselves.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use swarmwright_mqtt::{Connection, Event, QoS, Settings, Subscription};
+use swarmwright_protocol::{Message, Presence, Status, Topic, Topics};
+
+use crate::pool::PoolError;
+
+/// Something that a watcher heard.
+#[derive(Debug, Clone, PartialEq)]
+pub enum News {
+    /// What a server does now.
+    Presence(Box<Presence>),
+    /// A server left in good order.
+    Left(u64),
+    /// How a tool stands; its token tells it from others.
+    Status(String, Box<Status>),
+    /// The broker is back, or lost with this reason.
+    Broker(Result<(), String>),
+}
+
+/// A connection that publishes nothing.
+pub struct Watcher {
+    connection: Connection,
+    topics: Topics,
+    events: Vec<Event>,
+}
+
+impl Watcher {
+    /// Connects; `tools`: whether tools are listened to, or servers alone.
+    ///
+    /// # Errors
+    /// No broker, credentials refused, a prefix that cannot be.
+    pub fn connect(settings: Settings, prefix: &str, tools: bool) -> Result<Self, PoolError> {
+        let topics = Topics::new(prefix)?;
+        let at = |filter, qos| Subscription { filter, qos };
+        let mut subscriptions = vec![at(topics.presence_filter(), QoS::AtLeastOnce)];
+        if tools {
+            subscriptions.push(at(topics.status_filter(), QoS::AtMostOnce));
+        }
+        Ok(Self {
+            connection: Connection::open(settings, subscriptions)?,
+            topics,
+            events: Vec::new(),
+        })
+    }
+
+    /// What came until `until`, or a little less: it returns as soon as there is something.
+    pub fn poll(&mut self, until: Instant) -> Vec<News> {
+        let mut news = Vec::new();
+        while news.is_empty() && Instant::now() < until {
+            self.connection.poll(until, &mut self.events);
+            let events = std::mem::take(&mut self.events);
+            news.extend(events.iter().filter_map(|event| self.read(event)));
+        }
+        news
+    }
+
+    /// What an event means; what is no message of ours is passed over.
+    fn read(&self, event: &Event) -> Option<News> {
+        let message = match event {
+            Event::Connected => return Some(News::Broker(Ok(()))),
+            Event::Disconnected { reason } => return Some(News::Broker(Err(reason.clone()))),
+            Event::Message(message) => message,
+        };
+        let topic = self.topics.parse(message.topic())?;
+        let last = || message.topic().rsplit('/').next().unwrap_or_default();
+        if topic == Topic::Presence && message.payload().is_empty() {
+            return Some(News::Left(last().parse().ok()?));
+        }
+        match Message::decode(topic, message.payload()).ok()? {
+            Message::Presence(presence) => Some(News::Presence(Box::new(presence))),
+            // One that is retained is somebody's leftover.
+            Message::Status(status) if !message.retained() => {
+                Some(News::Status(last().to_owned(), status))
+            }
+            _ => None,
+        }
+    }
+
+    /// Leaves.
+    pub fn close(self) {
+        self.connection.close(Duration::from_secs(1));
+    }
+}
+
+/// Everybody's presence on the broker, by id: what is retained, and what comes within `wait`.
+///
+/// # Errors
+/// No broker, credentials refused, a prefix that cannot be.
+pub fn list_servers(
+    settings: Settings,
+    prefix: &str,
+    wait: Duration,
+) -> Result<Vec<Presence>, PoolError> {
+    let mut watcher = Watcher::connect(settings, prefix, false)?;
+    let deadline = Instant::now() + wait;
+    let mut found = BTreeMap::new();
+    while Instant::now() < deadline {
+        for news in watcher.poll(deadline) {
+            match news {
+                News::Presence(presence) => {
+                    found.insert(presence.server, *presence);
+                }
+                News::Left(server) => {
+                    found.remove(&server);
+                }
+                News::Status(..) | News::Broker(_) => {}
+            }
+        }
+    }
+    watcher.close();
+    Ok(found.into_values().collect())
+}

@@ -1,0 +1,116 @@
+//! Looking on, for `swarmwright servers`.
+
+use std::time::{Duration, Instant};
+
+use pyo3::prelude::*;
+use serde_json::{Value, json};
+use swarmwright_mqtt::Settings;
+use swarmwright_pool::{News, PoolError, Watcher, list_servers};
+use swarmwright_protocol::{Presence, Status};
+
+use crate::errors::{engine, input};
+
+/// How often Python is asked whether somebody pressed Ctrl-C.
+const ASK: Duration = Duration::from_millis(100);
+
+/// Hears what servers and tools on a broker say of themselves.
+#[pyclass(name = "Watcher", module = "swarmwright._engine")]
+pub struct PyWatcher {
+    /// None once it is closed.
+    watcher: Option<Watcher>,
+}
+
+fn error(error: &PoolError) -> PyErr {
+    match error {
+        PoolError::Settings(_) | PoolError::Topic(_) => input(error),
+        _ => engine(error),
+    }
+}
+
+#[pymethods]
+impl PyWatcher {
+    #[new]
+    #[pyo3(signature = (broker, *, prefix=""))]
+    fn new(py: Python<'_>, broker: &str, prefix: &str) -> PyResult<Self> {
+        let settings = Settings::from_environment(broker).map_err(input)?;
+        py.detach(|| Watcher::connect(settings, prefix, true))
+            .map(|watcher| Self {
+                watcher: Some(watcher),
+            })
+            .map_err(|failed| error(&failed))
+    }
+
+    fn poll(&mut self, py: Python<'_>, seconds: f64) -> PyResult<String> {
+        let wait = Duration::try_from_secs_f64(seconds)
+            .map_err(|failed| input(format!("seconds: {failed}")))?;
+        let watcher = self
+            .watcher
+            .as_mut()
+            .ok_or_else(|| input("the watcher is closed"))?;
+        let deadline = Instant::now() + wait;
+        loop {
+            let until = deadline.min(Instant::now() + ASK);
+            let news = py.detach(|| watcher.poll(until));
+            py.check_signals()?;
+            if !news.is_empty() || until >= deadline {
+                let lines: Vec<Value> = news.iter().map(line).collect();
+                return Ok(json!(lines).to_string());
+            }
+        }
+    }
+
+    fn close(&mut self, py: Python<'_>) {
+        if let Some(watcher) = self.watcher.take() {
+            py.detach(|| watcher.close());
+        }
+    }
+}
+
+fn line(news: &News) -> Value {
+    match news {
+        News::Presence(presence) => json!({"presence": server(presence)}),
+        News::Left(id) => json!({"left": id}),
+        News::Status(token, status) => json!({"status": tool(status), "token": token}),
+        News::Broker(Ok(())) => json!({"broker": "back"}),
+        News::Broker(Err(reason)) => json!({"broker": "lost", "reason": reason}),
+    }
+}
+
+fn server(presence: &Presence) -> Value {
+    let announced = presence.capabilities.swarmwright.as_ref();
+    json!({
+        "server": presence.server,
+        "state": presence.state,
+        "simulations": presence.simulations,
+        "capabilities": presence.capabilities.to_value(),
+        "tool": presence.tool,
+        "since": presence.since,
+        "host": announced.and_then(|announced| announced.host.clone()),
+        "pid": announced.and_then(|announced| announced.pid),
+    })
+}
+
+/// A status with what it waits for in words, too.
+fn tool(status: &Status) -> Value {
+    let mut value = json!(status);
+    if let Some(entries) = value["waiting_for"].as_array_mut() {
+        for (entry, waiting) in entries.iter_mut().zip(&status.waiting_for) {
+            entry["words"] = waiting.to_string().into();
+        }
+    }
+    value
+}
+
+/// Who is on the broker.
+#[pyfunction]
+#[pyo3(signature = (broker, *, prefix="", wait=1.0))]
+pub fn servers(py: Python<'_>, broker: &str, prefix: &str, wait: f64) -> PyResult<String> {
+    let settings = Settings::from_environment(broker).map_err(input)?;
+    let wait =
+        Duration::try_from_secs_f64(wait).map_err(|failed| input(format!("wait: {failed}")))?;
+    let found = py
+        .detach(|| list_servers(settings, prefix, wait))
+        .map_err(|failed| error(&failed))?;
+    let lines: Vec<_> = found.iter().map(server).collect();
+    Ok(json!(lines).to_string())
+}

@@ -1,0 +1,188 @@
+"""`swarmwright servers --watch`: everybody on a broker, drawn again each second."""
+
+import datetime as dt
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from swarmwright._watch import SILENCE, ServerRow, ToolRow, View, views, words
+from swarmwright.cli._output import Output
+from swarmwright.cli._progress import duration
+from swarmwright.cli._signals import INTERRUPTED
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
+SERVERS = ("id", "state", "simulations", "for whom", "does", "silent", "speed", "failures")
+TOOLS = ("tool", "run", "generation", "evaluations", "waits for")
+
+
+def doing(server: ServerRow) -> str:
+    """Say what a server does now: 'block of 12', 'episode, step 7'; '-' for nothing."""
+    if not server.doing:
+        return "-"
+    work = server.doing[0]
+    what = "episode" if work["kind"] == "episode" else f"{work['kind']} of {work['evaluations']}"
+    if work.get("step") is not None:
+        what += f", step {work['step']}"
+    if work.get("agent") is not None:
+        what += f", agent {work['agent']}"
+    more = len(server.doing) - 1
+    return f"{what} (+{more})" if more else what
+
+
+def cells(server: ServerRow) -> tuple[str, ...]:
+    """Return what the table says of a server, a cell per heading."""
+    use = server.use
+    speed = use.get("speed")
+    failures = str(use["failures"]) if use.get("failures") else "-"
+    if use.get("benched") is not None:
+        failures += f", has a pause of {duration(use['benched'])}"
+    return (
+        str(server.server),
+        server.state or "-",
+        ", ".join(server.simulations) or "-",
+        server.tool or "-",
+        doing(server),
+        duration(server.silent) if server.silent >= SILENCE else "-",
+        "-" if speed is None else f"{speed:.3g}/s",
+        failures,
+    )
+
+
+def tool_cells(tool: ToolRow) -> tuple[str, ...]:
+    """Return what the table says of a tool, a cell per heading."""
+    status = tool.status
+    generation, generations = status.get("generation"), status.get("generations")
+    how_far = "-" if generation is None else str(generation + 1)
+    if generations is not None:
+        how_far += f" of {generations}"
+    evaluations = (
+        "looks for servers" if status["state"] == "looking" else f"{status['done']} of {status['total']}"
+    )
+    return (status["tool"], status.get("run") or "-", how_far, evaluations, tool.waits_for or "-")
+
+
+def headline(view: View, broker: str) -> tuple[str, str]:
+    """Say in a line how it stands, and in which style."""
+    if view.broker_lost is not None:
+        return f"{broker} is lost ({view.broker_lost}); trying again", "bold red"
+    if view.blocking is not None:
+        return f"Waited for: {words(view.blocking)}", "bold red"
+    alone = next((tool for tool in view.tools if tool.waits_for), None)
+    if alone is not None:
+        return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
+    count = len(view.servers)
+    return f"{count} server{'s' if count != 1 else ''}, nobody is waited for", "dim"
+
+
+class Screen:
+    """What is drawn on a terminal, over what was there before."""
+
+    def __init__(self, output: Output, broker: str) -> None:
+        self._output = output
+        self._broker = broker
+        self.view: View | None = None
+
+    def __rich__(self) -> "Group | Text":
+        """Two tables and a line."""
+        from rich.console import Group
+        from rich.text import Text
+
+        if self.view is None:
+            return Text(f"Listening on {self._broker} ..", style="dim")
+        blocking = self.view.blocking
+        servers = self._table(SERVERS, right=("id", "silent", "speed"))
+        for server in self.view.servers:
+            row = cells(server)
+            mark = "bold red" if server is blocking else "yellow" if server.silent >= SILENCE else ""
+            state = Text(row[1], style=COLORS.get(row[1], ""))
+            servers.add_row(
+                Text(row[0], style=mark), state, *row[2:4], *(Text(c, mark) for c in row[4:6]), *row[6:]
+            )
+        tools = self._table(TOOLS, right=())
+        for tool in self.view.tools:
+            row = tool_cells(tool)
+            tools.add_row(*row[:4], Text(row[4], "yellow" if tool.waits_for else ""))
+        line, style = headline(self.view, self._broker)
+        return Group(Text(line, style=style), tools if self.view.tools else "", servers)
+
+    def _table(self, headings: tuple[str, ...], *, right: tuple[str, ...]) -> "Table":
+        from rich import box
+        from rich.table import Table
+
+        table = Table(box=box.SIMPLE_HEAD if self._output.unicode else box.ASCII, pad_edge=False)
+        for heading in headings:
+            table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
+        return table
+
+
+class Lines:
+    """What is printed where there is no terminal: a line for what has changed."""
+
+    def __init__(self, output: Output, broker: str) -> None:
+        self._output = output
+        self._broker = broker
+        self._last: dict[str, str] = {}
+
+    def show(self, view: View) -> None:
+        """Print what is new."""
+        now: dict[str, str] = {}
+        for server in view.servers:
+            held = f" for {server.tool}" if server.tool and server.state == "busy" else ""
+            benched = server.use.get("benched") is not None
+            pause = f", has a pause: {server.use.get('reason')}" if benched else ""
+            offered = f" ({', '.join(server.simulations)})" if server.simulations else ""
+            now[f"server {server.server}"] = f"{server.state or 'known to a tool'}{held}{offered}{pause}"
+        for tool in view.tools:
+            _, run, generation, _, _ = tool_cells(tool)
+            now[f"tool {tool.status['tool']}"] = f"run {run}, generation {generation}"
+        blocking = view.blocking
+        if view.broker_lost is not None:
+            now["broker"] = headline(view, self._broker)[0]
+        elif blocking is not None:
+            # Said again with each doubling of the silence, not each second.
+            doubled = int(blocking.silent).bit_length()
+            now[f"waited for {doubled}"] = words(blocking)
+        for key, said in now.items():
+            if self._last.get(key) != said and not (key.startswith("waited") and key in self._last):
+                self._say(said if key == "broker" or key.startswith("waited") else f"{key}: {said}")
+        for key in self._last:
+            if key not in now and key.startswith(("server", "tool")):
+                self._say(f"{key} has left")
+            elif key == "broker" and key not in now:
+                self._say(f"{self._broker} is back")
+        self._last = now
+
+    def _say(self, text: str) -> None:
+        self._output.text(f"{dt.datetime.now().astimezone():%H:%M:%S}  {text}")
+
+
+def watch(output: Output, broker: str, prefix: str, every: float) -> int:
+    """Show how it stands until Ctrl-C, which is how it is meant to end; the exit status."""
+    with suppress(KeyboardInterrupt):
+        _show(output, broker, prefix, every)
+    return INTERRUPTED
+
+
+def _show(output: Output, broker: str, prefix: str, every: float) -> None:
+    if output.as_json:
+        for view in views(broker, prefix=prefix, every=every):
+            moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+            output.json({"time": moment, **view.record()})
+    elif not output.terminal:
+        lines = Lines(output, broker)
+        for view in views(broker, prefix=prefix, every=every):
+            lines.show(view)
+    else:
+        from rich.live import Live
+
+        screen = Screen(output, broker)
+        shown = views(broker, prefix=prefix, every=every)
+        first = next(shown)  # complains of a broker that there is not, before anything is drawn
+        screen.view = first
+        with Live(screen, console=output.console(), refresh_per_second=4, vertical_overflow="crop"):
+            for view in shown:
+                screen.view = view

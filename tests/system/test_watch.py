@@ -1,0 +1,93 @@
+"""`swarmwright servers --watch` with real servers: one is killed, one is stopped; which one is waited for?"""
+
+import re
+import signal
+from typing import Any
+
+import pytest
+
+from tests.system.brokers import BrokerProcess
+from tests.system.conftest import Experiment, Launch, Serve
+from tests.system.processes import Program
+
+LONG = """\
+simulation: minisim
+mode: {mode}
+method: {{kind: nnga, population: 40, generations: 100000}}
+ranking: {{episodes: 4}}
+parameters: {{maxSteps: 100, numAgents: 4}}
+seed: 1
+"""
+
+
+def views(watcher: Program) -> list[dict[str, Any]]:
+    return [event for event in watcher.events() if "servers" in event]
+
+
+def until(watcher: Program, what: str, reached: Any) -> dict[str, Any]:
+    """The first view of which it is so."""
+    watcher.until(lambda _: any(reached(view) for view in views(watcher)), what, 30)
+    return next(view for view in views(watcher) if reached(view))
+
+
+@pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
+def test_the_watch_names_the_server_that_is_waited_for(
+    broker: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment, mode: str
+) -> None:
+    servers = serve(broker.url, count=4)
+    watcher = launch("servers", "--watch", "--json", "--every", 0.2, "--broker", broker.url)
+    lines = launch("servers", "--watch", "--every", 0.2, "--broker", broker.url)
+    until(watcher, "four servers", lambda view: len(view["servers"]) == 4)
+    tool = launch("optimize", experiment(LONG.format(mode=mode)), "--broker", broker.url, "--out", "here")
+    begun = until(watcher, "a run", lambda view: any(one.get("run") for one in view["tools"]))
+    assert begun["tools"][0]["run"] == "here"
+    assert begun["tools"][0]["generations"] == 100000
+
+    servers.signal_server(2, signal.SIGKILL)
+
+    def lost(view: dict[str, Any]) -> bool:
+        return any(server["server"] == 2 and server["state"] == "lost" for server in view["servers"])
+
+    until(watcher, "the killed server's loss", lost)
+    servers.signal_server(3, signal.SIGSTOP)
+    blocked = until(
+        watcher, "a server that blocks", lambda view: view["blocking"] and view["blocking"]["silent"] > 2
+    )
+    assert blocked["blocking"]["server"] == 3
+    assert re.match(r"server 3 has not .* for \d+\.\d s$", blocked["blocking"]["words"])
+    (row,) = (server for server in blocked["servers"] if server["server"] == 3)
+    kinds = {"stepwise": "episode", "batched": "batch", "offloaded": "block"}
+    assert row["doing"][0]["kind"] == kinds[mode]
+    assert row["tool"] == blocked["tools"][0]["tool"]
+    assert blocked["tools"][0]["waits_for"].startswith("server 3 has not")
+    lines.until(lambda program: any("server 3 has not" in line for line in program.lines), "the words", 10)
+
+    servers.signal_server(3, signal.SIGCONT)
+    tool.signal(signal.SIGINT)
+    tool.wait()
+    until(watcher, "the tool's farewell", lambda view: not view["tools"] and lost(view))
+    for program in (watcher, lines):
+        program.signal(signal.SIGINT)
+        assert program.wait() == 130
+        assert program.stderr == ""
+
+
+def test_a_run_goes_well_where_access_rules_know_no_status(
+    tmp_path: Any, cleanup: Any, launch: Launch, experiment: Experiment
+) -> None:
+    """Those of an older `broker --init`: the tool's status is dropped, and nothing else."""
+    from tests.system.ready_made import ReadyMade
+
+    for kind in ("mosquitto", "embedded"):
+        made = ReadyMade(tmp_path / kind, kind)
+        cleanup.callback(made.stop)
+        rules = made.folder / "acl"
+        rules.write_text("".join(line for line in rules.read_text().splitlines(True) if "status" not in line))
+        made.start()
+        server = launch("serve", "minisim", "--id", 1, "--json", env=made.variables("server"))
+        server.until_event("ready")
+        out = tmp_path / f"out {kind}"
+        tool = launch("optimize", experiment(), "--out", out, env=made.variables("tool"))
+        assert tool.wait() == 0, tool.stderr
+        assert "lost" not in tool.stderr
+        server.stop()
