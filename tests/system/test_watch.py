@@ -26,19 +26,20 @@ def views(watcher: Program) -> list[dict[str, Any]]:
 
 def until(watcher: Program, what: str, reached: Any) -> dict[str, Any]:
     """The first view of which it is so."""
-    watcher.until(lambda _: any(reached(view) for view in views(watcher)), what, 30)
+    watcher.until(lambda _: any(reached(view) for view in views(watcher)), what, 60)
     return next(view for view in views(watcher) if reached(view))
 
 
+@pytest.mark.timeout(150)
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_watch_names_the_server_that_is_waited_for(
-    broker: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment, mode: str
+    embedded: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment, mode: str
 ) -> None:
-    servers = serve(broker.url, count=4)
-    watcher = launch("servers", "--watch", "--json", "--every", 0.2, "--broker", broker.url)
-    lines = launch("servers", "--watch", "--every", 0.2, "--broker", broker.url)
+    servers = serve(embedded.url, count=4)
+    watcher = launch("servers", "--watch", "--json", "--every", 0.2, "--broker", embedded.url)
+    lines = launch("servers", "--watch", "--every", 0.2, "--broker", embedded.url)
     until(watcher, "four servers", lambda view: len(view["servers"]) == 4)
-    tool = launch("optimize", experiment(LONG.format(mode=mode)), "--broker", broker.url, "--out", "here")
+    tool = launch("optimize", experiment(LONG.format(mode=mode)), "--broker", embedded.url, "--out", "here")
     begun = until(watcher, "a run", lambda view: any(one.get("run") for one in view["tools"]))
     assert begun["tools"][0]["run"] == "here"
     assert begun["tools"][0]["generations"] == 100000
