@@ -94,6 +94,8 @@ pub struct Machine {
     complaints: HashSet<String>,
     published: Option<(PresenceState, Option<String>)>,
     changed_at: Option<Instant>,
+    /// The connection is broken: what would be published now is lost.
+    offline: bool,
     actions: Vec<Action>,
 }
 
@@ -120,6 +122,7 @@ impl Machine {
             complaints: HashSet::new(),
             published: None,
             changed_at: None,
+            offline: false,
             actions: Vec::new(),
         }
     }
@@ -272,7 +275,10 @@ impl Machine {
                 .resume_at
                 .or(Some(self.deadline(run.waiting_since, run.told))),
         };
-        let settle = self.changed_at.map(|at| at + SETTLE);
+        let settle = self
+            .changed_at
+            .filter(|_| !self.offline)
+            .map(|at| at + SETTLE);
         [own, settle].into_iter().flatten().min()
     }
 
@@ -326,7 +332,7 @@ impl Machine {
             }
             _ => {}
         }
-        if self.changed_at.is_some_and(|at| at + SETTLE <= now) {
+        if !self.offline && self.changed_at.is_some_and(|at| at + SETTLE <= now) {
             self.publish_presence(stamp());
         }
     }
@@ -340,6 +346,13 @@ impl Machine {
             .push(Action::Notice(Notice::Lost(reason.to_owned())));
         self.free(now);
         self.published = None;
+        self.offline = true;
+    }
+
+    /// The connection is there again. `stamp` is now in RFC 3339, for presence, in whose place the last will stands.
+    pub fn connected(&mut self, stamp: String) {
+        self.offline = false;
+        self.publish_presence(stamp);
     }
 
     /// Gives up whatever is under way; what is being computed, as soon as it can be stopped.

@@ -222,7 +222,7 @@ impl SimulationServer {
                         now,
                     );
                 }
-                Event::Connected => self.machine.publish_presence(stamp()),
+                Event::Connected => self.machine.connected(stamp()),
                 Event::Disconnected { reason } => self.machine.disconnected(&reason, now),
             }
         }

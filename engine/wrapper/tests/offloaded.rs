@@ -394,3 +394,28 @@ fn zeros() -> f64 {
     )
     .unwrap()
 }
+
+#[test]
+fn presence_waits_for_the_connection_to_come_back() {
+    let mut server = Server::of_walks();
+    server
+        .machine
+        .publish_presence("2026-01-31T12:00:00Z".to_owned());
+    server.collect();
+    server.published.clear();
+    server.machine.disconnected("gone", server.now);
+    assert_eq!(server.machine.next_tick(), None);
+    server.pass(Duration::from_secs(1));
+    assert!(server.published.is_empty(), "nobody would hear it");
+    server.machine.connected("2026-01-31T12:00:01Z".to_owned());
+    server.collect();
+    let (topic, payload) = server.published.pop().unwrap();
+    let Message::Presence(presence) = Message::decode(topic, &payload).unwrap() else {
+        panic!("{topic:?}")
+    };
+    assert_eq!(
+        presence.state,
+        State::Ready,
+        "in the place of the last will"
+    );
+}

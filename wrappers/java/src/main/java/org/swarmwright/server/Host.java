@@ -208,7 +208,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   @Override
   public void connected() {
     synchronized (lock) {
-      machine.publishPresence(stamp());
+      machine.connected(stamp());
       watch();
     }
   }

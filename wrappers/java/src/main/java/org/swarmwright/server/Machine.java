@@ -37,6 +37,9 @@ final class Machine extends Requests {
 
   private String newestHash;
 
+  /** The connection is broken: what would be published now is lost. */
+  private boolean offline;
+
   Machine(Identity identity, Offer offer, Topics topics, double stepTimeout, Outbox outbox) {
     super(identity, offer, stepTimeout, outbox);
     this.topics = topics;
@@ -273,7 +276,7 @@ final class Machine extends Requests {
               ? (Long) batch.waitingSince
               : (Long) deadline(batch.waitingSince, batch.told);
     }
-    Long settled = changedAt == null ? null : changedAt + SETTLE;
+    Long settled = changedAt == null || offline ? null : (Long) (changedAt + SETTLE);
     return own == null ? settled : settled == null ? own : (Long) Math.min(own, settled);
   }
 
@@ -295,7 +298,7 @@ final class Machine extends Requests {
     } else if (state == State.STEPPING) {
       tickBatch(now);
     }
-    if (changedAt != null && changedAt + SETTLE <= now) {
+    if (!offline && changedAt != null && changedAt + SETTLE <= now) {
       publishPresence(stamp);
     }
   }
@@ -328,5 +331,12 @@ final class Machine extends Requests {
     outbox.notice("lost the broker: " + reason + "; trying again");
     free(now);
     forgetPresence();
+    offline = true;
+  }
+
+  /** The connection is there again; the last will stands in the place of what is true. */
+  void connected(String stamp) {
+    offline = false;
+    publishPresence(stamp);
   }
 }

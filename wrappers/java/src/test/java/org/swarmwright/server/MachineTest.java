@@ -248,4 +248,16 @@ class MachineTest {
         out.notices.toString());
     assertTrue(isFree(""));
   }
+
+  @Test
+  void presenceWaitsForTheConnectionToComeBack() {
+    machine.publishPresence("2026-01-31T12:00:00Z");
+    out.published.clear();
+    machine.disconnected("gone", now);
+    assertEquals(null, machine.nextTick());
+    machine.tick(now + SECOND, "2026-01-31T12:00:01Z");
+    assertEquals(List.of(), out.published, "nobody would hear it");
+    machine.connected("2026-01-31T12:00:02Z");
+    assertEquals(List.of("presence"), out.published, "in the place of the last will");
+  }
 }
