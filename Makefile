@@ -106,6 +106,7 @@ clean:
 docs: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright._reference > docs/reference/experiment.md
+	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
 
 # The wrapper with all that it needs, and the example server in it.
 $(JAVA): $(JAVA_SOURCES)

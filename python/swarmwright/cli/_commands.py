@@ -22,6 +22,7 @@ COMMANDS = (
     "broker",
     "serve",
     "servers",
+    "conformance",
     "runs",
     "import",
     "score",

@@ -1,15 +1,19 @@
-"""What every representation, method and ranking must do, as checks for the tests of plug-in authors.
+"""What every representation, method, ranking and simulation server must do, as checks for tests.
 
     import swarmwright.testing
 
     def test_conformance():
         swarmwright.testing.check_method("my_method")
 
+    def test_my_server_speaks_the_protocol():
+        swarmwright.testing.check_server("java -jar my-server.jar {broker} {id}", simulation="rovers")
+
 A check raises AssertionError that says what is violated. The same checks run over everything built in.
 """
 
+from swarmwright.testing._conformance import check_server
 from swarmwright.testing._methods import check_method
 from swarmwright.testing._rankings import check_ranking
 from swarmwright.testing._representations import check_representation
 
-__all__ = ["check_method", "check_ranking", "check_representation"]
+__all__ = ["check_method", "check_ranking", "check_representation", "check_server"]

@@ -1,0 +1,215 @@
+"""`swarmwright conformance`: does a peer speak the protocol?"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from swarmwright.cli._commands import Command, Group
+from swarmwright.cli._options import WholeNumber, broker_option, json_option, prefix_option
+from swarmwright.cli._output import Output
+
+if TYPE_CHECKING:
+    from swarmwright.conformance._results import Report, Result
+    from swarmwright.conformance._rules import Rules
+
+LARGEST_ID = 2**63 - 1
+
+
+@click.group(
+    "conformance",
+    cls=Group,
+    modules={},
+    example='swarmwright conformance server --exec "swarmwright serve minisim --broker {broker} --id {id}"',
+)
+def command() -> None:
+    """Try whether a simulation server or an optimization tool speaks the protocol.
+
+    Every rule of it, over a broker, whatever language the peer is written in.
+    """
+
+
+def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
+    """What both sides have."""
+    options = [
+        click.option("--exec", "start", metavar="COMMAND", help="Start the peer with this; see below."),
+        broker_option(default=None, text="Address of a broker. Default: an embedded one on a free port."),
+        prefix_option,
+        click.option(
+            "--rules",
+            multiple=True,
+            metavar="IDS",
+            help="Try these rules or groups only, such as S2,S4.1; with '-' before it, all but these.",
+        ),
+        click.option(
+            "--junit",
+            type=click.Path(path_type=Path, dir_okay=False),
+            metavar="FILE",
+            help="Write the results as JUnit XML, too.",
+        ),
+        click.option("--list", "listing", is_flag=True, help="List the rules and try nothing."),
+        click.option(
+            "--timeout",
+            type=click.FloatRange(0.05, 3600.0),
+            default=5.0,
+            show_default=True,
+            metavar="SECONDS",
+            help="How long one answer may take.",
+        ),
+        click.option(
+            "--wait",
+            type=click.FloatRange(0.1, 86400.0),
+            default=30.0,
+            show_default=True,
+            metavar="SECONDS",
+            help="How long to wait for the peer at the beginning.",
+        ),
+        json_option,
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@command.command(
+    "server",
+    cls=Command,
+    example='swarmwright conformance server --exec "python my_server.py {broker} {id}" --simulation line\n'
+    "swarmwright conformance server --id 7 --broker mqtt://localhost:1883 --junit results.xml",
+)
+@click.option(
+    "--id",
+    "server",
+    type=WholeNumber(0, LARGEST_ID),
+    metavar="N",
+    help="Id of the server. Default: 1 with --exec, else it must be given.",
+)
+@click.option(
+    "--simulation", metavar="TITLE", help="What to ask it for. Default: what its presence offers first."
+)
+@click.option(
+    "--dimensions",
+    type=float,
+    metavar="D",
+    help="Spatial dimensions that it has. Default: 2, 3 and 1 are tried.",
+)
+@click.option(
+    "--parameters",
+    metavar="JSON",
+    help="Parameters of the episodes: a JSON object, or a file that holds one. Several agents, few steps and "
+    "a random start try most.",
+)
+@click.option(
+    "--sensors", type=WholeNumber(1, 1_000_000), metavar="N", help="Numbers of an agent, if not announced."
+)
+@click.option(
+    "--actuators", type=WholeNumber(1, 1_000_000), metavar="N", help="Numbers of an agent, if not announced."
+)
+@click.option(
+    "--step-timeout",
+    type=click.FloatRange(0.1, 86400.0),
+    metavar="SECONDS",
+    help="After how long the server gives up an episode, as it was started.",
+)
+@_shared
+def server_command(
+    server: int | None,
+    simulation: str | None,
+    dimensions: float | None,
+    parameters: str | None,
+    sensors: int | None,
+    actuators: int | None,
+    step_timeout: float | None,
+    start: str | None,
+    broker: str | None,
+    prefix: str,
+    rules: tuple[str, ...],
+    junit: Path | None,
+    listing: bool,
+    timeout: float,
+    wait: float,
+    as_json: bool,
+) -> int:
+    """Try every rule on a simulation server.
+
+    In COMMAND {broker}, {id} and {prefix} stand for the broker's address, the server's id and the prefix.
+    Without --exec start the server yourself, with the address that is printed.
+
+    The exit status is 0 when no rule is broken, 1 when one is, 2 when the input is wrong.
+    """
+    from swarmwright.conformance.server import RULES
+
+    output = Output(as_json=as_json)
+    if listing:
+        return _list(output, RULES, rules)
+    if server is None and start is None:
+        raise click.UsageError("which server? Give its --id, or let it be started with --exec.")
+    from swarmwright.conformance._check_server import check_server, parameters_of
+
+    reporter = _Reporter(output)
+    report = check_server(
+        server=1 if server is None else server,
+        command=start,
+        broker=broker,
+        prefix=prefix,
+        simulation=simulation,
+        dimensions=dimensions,
+        parameters=parameters_of(parameters),
+        sensors=sensors,
+        actuators=actuators,
+        step_timeout=step_timeout,
+        timeout=timeout,
+        wait=wait,
+        rules=rules,
+        tell=reporter.tell,
+        say=reporter.say,
+    )
+    return reporter.finish(report, RULES, junit)
+
+
+def _list(output: Output, rules: "Rules", wanted: tuple[str, ...]) -> int:
+    from swarmwright.conformance._table import rules_table
+
+    chosen = rules.chosen(wanted)
+    for line in rules_table(chosen):
+        output.text(line)
+    for rule in chosen:
+        output.json({"id": rule.id, "rule": rule.sentence, "where": rule.where, "needs": list(rule.needs)})
+    return 0
+
+
+class _Reporter:
+    """Tells of results as they come, and of all of them at the end."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+
+    def say(self, text: str) -> None:
+        """A line for people, beside the results."""
+        click.echo(text, err=True)
+
+    def tell(self, result: "Result") -> None:
+        """One result: a line where there is no terminal; the table comes at the end."""
+        from swarmwright.conformance._table import line
+
+        self._output.json(result.record())
+        if self._output.terminal:
+            click.echo(f"\r\x1b[K{result.id} {result.status}", nl=False, err=True)
+        else:
+            self._output.text(line(result))
+
+    def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
+        """The table, the file; the exit status."""
+        from swarmwright.conformance._junit import write_junit
+        from swarmwright.conformance._results import summary
+        from swarmwright.conformance._table import print_table
+
+        if junit is not None:
+            write_junit(report, junit, rules.groups)
+        if self._output.terminal:
+            click.echo("\r\x1b[K", nl=False, err=True)
+            print_table(self._output.console(), report, rules.groups, unicode=self._output.unicode)
+        else:
+            self._output.text(f"{report.peer}: {summary(report)}")
+        self._output.json({"peer": report.peer, "ok": report.ok, **report.counts})
+        return 0 if report.ok else 1

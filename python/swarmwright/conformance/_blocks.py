@@ -1,0 +1,171 @@
+"""Requests and answers of the extensions: MessagePack maps with binary arrays."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright._errors import InputError
+from swarmwright.conformance._client import TO_TOOL, Message
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Json, Server
+
+TOOL = "conformance/a"
+OTHER = "conformance/b"
+_numbers = itertools.count(1)
+OPTIONS: dict[str, dict[str, Any]] = {
+    "layered": {"hidden": [3], "activation": "tanh"},
+    "fully_meshed": {"hidden": 2, "activation": "sigmoid", "iterations": 2},
+    "mealy_fsm": {"states": 3, "levels": 2},
+}
+"""What is tried of each kind of controller that steers agents; two of the three have a state."""
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Controllers of one kind for several candidates.
+
+    architecture: specification without weights. weights: (candidates, weights) float32.
+    """
+
+    architecture: Json
+    weights: NDArray[np.float32]
+
+    def specification(self, candidate: int) -> Json:
+        """With the weights of one candidate."""
+        return {**self.architecture, "weights": [float(str(value)) for value in self.weights[candidate]]}
+
+
+def crew(server: Server, kind: str, candidates: int) -> Crew:
+    """Controllers that fit the server, the same in every run; skips the rule where they are too large."""
+    from swarmwright._random import Streams
+    from swarmwright.representations import REPRESENTATIONS
+
+    component = REPRESENTATIONS.get(kind)
+    options = component.options_model.model_validate(OPTIONS[kind])
+    try:
+        made = component(options, sensors=server.sensors, actuators=server.actuators)
+        genomes = made.initials(Streams(1, "conformance", 0, range(candidates)))
+    except InputError as error:
+        raise Skip(f"such a controller is too large here: {error}") from None
+    return Crew(made.architecture(), np.ascontiguousarray(made.weights(genomes), dtype=np.float32))
+
+
+def evaluation(server: Server, team: Crew, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401
+    """A request for offloaded evaluation."""
+    return {
+        "kind": "evaluate",
+        "version": 1,
+        "request": next(_numbers),
+        "tool": TOOL,
+        "reply": TO_TOOL + server.token,
+        "simulation": server.settings.title,
+        "parameters": server.settings.parameters,
+        "controller": team.architecture,
+        "genomes": team.weights.astype("<f4").tobytes(),
+        "seeds": np.array(seeds, dtype="<u8").tobytes(),
+        "attempt": 1,
+        "lease": 0.0,
+    } | changes
+
+
+def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401 - JSON
+    """A request for a batch."""
+    return {
+        "kind": "start",
+        "version": 1,
+        "request": next(_numbers),
+        "tool": TOOL,
+        "reply": TO_TOOL + server.token,
+        "simulation": server.settings.title,
+        "parameters": server.settings.parameters,
+        "seeds": np.array(seeds, dtype="<u8").tobytes(),
+    } | changes
+
+
+def decoded(message: Message) -> Json:
+    """The map in a message. Raises Failure when it is none."""
+    import msgpack
+
+    try:
+        value = msgpack.unpackb(message.payload, strict_map_key=False)
+    except Exception as error:  # noqa: BLE001 - whatever the reader raises
+        raise Failure(
+            f"{len(message.payload)} bytes on {message.topic} that cannot be read: {error}", "MessagePack"
+        ) from None
+    if not isinstance(value, dict):
+        raise Failure(f"{value!r} on {message.topic}", "a MessagePack map")
+    return value
+
+
+def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: float | None = None) -> Json:
+    """The next answer to a request. Raises Failure when none comes, or its keys are wrong."""
+    limit = server.settings.timeout if seconds is None else seconds
+    message = server.client.next(
+        lambda message: (
+            message.topic == TO_TOOL + server.token and decoded(message).get("request") == request["request"]
+        ),
+        limit,
+    )
+    if message is None:
+        raise Failure(f"no answer came within {limit:g} s", f"an answer on {request['reply']}", sent)
+    answer = decoded(message)
+    for key, wanted in (("version", 1), ("server", server.id)):
+        if answer.get(key) != wanted:
+            raise Failure(f'"{key}" is {answer.get(key)!r}', f"{wanted!r}", sent)
+    wanted_kind = "evaluated" if request["kind"] == "evaluate" else "sensors"
+    if answer.get("kind") != wanted_kind:
+        raise Failure(f'"kind" is {answer.get("kind")!r}', f'"{wanted_kind}"', sent)
+    return {**answer, "correlation": message.correlation, "content_type": message.content_type}
+
+
+def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
+    """A binary array of an answer. Raises Failure when it is none."""
+    value = answer.get(key)
+    if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
+        raise Failure(
+            f'"{key}" is {value!r}', f"MessagePack binary, a whole number of {np.dtype(kind).name} numbers"
+        )
+    return np.frombuffer(value, dtype=kind)
+
+
+def error_of(answer: Mapping[str, Any]) -> tuple[str, str]:
+    """Kind and reason of an error, empty when there is none. Raises Failure when it has no such shape."""
+    error = answer.get("error")
+    if error is None:
+        return "", ""
+    if (
+        not isinstance(error, dict)
+        or not isinstance(error.get("kind"), str)
+        or not isinstance(error.get("reason"), str)
+    ):
+        raise Failure(f'"error" is {error!r}', "{kind, reason}")
+    return error["kind"], error["reason"]
+
+
+def must_be_refused(server: Server, request: Mapping[str, Any], kinds: Sequence[str], why: str) -> str:
+    """Send a request and expect an error of one of these kinds; its reason."""
+    sent = server.request(dict(request))
+    kind, reason = error_of(answer_to(server, request, sent))
+    if kind not in kinds:
+        came = f'the error "{kind}" came: {reason}' if kind else "it was served"
+        raise Failure(came, f"the error {' or '.join(kinds)}: {why}", sent)
+    if not reason:
+        raise Failure("an error without a reason came", "a reason that names what is wrong", sent)
+    return reason
+
+
+def free_again(server: Server, tool: str = TOOL) -> None:
+    """Give the server back, as its holder."""
+    fields = {"server": server.id, "simulation_hash": tool, "run": False, "tool": tool}
+    server.client.send("control", **fields)
+
+
+def played(server: Server, team: Crew, candidate: int, seed: int) -> "Any":  # noqa: ANN401 - a course
+    """The same episode stepwise, with our controllers."""
+    from swarmwright.conformance._course import Steer
+
+    return server.play(Steer(team.specification(candidate)), {**server.settings.parameters, "seed": seed})

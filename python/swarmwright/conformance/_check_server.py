@@ -1,0 +1,196 @@
+"""Everything about one server: broker, process, search, rules."""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any
+from urllib.parse import urlsplit
+
+from swarmwright._errors import InputError, RunError
+from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
+from swarmwright.conformance._process import Process
+from swarmwright.conformance._proxy import Door
+from swarmwright.conformance._results import Report, Result
+from swarmwright.conformance._run import run
+from swarmwright.conformance._server_peer import ServerPeer, found
+from swarmwright.conformance._subject import Json, Settings
+from swarmwright.conformance.server import RULES
+
+GUESSES = (2.0, 3.0, 1.0)
+"""Dimensions that a server is asked for when nobody says how many it has."""
+
+
+def check_server(
+    *,
+    server: int = 1,
+    command: str | None = None,
+    start: Callable[[str], object] | None = None,
+    broker: str | None = None,
+    prefix: str = "",
+    simulation: str | None = None,
+    dimensions: float | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    sensors: int | None = None,
+    actuators: int | None = None,
+    step_timeout: float | None = None,
+    timeout: float = 5.0,
+    wait: float = 30.0,
+    rules: Sequence[str] = (),
+    tell: Callable[[Result], None] | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Report:
+    """Try the rules for simulation servers on one.
+
+    Args:
+        server: its ID.
+        command: what starts it, with {broker}, {id}, {prefix} in it; None when it is started by others.
+        start: starts it in this process: called once with the broker's address. It is the caller's to end.
+        broker: address; None starts an embedded broker.
+        prefix: what topics begin with.
+        simulation: title; None asks its presence.
+        dimensions: None tries 2, 3 and 1.
+        parameters: of all episodes; short episodes make a short run.
+        sensors: numbers in a sensor message, where the server does not announce them.
+        actuators: numbers in an actuator message, likewise.
+        step_timeout: seconds after which it gives up an episode, if known.
+        timeout: seconds that one answer may take.
+        wait: seconds in which it must be there.
+        rules: ids and groups that are wanted, `-S6` for those that are not; default: all.
+        tell: gets each result at once.
+        say: gets a line for people where one is due.
+
+    Raises InputError (what was given is wrong) and RunError (no broker).
+
+    """
+    chosen = RULES.chosen(rules)
+    tell, say = tell or _nothing, say or _nothing
+    with ExitStack() as stack:
+        address, own, door = _broker(broker, stack, stranger=command is None and start is None)
+        process = None
+        if command is not None:
+            process = Process(
+                command, {"broker": door.url if door else address, "id": server, "prefix": prefix}
+            )
+            stack.callback(process.close)
+        own_presence = f"{PRESENCE}{server}"
+        probe = Settings(
+            server=server,
+            title=simulation or "",
+            dimensions=0.0,
+            parameters=dict(parameters or {}),
+            sensors=sensors,
+            actuators=actuators,
+            timeout=timeout,
+            step_timeout=step_timeout,
+        )
+        client = stack.enter_context(_connected(address, prefix, own_presence))
+        peer = ServerPeer(client, probe, door=door, process=process, own_broker=own, prefix=prefix)
+        client.close()
+        client = stack.enter_context(_connected(address, prefix, own_presence, peer.token))
+        peer.client = client
+        if process is not None:
+            process.start()
+        elif start is not None:
+            start(door.url if door else address)
+        else:
+            where = door.url if door else address
+            say(
+                f"Start the server now, if it does not run: id {server}, broker {where}. "
+                f"Waiting {wait:g} s for it."
+            )
+        peer.settings.title = simulation or _title(peer, own_presence, wait)
+        known = _dimensions(peer, dimensions, wait)
+        peer.settings.dimensions = known
+        report = Report(f"server {server} ({peer.settings.title})")
+        report.results = run(peer, chosen, tell)
+        return report
+
+
+def _nothing(_: object) -> None:
+    pass
+
+
+def _connected(address: str, prefix: str, presence: str, token: str = "") -> Client:
+    topics = ["server", "sensor", "fitness", "swarmwright/v1/failed", presence]
+    if token:
+        topics += [TO_TOOL + token, f"conformance/{token}"]
+    return Client(address, prefix, topics)
+
+
+def _broker(broker: str | None, stack: ExitStack, *, stranger: bool) -> tuple[str, str | None, Door | None]:
+    """Address for the kit, that of the embedded broker if there is one, and the door for the server.
+
+    stranger: the server is started by somebody else, who knows the broker's own address.
+    """
+    if broker is None:
+        from swarmwright import _engine
+
+        embedded = _engine.Broker()
+        stack.callback(embedded.stop)
+        address, own = embedded.url, embedded.url
+    else:
+        address, own = broker, None
+    parts = urlsplit(address)
+    if parts.scheme != "mqtt" or (broker is not None and stranger):
+        return address, own, None
+    assert parts.hostname is not None
+    door = Door(parts.hostname, parts.port or 1883)
+    stack.callback(door.close)
+    return address, own, door
+
+
+def _title(peer: ServerPeer, topic: str, wait: float) -> str:
+    """The first title of the server's presence message."""
+    message = peer.client.next(lambda message: message.topic == topic and bool(message.payload), wait)
+    if message is not None:
+        titles = message.maybe.get("simulations")
+        if isinstance(titles, list) and titles and isinstance(titles[0], str):
+            return titles[0]
+    gone = peer.gone()
+    if gone:
+        raise RunError(f"--exec: {gone}")
+    raise InputError(
+        f"server {peer.id}: no presence on {topic} within {wait:g} s, so its simulation is not known; "
+        "name it with --simulation TITLE, and see that the server runs and has this id and this broker"
+    )
+
+
+def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
+    """Wait until the server answers discovery; its dimensions. Without an answer the first guess."""
+    guesses = GUESSES if given is None else (given,)
+    limit = time.monotonic() + wait
+    while time.monotonic() < limit:
+        for guess in guesses:
+            peer.settings.dimensions = guess
+            known = found(peer, 0.15)
+            if known is not None:
+                return known
+        if peer.gone():
+            raise RunError(f"--exec: {peer.gone()}")
+    return guesses[0]
+
+
+def parameters_of(text: str | None) -> Json:
+    """Parameters from the command line: a JSON object, or the name of a file that holds one.
+
+    Raises InputError.
+    """
+    if text is None:
+        return {}
+    source = "--parameters"
+    if not text.lstrip().startswith(("{", "[")):
+        from pathlib import Path
+
+        source = text
+        try:
+            text = Path(text).read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"--parameters: {source}: {error.strerror}") from None
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{source}: is no JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise InputError(f'{source}: must be a JSON object, such as {{"maxSteps": 5}}')
+    return value

@@ -1,0 +1,240 @@
+"""The kit's MQTT client: paho without a thread; what comes waits until a rule asks for it."""
+
+import json
+import os
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+from urllib.parse import urlsplit
+
+from paho.mqtt.client import Client as Paho
+from paho.mqtt.client import MQTTMessage, MQTTv5
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from swarmwright._errors import InputError, RunError
+from swarmwright.conformance._rules import Failure
+
+TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
+PRESENCE = "swarmwright/v1/presence/"
+TO_SERVER = "swarmwright/v1/server/"
+TO_TOOL = "swarmwright/v1/tool/"
+LONGEST = 240
+"""Characters of a message that are shown."""
+
+
+class Overdue(Exception):  # noqa: N818 - the rule's time is over
+    """The rule has lasted longer than it may."""
+
+
+def shown(payload: bytes | str) -> str:
+    """Return a payload for people, shortened."""
+    text = payload if isinstance(payload, str) else payload.decode("utf-8", "backslashreplace")
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}... ({len(payload)} bytes)"
+
+
+def _refuse(word: str) -> float:
+    raise ValueError(f"{word} is no JSON")
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message as it came: topic without the prefix, whether it was retained, when (monotonic seconds)."""
+
+    topic: str
+    payload: bytes
+    retained: bool
+    at: float
+    correlation: bytes | None = None
+    content_type: str | None = None
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The JSON object in it. Raises Failure when it is none."""
+        try:
+            value = json.loads(self.payload, parse_constant=_refuse)
+        except (ValueError, RecursionError) as error:
+            raise Failure(f"{self} came, which cannot be read: {error}", "a JSON object in UTF-8") from None
+        if not isinstance(value, dict):
+            raise Failure(f"{self} came", "a JSON object")
+        return value
+
+    @property
+    def maybe(self) -> Mapping[str, Any]:
+        """The JSON object in it, empty when it is none."""
+        try:
+            return self.json
+        except Failure:
+            return {}
+
+    def __str__(self) -> str:
+        """Topic and payload, shortened."""
+        return f"{self.topic} {shown(self.payload)}"
+
+
+def _send_at_once(_client: Paho, _data: object, opened: object) -> None:
+    if isinstance(opened, socket.socket):
+        opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+class Client:
+    """A connection to the broker.
+
+    Args:
+        url: of the broker; user and password come from the environment, as everywhere.
+        prefix: what topics begin with, empty for none.
+        subscriptions: topics without prefix.
+
+    Raises RunError when the broker cannot be reached.
+
+    """
+
+    def __init__(self, url: str, prefix: str, subscriptions: Collection[str]) -> None:
+        self.url = url
+        self.deadline = float("inf")
+        self.waiting: deque[Message] = deque()
+        self._before = f"{prefix}/" if prefix else ""
+        self._subscribed = False
+        self._paho = _paho(url)
+        self._paho.on_socket_open = _send_at_once
+        self._paho.on_message = self._on_message
+        self._paho.on_subscribe = self._on_subscribe
+        self._paho.on_connect = self._on_connect
+        self._refused = ""
+        address = urlsplit(url)
+        assert address.hostname is not None
+        secure = address.scheme in {"mqtts", "wss"}
+        try:
+            self._paho.connect(address.hostname, address.port or (8883 if secure else 1883), keepalive=600)
+        except OSError as error:
+            raise RunError(f"broker {url}: cannot be reached: {error.strerror or error}") from None
+        self._paho.subscribe([(self._before + topic, 1) for topic in subscriptions])
+        limit = time.monotonic() + 10
+        while not self._subscribed:
+            if time.monotonic() > limit or self._refused:
+                why = self._refused or "does not answer"
+                raise RunError(f"broker {url}: {why}")
+            self._turn(0.1)
+
+    def _on_message(self, _client: Paho, _data: object, message: MQTTMessage) -> None:
+        properties = message.properties
+        self.waiting.append(
+            Message(
+                message.topic.removeprefix(self._before),
+                bytes(message.payload),
+                message.retain,
+                time.monotonic(),
+                getattr(properties, "CorrelationData", None),
+                getattr(properties, "ContentType", None),
+            )
+        )
+
+    def _on_subscribe(self, *_: object) -> None:
+        self._subscribed = True
+
+    def _on_connect(self, _client: Paho, _data: object, _flags: object, reason: Any, _: object) -> None:  # noqa: ANN401 - paho's
+        if reason.is_failure:
+            self._refused = f"refuses the connection: {reason}"
+
+    def _turn(self, seconds: float) -> None:
+        status = self._paho.loop(max(0.0, seconds))
+        if status != MQTTErrorCode.MQTT_ERR_SUCCESS:
+            raise RunError(f"broker {self.url}: {self._refused or 'the connection broke'}")
+
+    def publish(
+        self,
+        topic: str,
+        payload: bytes | str,
+        *,
+        retain: bool = False,
+        correlation: bytes | None = None,
+        response: str | None = None,
+    ) -> None:
+        """Publish with QoS 0. correlation, response: of MQTT 5, with the content type of MessagePack."""
+        properties = None
+        if correlation is not None:
+            properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+            properties.CorrelationData = correlation
+            properties.ContentType = "application/msgpack"
+            properties.ResponseTopic = self._before + (response or "")
+        self._paho.publish(self._before + topic, payload, retain=retain, properties=properties)
+        while self._paho.want_write():
+            self._turn(0.01)
+
+    def send(self, topic: str, **fields: Any) -> str:  # noqa: ANN401 - JSON
+        """Publish a JSON object; what was sent, for people."""
+        text = json.dumps(fields)
+        self.publish(topic, text)
+        return f"{topic} {shown(text)}"
+
+    def next(self, wanted: Callable[[Message], bool], seconds: float) -> Message | None:
+        """The next message that is wanted, None when none comes in time; the others wait on.
+
+        Raises Overdue when the rule's time is over.
+        """
+        limit = time.monotonic() + seconds
+        seen = 0
+        while True:
+            while seen < len(self.waiting):
+                message = self.waiting[seen]
+                if wanted(message):
+                    del self.waiting[seen]
+                    return message
+                seen += 1
+            now = time.monotonic()
+            if now >= self.deadline:
+                raise Overdue
+            if now >= limit:
+                return None
+            self._turn(min(limit, self.deadline) - now)
+
+    def drain(self, seconds: float = 0.0) -> list[Message]:
+        """All that has come, or comes within these seconds."""
+        limit = time.monotonic() + seconds
+        while True:
+            self._turn(min(limit, self.deadline) - time.monotonic())
+            if time.monotonic() >= min(limit, self.deadline):
+                break
+        found = list(self.waiting)
+        self.waiting.clear()
+        return found
+
+    def close(self) -> None:
+        """Leave the broker."""
+        self._paho.disconnect()
+        self._paho.loop(0)
+
+    def __enter__(self) -> Self:
+        """The client itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+
+def _paho(url: str) -> Paho:
+    address = urlsplit(url)
+    transport = "websockets" if address.scheme in {"ws", "wss"} else "tcp"
+    paho = Paho(CallbackAPIVersion.VERSION2, protocol=MQTTv5, transport=transport)  # type: ignore[arg-type]
+    user = os.environ.get("SWARMWRIGHT_USERNAME")
+    if user:
+        paho.username_pw_set(user, _password())
+    if address.scheme in {"mqtts", "wss"}:
+        paho.tls_set(ca_certs=os.environ.get("SWARMWRIGHT_CA_FILE"))
+    return paho
+
+
+def _password() -> str | None:
+    file = os.environ.get("SWARMWRIGHT_PASSWORD_FILE")
+    if not file:
+        return os.environ.get("SWARMWRIGHT_PASSWORD")
+    try:
+        return Path(file).read_text(encoding="utf-8").rstrip("\r\n")
+    except OSError as error:
+        raise InputError(f"SWARMWRIGHT_PASSWORD_FILE: {file}: {error.strerror}") from None

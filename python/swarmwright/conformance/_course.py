@@ -1,0 +1,112 @@
+"""What happened in an episode, and what agents do in it."""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+
+Numbers = NDArray[np.float32]
+
+
+Policy = Callable[[int, int, Numbers], Sequence[float]]
+"""Agent, how many messages it had before in this episode, what it senses; returns its actuators."""
+
+
+@dataclass(frozen=True)
+class Wander:
+    """Actuators that depend on agent and turn alone and vary with both: multiples of 1/64 in -1..+1.
+
+    seed: another seed is another way to wander.
+    """
+
+    actuators: int
+    seed: int = 0
+
+    def __call__(self, agent: int, turn: int, _sensors: Numbers) -> list[float]:
+        """Actuators."""
+        found = []
+        for index in range(self.actuators):
+            number = (self.seed * 40503 + agent * 69069 + turn * 30011 + index * 7919 + 12345) & 0xFFFFFFFF
+            number = (number ^ (number >> 15)) * 0x2C1B3C6D & 0xFFFFFFFF
+            number ^= number >> 12
+            found.append(((number % 129) - 64) / 64)
+        return found
+
+
+@dataclass(frozen=True)
+class Always:
+    """The same actuators, whatever comes."""
+
+    values: tuple[float, ...]
+
+    def __call__(self, _agent: int, _turn: int, _sensors: Numbers) -> Sequence[float]:
+        """Actuators."""
+        return self.values
+
+
+class Steer:
+    """A controller for each agent, in Swarmwright's own arithmetic.
+
+    specification: with weights, see protocol/schemas/controller.schema.json.
+    """
+
+    def __init__(self, specification: Mapping[str, Any]) -> None:
+        self._text = json.dumps(specification)
+        self._agents: dict[int, _engine.Controller] = {}
+
+    def __call__(self, agent: int, turn: int, sensors: Numbers) -> Sequence[float]:
+        """Actuators."""
+        if turn == 0 or agent not in self._agents:
+            self._agents[agent] = _engine.Controller(self._text)
+        # The shortest decimals that read back as these numbers.
+        return [float(str(value)) for value in self._agents[agent].step(sensors)]
+
+
+@dataclass
+class Course:
+    """What each agent sensed, in order, and how the episode ended.
+
+    fitness: None when it was not played to its end. messages: sensor messages. seconds: from control to
+    fitness.
+    """
+
+    readings: dict[int, list[Numbers]] = field(default_factory=lambda: defaultdict(list))
+    fitness: float | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+    messages: int = 0
+    seconds: float = 0.0
+
+    def difference(self, other: "Course") -> str:
+        """Where another course departs from this one, in words; empty when all bits are the same."""
+        for agent in sorted({*self.readings, *other.readings}):
+            mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
+            for turn, (one, two) in enumerate(zip(mine, theirs, strict=False)):
+                if one.tobytes() != two.tobytes():
+                    return f"agent {agent} senses {listed(one)} and {listed(two)} in its message {turn}"
+            if len(mine) != len(theirs):
+                return f"agent {agent} gets {len(mine)} and {len(theirs)} sensor messages"
+        if not same(self.fitness, other.fitness):
+            return f"the fitness is {self.fitness!r} and {other.fitness!r}"
+        for name in sorted({*self.metrics, *other.metrics}):
+            if not same(self.metrics.get(name), other.metrics.get(name)):
+                return f"metric {name} is {self.metrics.get(name)!r} and {other.metrics.get(name)!r}"
+        return ""
+
+
+def same(one: float | None, other: float | None) -> bool:
+    """Whether two numbers have the same bits (or both are none)."""
+    if one is None or other is None:
+        return one is other
+    return np.float64(one).tobytes() == np.float64(other).tobytes()
+
+
+def listed(numbers: Numbers) -> str:
+    """Return a few numbers for people."""
+    texts = [str(value) for value in numbers[:6]]
+    return f"[{', '.join(texts)}{', ...' if len(numbers) > 6 else ''}]"

@@ -1,0 +1,102 @@
+"""A peer that the kit starts itself (`--exec`)."""
+
+import contextlib
+import os
+import shlex
+import signal
+import subprocess
+import tempfile
+from collections.abc import Mapping
+
+from swarmwright._errors import InputError
+
+GRACE = 10.0
+"""Seconds for an end in good order."""
+
+
+class Process:
+    """A command with placeholders such as {broker}; started in a group of its own.
+
+    Args:
+        command: as typed in a shell; no shell is involved.
+        values: of the placeholders.
+
+    Raises InputError when the command cannot be read or started.
+
+    """
+
+    def __init__(self, command: str, values: Mapping[str, object]) -> None:
+        for name, value in values.items():
+            command = command.replace(f"{{{name}}}", shlex.quote(str(value)))
+        try:
+            self._words = shlex.split(command)
+        except ValueError as error:
+            raise InputError(f"--exec: {command!r} cannot be read: {error}") from None
+        if not self._words:
+            raise InputError("--exec: is empty; write the command that starts the peer")
+        self.command = command
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Start it, anew if it ran before."""
+        self.stop()
+        try:
+            self._process = subprocess.Popen(
+                self._words,
+                stdin=subprocess.DEVNULL,
+                stdout=self._said,
+                stderr=self._said,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise InputError(f"--exec: {self._words[0]}: {error.strerror}") from None
+
+    @property
+    def ended(self) -> str:
+        """How it ended, in words, with what it said last; empty while it runs."""
+        status = None if self._process is None else self._process.poll()
+        if status is None:
+            return ""
+        how = f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with {status}"
+        return f"the process {how}{self.words}"
+
+    @property
+    def words(self) -> str:
+        """The end of what it has said, to be put behind a sentence; empty for nothing."""
+        size = os.fstat(self._said.fileno()).st_size
+        text = os.pread(self._said.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace").strip()
+        lines = [f"\n    {line}" for line in text.splitlines()[-5:]]
+        return f"; it said last:{''.join(lines)}" if lines else ""
+
+    @property
+    def status(self) -> int | None:
+        """Exit status; None while it runs."""
+        return None if self._process is None else self._process.poll()
+
+    def wait(self, seconds: float) -> int | None:
+        """Exit status, None when it does not end in time."""
+        assert self._process is not None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self._process.wait(seconds)
+        return None
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to it and what it started."""
+        if self._process is not None and self._process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, number)
+
+    def stop(self) -> None:
+        """Ask it to end, then make it."""
+        if self._process is None:
+            return
+        self.signal(signal.SIGTERM)
+        if self.wait(GRACE) is None:
+            self.signal(signal.SIGKILL)
+            self._process.wait()
+
+    def close(self) -> None:
+        """Stop it for good."""
+        self.stop()
+        self._said.close()

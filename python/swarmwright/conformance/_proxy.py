@@ -1,0 +1,89 @@
+"""A door between a peer and the broker, which the kit can shut: so that it can see how a peer comes back."""
+
+import contextlib
+import socket
+import threading
+
+_SIZE = 1 << 16
+
+
+class Door:
+    """Listens on a free port of loopback and passes all bytes on to the broker.
+
+    Args:
+        host: of the broker.
+        port: of the broker.
+
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._broker = (host, port)
+        self._open = True
+        self._lock = threading.Lock()
+        self._links: list[tuple[socket.socket, socket.socket]] = []
+        self.visits = 0
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        """What the peer is told to connect to."""
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def shut(self) -> None:
+        """Break all connections, and let nobody in."""
+        with self._lock:
+            self._open = False
+            links, self._links = self._links, []
+        for link in links:
+            _end(*link)
+
+    def open(self) -> None:
+        """Let peers in again."""
+        with self._lock:
+            self._open = True
+
+    def close(self) -> None:
+        """Break all connections and stop listening."""
+        self.shut()
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                near, _ = self._listener.accept()
+            except OSError:
+                return
+            with self._lock:
+                if not self._open:
+                    near.close()
+                    continue
+                self.visits += 1
+                try:
+                    far = socket.create_connection(self._broker, 5)
+                except OSError:
+                    near.close()
+                    continue
+                far.settimeout(None)
+                self._links.append((near, far))
+            for one in (near, far):
+                one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for pair in ((near, far), (far, near)):
+                threading.Thread(target=_pass_on, args=pair, daemon=True).start()
+
+
+def _pass_on(source: socket.socket, sink: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while data := source.recv(_SIZE):
+            sink.sendall(data)
+    _end(source, sink)
+
+
+def _end(*links: socket.socket) -> None:
+    for link in links:
+        with contextlib.suppress(OSError):
+            link.shutdown(socket.SHUT_RDWR)
+        link.close()

@@ -1,0 +1,38 @@
+"""The reference page of the rules, made of the rules themselves."""
+
+from swarmwright.conformance._rules import Rules
+from swarmwright.conformance.server import RULES as SERVER
+
+INTRODUCTION = """\
+# Rules of the conformance kit
+
+<!-- Made by `python -m swarmwright.conformance._reference`; change the rules in the code, not here. -->
+
+What `swarmwright conformance` tries, and what to do about a rule that is broken;
+[how to use it](../how-to/conformance.md). A rule stands in [the protocol](protocol.md), in its
+[schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
+[003](../decisions/003-mqtt-connection.md) on connections. It is not tried when one that it needs is broken.
+"""
+TITLES = {"server": "Simulation servers", "optimizer": "Optimization tools"}
+SIDES = (SERVER,)
+
+
+def reference() -> str:
+    """The page, Markdown."""
+    return "\n".join([INTRODUCTION, *map(_side, SIDES)])
+
+
+def _side(rules: Rules) -> str:
+    parts = [f"## {TITLES[rules.side]}\n"]
+    for group, title in rules.groups.items():
+        parts += [f"### {group} {title}\n", "| | rule | where | mend | needs |", "|---|---|---|---|---|"]
+        for rule in rules:
+            if rule.group == group:
+                cells = (rule.id, rule.sentence, rule.where, rule.mend, ", ".join(rule.needs))
+                parts.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
+        parts.append("")
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    print(reference(), end="")

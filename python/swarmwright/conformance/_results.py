@@ -1,0 +1,90 @@
+"""What came out: a result for each rule, and all of them together."""
+
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+Status = Literal["passed", "failed", "died", "skipped", "not run"]
+BAD: tuple[Status, ...] = ("failed", "died")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one rule.
+
+    status: `died` when the peer was gone after it, `not run` when it could not be tried, `skipped` when it
+    does not apply. detail: a note, or the reason. sent, came, expected, mend: of a failure. seconds: how long
+    it took.
+    """
+
+    id: str
+    rule: str
+    where: str
+    status: Status
+    detail: str = ""
+    sent: str = ""
+    came: str = ""
+    expected: str = ""
+    mend: str = ""
+    seconds: float = 0.0
+
+    def record(self) -> dict[str, object]:
+        """As a JSON object, without what is empty."""
+        return {key: value for key, value in asdict(self).items() if value != ""}
+
+
+@dataclass
+class Report:
+    """The results of one peer.
+
+    peer: what was tried, in words.
+    """
+
+    peer: str
+    results: list[Result] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing failed and nothing was left untried."""
+        return not any(result.status in (*BAD, "not run") for result in self.results)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many results of each status."""
+        return dict(Counter(result.status for result in self.results))
+
+    def of(self, *statuses: Status) -> list[str]:
+        """Ids of the rules with one of these statuses."""
+        return [result.id for result in self.results if result.status in statuses]
+
+    def __str__(self) -> str:
+        """A line of figures, then what failed."""
+        lines = [f"{self.peer}: {summary(self)}"]
+        lines += [explained(result) for result in self.results if result.status in BAD]
+        return "\n".join(lines)
+
+
+def summary(report: Report) -> str:
+    """Return how many passed, failed and so on."""
+    counts = report.counts
+    words = [f"{counts[status]} {status}" for status in ("failed", "died", "not run") if status in counts]
+    words.append(f"{counts.get('passed', 0)} passed")
+    if counts.get("skipped"):
+        words.append(f"{counts['skipped']} skipped")
+    return ", ".join(words)
+
+
+def explained(result: Result) -> str:
+    """Return a failure in words, several lines."""
+    lines = [f"{result.id} {result.rule} ({result.where})"]
+    lines += [
+        f"  {label}: {text}"
+        for label, text in (
+            ("sent", result.sent),
+            ("came", result.came),
+            ("expected", result.expected),
+            ("mend", result.mend),
+        )
+        if text
+    ]
+    return "\n".join(lines)

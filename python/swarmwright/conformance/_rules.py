@@ -1,0 +1,115 @@
+"""Rules: what a peer must do, where that is written, and the code that tries it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from swarmwright._errors import InputError
+from swarmwright._suggest import did_you_mean
+
+Side = Literal["server", "optimizer"]
+
+
+class Skip(Exception):  # noqa: N818 - it is no error
+    """The rule does not apply here; the message says why."""
+
+
+class Failure(Exception):  # noqa: N818 - of the peer, not of this program
+    """The peer broke the rule.
+
+    Args:
+        came: what it did.
+        expected: what it should have done.
+        sent: what it was sent before; empty for nothing worth a word.
+    """
+
+    def __init__(self, came: str, expected: str, sent: str = "") -> None:
+        super().__init__(f"expected {expected}, but {came}")
+        self.came = came
+        self.expected = expected
+        self.sent = sent
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One rule. `check` gets the peer, returns a note or None, raises Failure or Skip.
+
+    id: group and number, such as S2.4. where: the place in docs/reference/protocol.md or a decision. needs:
+    rules without which this one cannot be tried. seconds: for which it may last, episodes not counted.
+    """
+
+    id: str
+    sentence: str
+    where: str
+    mend: str
+    needs: tuple[str, ...]
+    seconds: float
+    check: Callable[[Any], str | None] = field(repr=False)
+
+    @property
+    def group(self) -> str:
+        """What stands before the dot."""
+        return self.id.partition(".")[0]
+
+
+class Rules:
+    """The rules for one side, in the order in which they are tried."""
+
+    def __init__(self, side: Side, groups: dict[str, str]) -> None:
+        self.side = side
+        self.groups = groups
+        self._rules: dict[str, Rule] = {}
+
+    def rule(
+        self,
+        number: str,
+        sentence: str,
+        *,
+        where: str,
+        mend: str,
+        needs: Sequence[str] = (),
+        seconds: float = 20.0,
+    ) -> Callable[[Callable[[Any], str | None]], Callable[[Any], str | None]]:
+        """Register a function as a rule."""
+
+        def register(check: Callable[[Any], str | None]) -> Callable[[Any], str | None]:
+            assert number not in self._rules, number
+            assert number.partition(".")[0] in self.groups, number
+            unmet = [need for need in needs if need not in self._rules]
+            assert not unmet, f"{number} needs {unmet}, which come later or not at all"
+            self._rules[number] = Rule(number, sentence, where, mend, tuple(needs), seconds, check)
+            return check
+
+        return register
+
+    def __iter__(self) -> Iterator[Rule]:
+        """The rules in order."""
+        return iter(self._rules.values())
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._rules)
+
+    def __getitem__(self, number: str) -> Rule:
+        """The rule with an id."""
+        return self._rules[number]
+
+    def chosen(self, wanted: Sequence[str] = ()) -> list[Rule]:
+        """Rules whose id is named, or whose group is; `-S7` leaves out. Default: all.
+
+        Raises InputError for a name that is no rule's.
+        """
+        names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
+        known = [*self.groups, *self._rules]
+        for name in names:
+            bare = name.removeprefix("-")
+            if bare not in known:
+                meant = did_you_mean(bare, known)
+                raise InputError(f"--rules: there is no rule {bare!r}{meant or ';'} --list shows them")
+        taken = {name for name in names if not name.startswith("-")}
+        left = {name[1:] for name in names if name.startswith("-")}
+        return [
+            rule
+            for rule in self._rules.values()
+            if (not taken or {rule.id, rule.group} & taken) and not {rule.id, rule.group} & left
+        ]

@@ -1,0 +1,108 @@
+"""A simulation server between rules: found, freed, started anew."""
+
+import time
+from contextlib import suppress
+
+from swarmwright.conformance._client import Client, Message, Overdue
+from swarmwright.conformance._rules import Failure, Rule
+from swarmwright.conformance._subject import Episode, Server
+
+EPISODES = 40
+"""Episodes that a rule may play at most; their time is added to its deadline."""
+FREE_AFTER = 8.0
+"""Seconds in which a server comes free by itself, with some to spare."""
+
+
+class ServerPeer(Server):
+    """The server under test, as the run sees it."""
+
+    def ready(self, rule: Rule) -> None:
+        """Forget what came; begin the rule's time."""
+        self.client.deadline = float("inf")
+        self.client.drain()
+        self.episodes, self.tools = [], set()
+        episode = self.course.seconds if self.course else self.settings.timeout
+        self.client.deadline = time.monotonic() + rule.seconds + self.settings.timeout + EPISODES * episode
+
+    def recover(self) -> str:
+        """End what is under way, until the server answers discovery; why it does not, empty if it does."""
+        if self.left:
+            return ""
+        self.client.deadline = time.monotonic() + FREE_AFTER + 4 * self.settings.timeout
+        try:
+            return self._recovered()
+        except Overdue:
+            return "it answered no discovery any more"
+
+    def _recovered(self) -> str:
+        if self.door is not None:
+            self.door.open()
+        for episode in self.episodes:
+            episode.stop()
+        for tool in self.tools:
+            self._let_go(tool)
+        limit = time.monotonic() + FREE_AFTER
+        while not self.gone():
+            if self._is_free(min(1.0, self.settings.timeout)):
+                return ""
+            if time.monotonic() > limit:
+                return f"it answered no discovery for {FREE_AFTER:g} s"
+            for episode in self.episodes:
+                self._play_out(episode)
+            for tool in self.tools:
+                self._let_go(tool)
+        return self.gone()
+
+    def _is_free(self, seconds: float) -> bool:
+        """Any answer with its ID will do: that the hash is echoed is a rule of its own."""
+
+        def heard(message: Message) -> bool:
+            for episode in self.episodes:
+                if message.topic == "sensor" and message.maybe.get("simulation_hash") == episode.hash:
+                    with suppress(Failure):
+                        episode.take(message)
+            return self.is_answer(message)
+
+        self.client.send("discovery", **self.discovery())
+        free = self.client.next(heard, seconds) is not None
+        self.client.waiting.clear()
+        return free
+
+    def _let_go(self, tool: str) -> None:
+        fields = {"server": self.id, "simulation_hash": tool, "run": False, "tool": tool}
+        self.client.send("control", simulation=self.settings.title, **fields)
+
+    def _play_out(self, episode: Episode) -> None:
+        """Play an episode that could not be ended to its end."""
+        episode.over = not episode.pending
+        with suppress(Failure):
+            episode.play()
+        episode.over = True
+
+    def revive(self) -> bool:
+        """Start its process anew, if the kit started it; whether it is there again."""
+        if self.process is None:
+            return False
+        self.process.start()
+        return found(self, 30.0) is not None
+
+    def gone(self) -> str:
+        """How its process ended, in words; empty when it runs, or is none of the kit's."""
+        return "" if self.process is None else self.process.ended
+
+
+def found(server: Server, seconds: float) -> float | None:
+    """Ask until the server answers; the dimensions that it has, None when it does not answer in time."""
+    client: Client = server.client
+    client.deadline = float("inf")
+    limit = time.monotonic() + seconds
+    while time.monotonic() < limit:
+        client.send("discovery", **server.discovery())
+        answer = client.next(server.is_answer, 0.2)
+        if answer is not None:
+            capabilities = answer.maybe.get("capabilities")
+            dimensions = capabilities.get("dimensions") if isinstance(capabilities, dict) else None
+            return float(dimensions) if isinstance(dimensions, int | float) else server.settings.dimensions
+        if server.process is not None and server.process.ended:
+            return None
+    return None

@@ -1,0 +1,413 @@
+"""The simulation server under test: what it is asked, and what it answers."""
+
+import json
+import math
+import secrets
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message, shown
+from swarmwright.conformance._course import Course, Numbers, Policy, Wander
+from swarmwright.conformance._process import Process
+from swarmwright.conformance._proxy import Door
+from swarmwright.conformance._rules import Failure, Skip
+
+QUIET = 0.05
+"""Seconds in which a quick server that would say something has said it."""
+
+Json = dict[str, Any]
+
+
+@dataclass
+class Settings:
+    """What is known of the server before it is asked.
+
+    parameters: of every episode. sensors, actuators: where it does not announce them. timeout: seconds that
+    one answer may take. step_timeout: seconds after which it gives up an episode, None when not known.
+    """
+
+    server: int
+    title: str
+    dimensions: float
+    parameters: Json = field(default_factory=dict)
+    sensors: int | None = None
+    actuators: int | None = None
+    timeout: float = 5.0
+    step_timeout: float | None = None
+
+
+class Server:
+    """A server as the rules see it."""
+
+    def __init__(
+        self,
+        client: Client,
+        settings: Settings,
+        *,
+        door: Door | None = None,
+        process: Process | None = None,
+        own_broker: str | None = None,
+        prefix: str = "",
+    ) -> None:
+        self.client = client
+        self.settings = settings
+        self.door = door
+        self.process = process
+        self.own_broker = own_broker
+        self.prefix = prefix
+        self.left = False
+        self.id = settings.server
+        self.token = secrets.token_hex(8)
+        self.capabilities: Json = {}
+        self.course: Course | None = None
+        self.quiet = QUIET
+        self.deterministic: bool | None = None
+        self.seen_metrics: set[str] = set()
+        self.episodes: list[Episode] = []
+        self.tools: set[str] = set()
+
+    # What it announces.
+
+    @property
+    def announced(self) -> Json:
+        """`capabilities.swarmwright`, empty where there is none."""
+        found = self.capabilities.get("swarmwright")
+        return found if isinstance(found, dict) else {}
+
+    def announces(self, *, mode: str | None = None) -> None:
+        """Skip the rule unless extensions, or this mode, are announced."""
+        if "version" not in self.announced:
+            raise Skip("not announced: no capabilities.swarmwright")
+        if mode is not None and mode not in self.announced.get("modes", []):
+            raise Skip(f"not announced: capabilities.swarmwright.modes lacks {mode!r}")
+
+    @property
+    def max_agents(self) -> float | None:
+        """The most agents, None for no limit."""
+        found = self.capabilities.get("max_agents", self.capabilities.get("max agents"))
+        return found if isinstance(found, int | float) else None
+
+    @property
+    def sensors(self) -> int:
+        """Numbers in a sensor message."""
+        known = self.settings.sensors or self.announced.get("sensors")
+        if isinstance(known, int):
+            return known
+        for readings in (self.course or Course()).readings.values():
+            return len(readings[0])
+        raise Skip("no agent is asked: the simulation steers its agents itself")
+
+    @property
+    def actuators(self) -> int:
+        """Numbers in an actuator message."""
+        known = self.settings.actuators or self.announced.get("actuators")
+        if isinstance(known, int):
+            return known
+        raise Skip("the server does not announce how many actuators an agent has; give --actuators")
+
+    @property
+    def reference(self) -> Course:
+        """The undisturbed course of `self.policy`; skips the rule when nobody is asked."""
+        if self.course is None:
+            raise Skip("no undisturbed episode to compare with")
+        if not self.course.messages:
+            raise Skip("the simulation steers its agents itself, nobody is asked")
+        return self.course
+
+    @property
+    def policy(self) -> Policy:
+        """What agents do where it does not matter what."""
+        return Wander(self.actuators)
+
+    def comparable(self) -> None:
+        """Skip the rule when courses cannot be compared."""
+        if self.deterministic is False:
+            raise Skip("episodes cannot be compared: the server declares that it is not deterministic")
+
+    # Discovery.
+
+    def discovery(self, **changes: Any) -> Json:  # noqa: ANN401 - JSON
+        """A discovery that the server should answer, with a hash of its own."""
+        return {
+            "simulation": self.settings.title,
+            "simulation_hash": new_hash(),
+            "requirements": {"dimensions": self.settings.dimensions},
+        } | changes
+
+    def discover(self, *, within: float | None = None, **changes: Any) -> Json | None:  # noqa: ANN401 - JSON
+        """Ask once; the answer, None when none comes in time."""
+        question = self.discovery(**changes)
+        self.client.send("discovery", **question)
+        answer = self.client.next(
+            lambda message: self.is_answer(message, question["simulation_hash"]),
+            self.settings.timeout if within is None else within,
+        )
+        return None if answer is None else answer.json
+
+    def is_answer(self, message: Message, hash_: str | None = None) -> bool:
+        """Whether a message is this server's answer to a discovery (with this hash)."""
+        content = message.maybe
+        return (
+            message.topic == "server"
+            and content.get("server") == self.id
+            and hash_ in {None, content.get("simulation_hash")}
+        )
+
+    def must_answer(self, expected: str, sent: str = "", **changes: Any) -> Json:  # noqa: ANN401 - JSON
+        """Ask once; Failure unless it answers."""
+        answer = self.discover(**changes)
+        if answer is None:
+            raise Failure(f"nothing came within {self.settings.timeout:g} s", expected, sent)
+        return answer
+
+    def must_not_answer(self, questions: Iterable[Json], why: str) -> None:
+        """Ask what it should not answer, then what it should; Failure when it answers the former.
+
+        For a server that is free.
+        """
+        asked = list(questions)
+        for question in asked:
+            self.client.send("discovery", **question)
+        last = self.discovery()
+        self.client.send("discovery", **last)
+        wrong: list[Message] = []
+        hashes = [question["simulation_hash"] for question in asked]
+
+        def heard(message: Message) -> bool:
+            if any(self.is_answer(message, hash_) for hash_ in hashes):
+                wrong.append(message)
+            return self.is_answer(message, last["simulation_hash"])
+
+        answer = self.client.next(heard, self.settings.timeout)
+        if wrong:
+            index = hashes.index(wrong[0].json["simulation_hash"])
+            raise Failure(
+                f"it answered: {wrong[0]}", f"silence: {why}", f"discovery {shown(json.dumps(asked[index]))}"
+            )
+        if answer is None:
+            raise Failure(
+                f"nothing came within {self.settings.timeout:g} s",
+                "silence at first, then an answer to a discovery that fits",
+                f"discovery {shown(json.dumps(asked[-1]))}",
+            )
+
+    def must_be_silent(self, why: str, sent: str = "", *, but: "Episode | None" = None) -> None:
+        """Failure when the server says anything on the seven topics: with one of our hashes, or its ID.
+
+        but: an episode that is under way; what is said of it is kept for it.
+        """
+        known = {episode.hash for episode in self.episodes if episode is not but}
+        for message in self.client.drain(self.quiet):
+            if but is not None and but.is_mine(message):
+                but.take(message)
+                continue
+            content = message.maybe
+            if message.topic in {"sensor", "fitness"} and (
+                content.get("simulation_hash") in known or not content
+            ):
+                raise Failure(f"{message} came", f"silence: {why}", sent)
+            if self.is_answer(message):
+                raise Failure(f"{message} came", f"silence: {why}", sent)
+
+    # Episodes.
+
+    def episode(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> "Episode":  # noqa: ANN401
+        """A new episode, with the parameters of the settings when not told otherwise; nothing is sent yet."""
+        made = Episode(self, self.settings.parameters if parameters is None else dict(parameters), **options)
+        self.episodes.append(made)
+        if made.tool:
+            self.tools.add(made.tool)
+        return made
+
+    def play(self, policy: Policy | None = None, parameters: Mapping[str, Any] | None = None) -> Course:
+        """A whole episode, and the server free again."""
+        episode = self.episode(parameters)
+        episode.configure()
+        episode.start()
+        return episode.play(policy)
+
+    # Requests.
+
+    def request(self, message: Json) -> str:
+        """Publish a MessagePack request, as MQTT 5 has it; what was sent, for people."""
+        import msgpack
+
+        payload: bytes = msgpack.packb(message)
+        number = message.get("request")
+        correlation = number.to_bytes(8, "big") if isinstance(number, int) else b""
+        reply = message.get("reply")
+        self.client.publish(
+            f"{TO_SERVER}{self.id}",
+            payload,
+            correlation=correlation,
+            response=reply if isinstance(reply, str) else TO_TOOL + self.token,
+        )
+        if isinstance(message.get("tool"), str):
+            self.tools.add(message["tool"])
+        brief = {
+            key: f"<{len(value)} bytes>" if isinstance(value, bytes) else value
+            for key, value in message.items()
+        }
+        return f"{TO_SERVER}{self.id} {shown(json.dumps(brief, default=str))}"
+
+
+class Episode:
+    """One episode, step by step: who is asked and has not been answered, and what came so far."""
+
+    def __init__(
+        self, server: Server, parameters: Json, *, hash_: str | None = None, tool: str | None = None
+    ) -> None:
+        self.server = server
+        self.parameters = parameters
+        self.hash = hash_ or new_hash()
+        self.tool = tool
+        self.course = Course()
+        self.pending: list[tuple[int, int, Numbers]] = []
+        self.over = True
+
+    @property
+    def _named(self) -> Json:
+        return {"tool": self.tool} if self.tool else {}
+
+    def configure(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send the parameters; what was sent."""
+        self.over = False
+        fields = {**self.parameters, "server": self.server.id, "simulation_hash": self.hash, **changes}
+        return self.server.client.send("parameters", **fields)
+
+    def start(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send control; what was sent."""
+        self.over = False
+        self.course, self.pending = Course(), []
+        fields = {
+            "server": self.server.id,
+            "simulation_hash": self.hash,
+            "simulation": self.server.settings.title,
+            "run": True,
+            "visual": False,
+            **self._named,
+        }
+        return self.server.client.send("control", **(fields | changes))
+
+    def stop(self) -> str:
+        """End it with run: false; what was sent."""
+        self.over = True
+        fields = {"server": self.server.id, "simulation_hash": self.hash, "run": False, **self._named}
+        return self.server.client.send("control", simulation=self.server.settings.title, **fields)
+
+    def hear(self, sent: str = "") -> bool:
+        """The next sensor message, put among the pending, or the fitness; whether it was a sensor message.
+
+        Raises Failure when nothing comes, or what came is no such message.
+        """
+        seconds = self.server.settings.timeout
+        message = self.server.client.next(self.is_mine, seconds)
+        if message is None:
+            came = f"nothing came within {seconds:g} s"
+            if self.course.messages:
+                came += f" after {self.course.messages} sensor messages"
+            raise Failure(came, "a sensor message, or the fitness, with the hash of the episode", sent)
+        return self.take(message)
+
+    def is_mine(self, message: Message) -> bool:
+        """Whether a message is about this episode, or cannot be read."""
+        return (
+            message.topic in {"sensor", "fitness"}
+            and message.maybe.get("simulation_hash", self.hash) == self.hash
+        )
+
+    def take(self, message: Message) -> bool:
+        """Note a message about this episode; whether it was a sensor message.
+
+        Raises Failure when it is wrong.
+        """
+        if message.topic == "fitness":
+            self._finish(message)
+            return False
+        self._sensed(message)
+        return True
+
+    def _sensed(self, message: Message) -> None:
+        content = message.json
+        agent, sensors = content.get("agent"), content.get("sensor")
+        if not isinstance(agent, int) or isinstance(agent, bool) or agent < 0:
+            raise Failure(f"{message} came", '"agent" is an integer from 0')
+        if not isinstance(sensors, list) or not sensors or not all(is_number(value) for value in sensors):
+            raise Failure(f"{message} came", '"sensor" is a list of finite numbers, at least one')
+        with np.errstate(over="ignore"):
+            numbers = np.array(sensors, dtype=np.float32)
+        turn = len(self.course.readings[agent])
+        self.course.readings[agent].append(numbers)
+        self.course.messages += 1
+        self.pending.append((agent, turn, numbers))
+
+    def _finish(self, message: Message) -> None:
+        self.over = True
+        content = message.json
+        fitness, metrics = content.get("fitness"), content.get("metrics")
+        if not is_number(fitness):
+            raise Failure(f"{message} came", '"fitness" is a finite number')
+        self.course.fitness = float(fitness)
+        if isinstance(metrics, dict):
+            found = {name: float(value) for name, value in metrics.items() if is_number(value)}
+            self.course.metrics = found
+            self.server.seen_metrics |= found.keys()
+
+    def answer(self, agent: int, actuators: Iterable[float], **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send an agent's actuators; what was sent."""
+        self.pending = [entry for entry in self.pending if entry[0] != agent]
+        fields = {"simulation_hash": self.hash, "agent": agent, "actuator": list(actuators)}
+        return self.server.client.send(
+            "actuator", simulation=self.server.settings.title, **(fields | changes)
+        )
+
+    def gather(self) -> None:
+        """Hear the sensor messages of a step, until no more come."""
+        if self.over or (not self.pending and not self.hear()):
+            return
+        for message in self.server.client.drain(self.server.quiet):
+            if self.is_mine(message):
+                self.take(message)
+
+    def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
+        """Failure when the episode goes on: a fitness comes, or one of these agents is asked again.
+
+        Agents that had not been asked before are late, no more.
+        """
+        asked = {*agents, *(agent for agent, _, _ in self.pending)}
+        for message in self.server.client.drain(self.server.quiet):
+            if not self.is_mine(message):
+                continue
+            if message.topic == "fitness" or message.maybe.get("agent") in asked:
+                raise Failure(f"{message} came", f"silence: {why}", sent)
+            self.take(message)
+
+    def play(self, policy: Policy | None = None) -> Course:
+        """Answer until the fitness comes; all that happened."""
+        # A simulation that steers its agents itself needs no policy.
+        chosen = policy
+        sent = ""
+        while not self.over:
+            for agent, turn, sensors in list(self.pending):
+                chosen = chosen or self.server.policy
+                sent = self.answer(agent, chosen(agent, turn, sensors))
+            self.hear(sent)
+        return self.course
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether a JSON value is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def new_hash() -> str:
+    """Return a hash that no other episode has."""
+    return secrets.token_hex(32)

@@ -1,0 +1,249 @@
+"""S10: many episodes, one message a step."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.conformance._blocks import (
+    OTHER,
+    TOOL,
+    answer_to,
+    batch,
+    crew,
+    error_of,
+    free_again,
+    must_be_refused,
+    numbers,
+    played,
+)
+from swarmwright.conformance._course import Course, Steer, same
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.taken import must_be_taken
+
+BATCHED = "protocol.md, Batched stepwise"
+
+
+class Batch:
+    """A batch under way: the rows that wait for actuators, and the fitness of what has ended."""
+
+    def __init__(self, server: Server, seeds: Sequence[int], **changes: Any) -> None:  # noqa: ANN401 - JSON
+        self.server = server
+        self.request = batch(server, seeds, **changes)
+        self.fitness: dict[int, float] = {}
+        self.metrics: dict[int, dict[str, float]] = {}
+        self.step = -1
+        self.rows: list[tuple[int, int, NDArray[np.float32]]] = []
+        self.sent = server.request(self.request)
+        self.hear()
+
+    def hear(self) -> None:
+        """The next sensors message."""
+        answer = answer_to(self.server, self.request, self.sent)
+        kind, reason = error_of(answer)
+        if kind:
+            raise Failure(f'the error "{kind}" came: {reason}', "the sensors of the next step", self.sent)
+        if answer.get("step") != self.step + 1:
+            raise Failure(
+                f'"step" is {answer.get("step")!r}', f"{self.step + 1}: steps count from 0", self.sent
+            )
+        self.step += 1
+        episodes, agents = numbers(answer, "episodes", "<u4"), numbers(answer, "agents", "<u4")
+        sensors = numbers(answer, "sensors", "<f4")
+        if len(episodes) != len(agents) or len(sensors) != len(episodes) * self.server.sensors:
+            came = f"{len(episodes)} episodes, {len(agents)} agents, {len(sensors)} sensors"
+            raise Failure(
+                came, f"as many agents as episodes, {self.server.sensors} sensors for each", self.sent
+            )
+        rows = sensors.reshape(len(episodes), self.server.sensors)
+        self.rows = [(int(one), int(two), row) for one, two, row in zip(episodes, agents, rows, strict=True)]
+        ended, fitness = numbers(answer, "ended", "<u4"), numbers(answer, "fitness", "<f8")
+        if len(ended) != len(fitness):
+            raise Failure(f"{len(ended)} ended, {len(fitness)} fitness", "as many", self.sent)
+        for place, (episode, value) in enumerate(zip(ended.tolist(), fitness.tolist(), strict=True)):
+            self.fitness[episode] = value
+            named = answer.get("metrics") or {}
+            self.metrics[episode] = {name: float(numbers(named, name, "<f8")[place]) for name in named}
+
+    def answer(self, values: Sequence[Sequence[float]], **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send a row of actuators for each row; what was sent."""
+        message: Json = {
+            "kind": "actuators",
+            "version": 1,
+            "request": self.request["request"],
+            "step": self.step,
+            "actuators": np.array(values, dtype="<f4").tobytes(),
+        } | changes
+        self.sent = self.server.request(message)
+        return self.sent
+
+    def play(self, policy: Callable[[int, int, NDArray[np.float32]], Sequence[float]]) -> None:
+        """Answer until all episodes have ended."""
+        while self.rows:
+            self.answer([policy(*row) for row in self.rows])
+            self.hear()
+
+
+def _steps(server: Server) -> None:
+    server.announces(mode="batched")
+    _ = server.reference, server.actuators
+
+
+def _zeros(server: Server) -> Callable[..., Sequence[float]]:
+    return lambda *_: [0.0] * server.actuators
+
+
+def _seeds(server: Server) -> list[int]:
+    most = server.announced.get("batch", 1)
+    return [3, 1, 2][: most if isinstance(most, int) else 1]
+
+
+@rule(
+    "S10.1",
+    "A batch gives each episode the fitness that it has stepwise, to the last bit.",
+    where=f"{BATCHED}; decision 002",
+    mend="give each episode a simulation of its own; step all of them when the actuators are there",
+    needs=["S2.3", "S3.2"],
+)
+def equal(server: Server) -> str:
+    """Three episodes with three seeds, agents with a state."""
+    _steps(server)
+    server.comparable()
+    team, seeds = crew(server, "fully_meshed", 1), _seeds(server)
+    crews = [Steer(team.specification(0)) for _ in seeds]
+    turns: dict[tuple[int, int], int] = {}
+
+    def act(episode: int, agent: int, sensors: NDArray[np.float32]) -> Sequence[float]:
+        turn = turns.get((episode, agent), 0)
+        turns[episode, agent] = turn + 1
+        return crews[episode](agent, turn, sensors)
+
+    wanted = list(server.announced.get("metrics") or [])
+    one = Batch(server, seeds, **({"metrics": wanted} if wanted else {}))
+    one.play(act)
+    free_again(server)
+    for episode, seed in enumerate(seeds):
+        course: Course = played(server, team, 0, seed)
+        if not same(course.fitness, one.fitness.get(episode)):
+            came = f"seed {seed}: {one.fitness.get(episode)!r} batched, {course.fitness!r} stepwise"
+            raise Failure(came, "the same bits")
+        for name in wanted:
+            if name in course.metrics and not same(course.metrics[name], one.metrics[episode].get(name)):
+                batched = one.metrics[episode].get(name)
+                came = f"{name}, seed {seed}: {batched!r} batched, {course.metrics[name]!r} stepwise"
+                raise Failure(came, "the same bits")
+    return f"{len(seeds)} episodes, {one.step} steps"
+
+
+@rule(
+    "S10.2",
+    "Actuators for another step, of another number or not finite are refused, and it waits on.",
+    where=BATCHED,
+    mend="compare step and the number of actuators with the last sensors message",
+    needs=["S10.1"],
+)
+def refused(server: Server) -> None:
+    """Wrong actuators in the first step, then the right ones."""
+    _steps(server)
+    one = Batch(server, _seeds(server)[:1])
+    values = [[0.5] * server.actuators for _ in one.rows]
+    nan = [[float("nan")] * server.actuators for _ in one.rows]
+    tries = [
+        one.answer(values, step=one.step + 1),
+        one.answer([*values, values[0]]),
+        one.answer(nan),
+        one.answer(values, request=one.request["request"] + 1_000_000),
+        one.answer(values, actuators=values),
+    ]
+    for message in server.client.drain(server.quiet):
+        if message.topic.endswith(server.token):
+            raise Failure("an answer came", "silence: the actuators are wrong", "; ".join(tries))
+    one.play(_zeros(server))
+
+
+@rule(
+    "S10.3",
+    "Actuators without numbers end the batch.",
+    where=BATCHED,
+    mend="end the batch when actuators is empty; the tool still has the server",
+    needs=["S10.1"],
+)
+def ended(server: Server) -> None:
+    """An end in the first step, then another batch."""
+    _steps(server)
+    one = Batch(server, _seeds(server))
+    one.answer([])
+    for message in server.client.drain(server.quiet):
+        if message.topic.endswith(server.token):
+            raise Failure("an answer came", "silence: the batch is over", one.sent)
+    Batch(server, _seeds(server)).answer([])
+    free_again(server)
+    server.must_answer(
+        "an answer: the batch is over", "actuators without numbers, then control with run: false"
+    )
+
+
+@rule(
+    "S10.4",
+    "More episodes than announced, and other wrong requests, are answered with error invalid.",
+    where=f"{BATCHED}; protocol.md, Messages of numbers",
+    mend="compare the number of seeds with your batch; check every field before the batch starts",
+    needs=["S10.1"],
+)
+def invalid(server: Server) -> None:
+    """One episode too many; no episode; a simulation that nobody has; another version."""
+    _steps(server)
+    most = server.announced.get("batch")
+    if isinstance(most, int):
+        must_be_refused(
+            server, batch(server, range(most + 1)), ["invalid"], f"it announces batches of {most}"
+        )
+    must_be_refused(server, batch(server, []), ["invalid"], "there is no seed")
+    must_be_refused(
+        server, batch(server, [1], simulation="nobody has this"), ["invalid"], "it is not offered"
+    )
+    must_be_refused(server, batch(server, [1], version=2), ["invalid"], "the version is unknown")
+    must_be_refused(
+        server, batch(server, [1], metrics=["no_such_metric"]), ["invalid"], "there is no such metric"
+    )
+
+
+@rule(
+    "S10.5",
+    "While a batch is under way others get taken, and no discovery is answered.",
+    where="protocol.md, Who has the server",
+    mend="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards",
+    needs=["S10.1"],
+)
+def taken(server: Server) -> None:
+    """Another's batch, discoveries; then the batch goes on."""
+    _steps(server)
+    one = Batch(server, _seeds(server))
+    must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], f"a batch of {TOOL} is under way")
+    must_be_taken(server, f"a batch of {TOOL} is under way", "start")
+    one.play(_zeros(server))
+    must_be_taken(server, f"it is held for {TOOL}", "a whole batch")
+
+
+@rule(
+    "S10.6",
+    "As many episodes as announced go into one batch.",
+    where="protocol.md, Presence",
+    mend="announce in capabilities.swarmwright.batch no more than you can step side by side",
+    needs=["S10.1"],
+)
+def full(server: Server) -> str:
+    """A batch of the largest size, begun and ended."""
+    _steps(server)
+    most = server.announced.get("batch")
+    if not isinstance(most, int):
+        raise Skip("not announced: no capabilities.swarmwright.batch")
+    one = Batch(server, range(min(most, 1000)))
+    found = {episode for episode, _, _ in one.rows} | set(one.fitness)
+    if len(found) != min(most, 1000):
+        raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", one.sent)
+    one.answer([])
+    return f"{most} episodes"

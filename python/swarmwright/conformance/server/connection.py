@@ -1,0 +1,179 @@
+"""S11: connections that break, brokers that go and come back, what somebody left on a broker."""
+
+import json
+import time
+
+from swarmwright.conformance._client import PRESENCE
+from swarmwright.conformance._proxy import Door
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Server, new_hash
+from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.presence import kept
+
+BACK = 15.0
+"""Seconds in which a server is back when the broker is."""
+BROKER = "decision 003"
+
+
+def door(server: Server) -> Door:
+    """What stands between server and broker; skips the rule where nothing does."""
+    if server.door is None:
+        raise Skip(
+            "the kit does not stand between server and broker: let it bring its own, or start the "
+            "server (--exec)"
+        )
+    return server.door
+
+
+def must_come_back(server: Server, why: str) -> float:
+    """Open the door and ask until it answers; after how many seconds it did."""
+    door(server).open()
+    start = time.monotonic()
+    while time.monotonic() < start + BACK:
+        if server.discover(within=0.1) is not None:
+            return time.monotonic() - start
+    raise Failure(f"it answered no discovery within {BACK:g} s after the broker was back", "an answer", why)
+
+
+@rule(
+    "S11.1",
+    "It connects again when the connection broke.",
+    where=BROKER,
+    mend="let the MQTT client connect again by itself, and subscribe again whenever it is connected",
+    needs=["S2.3"],
+    seconds=40,
+)
+def connects_again(server: Server) -> str:
+    """The connection is cut; the broker can be reached again at once."""
+    door(server).shut()
+    seconds = must_come_back(server, "the connection was cut")
+    server.play()
+    return f"back after {seconds:.1f} s"
+
+
+@rule(
+    "S11.2",
+    "It waits for a broker that is away for seconds.",
+    where=BROKER,
+    mend="try again without end, with pauses of seconds",
+    needs=["S11.1"],
+    seconds=40,
+)
+def waits(server: Server) -> str:
+    """Three seconds without a broker."""
+    door(server).shut()
+    time.sleep(3)
+    seconds = must_come_back(server, "the broker was away for 3 s")
+    server.play()
+    return f"back after {seconds:.1f} s"
+
+
+@rule(
+    "S11.3",
+    "When its connection breaks, its last will says that it is lost; back, it is ready.",
+    where="protocol.md, Presence",
+    mend='give the client a last will: presence, retained, with the state "lost"',
+    needs=["S11.1"],
+    seconds=40,
+)
+def last_will(server: Server) -> None:
+    """What presence says while the connection is cut, and afterwards."""
+    topic = f"{PRESENCE}{server.id}"
+    if not kept(server, [topic]):
+        raise Skip("not announced: no presence")
+    door(server).shut()
+    _must_say(server, "lost", "the connection was cut")
+    must_come_back(server, "the connection was cut")
+    _must_say(server, "ready", "the connection was cut and is back")
+
+
+def _must_say(server: Server, wanted: str, sent: str) -> None:
+    limit = time.monotonic() + server.settings.timeout
+    state: object = None
+    while time.monotonic() < limit:
+        found = kept(server, [f"{PRESENCE}{server.id}"])
+        state = found[-1].json.get("state") if found else None
+        if state == wanted:
+            return
+    raise Failure(f'presence says "{state}"', f'"{wanted}"', sent)
+
+
+@rule(
+    "S11.4",
+    "A message with the retain flag is somebody's leftover: it is ignored.",
+    where="protocol.md, Topics",
+    mend="look at the retain flag of each message; take none but presence with it",
+    needs=["S11.1"],
+    seconds=40,
+)
+def leftovers(server: Server) -> None:
+    """Retained discovery, parameters and control, which it gets when it comes back."""
+    gate, client, hash_ = door(server), server.client, new_hash()
+    server.episode(hash_=hash_)  # so that it is ended if it was begun
+    mine = {"server": server.id, "simulation_hash": hash_}
+    left = {
+        "discovery": server.discovery(simulation_hash=hash_),
+        "parameters": {**server.settings.parameters, **mine},
+        "control": {**mine, "simulation": server.settings.title, "run": True},
+    }
+    gate.shut()
+    wrong = []
+    try:
+        for topic, fields in left.items():
+            client.publish(topic, json.dumps(fields), retain=True)
+        client.drain(server.quiet)
+        gate.open()
+        question = server.discovery()
+        asked = {hash_, question["simulation_hash"]}
+        limit = time.monotonic() + BACK
+        answer = None
+        while answer is None and time.monotonic() < limit:
+            client.send("discovery", **question)
+            answer = client.next(lambda message: message.maybe.get("simulation_hash") in asked, 0.1)
+        if answer is None:
+            raise Failure(
+                "it answered no discovery any more", "an answer to a discovery that is not retained"
+            )
+        wrong = [answer] if answer.maybe.get("simulation_hash") == hash_ else []
+        wrong += [m for m in client.drain(server.quiet) if m.maybe.get("simulation_hash") == hash_]
+    finally:
+        for topic in left:
+            client.publish(topic, b"", retain=True)
+    if wrong:
+        raise Failure(
+            f"{wrong[0]} came",
+            "silence: the message was retained",
+            "discovery, parameters, control, all retained",
+        )
+
+
+@rule(
+    "S11.5",
+    "An episode whose connection broke does not keep the server for ever: control with run: false frees it.",
+    where="protocol.md, Who is taken, and when",
+    mend="give up the episode when the connection breaks, or listen to its end when it is back",
+    needs=["S11.1", "S2.9"],
+    seconds=40,
+)
+def cut_short(server: Server) -> None:
+    """A cut in the middle of an episode, then its end, then another episode."""
+    from swarmwright.conformance.server.episodes import begun
+
+    episode = begun(server)
+    door(server).shut()
+    door(server).open()
+    limit = time.monotonic() + BACK
+    while time.monotonic() < limit:
+        sent = episode.stop()
+        if server.discover(within=0.1) is not None:
+            break
+    else:
+        raise Failure(
+            f"it answered no discovery for {BACK:g} s", "free again", f"the connection was cut, then {sent}"
+        )
+    course = server.play()
+    difference = server.reference.difference(course) if server.deterministic else ""
+    if difference:
+        raise Failure(
+            difference, "an episode like any other", "an episode after the connection was cut in another"
+        )

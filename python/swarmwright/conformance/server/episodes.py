@@ -1,0 +1,285 @@
+"""S2: from parameters to fitness."""
+
+from contextlib import suppress
+
+from swarmwright.conformance._course import Always
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Episode, Server
+from swarmwright.conformance.server._rules import rule
+
+
+def begun(server: Server) -> Episode:
+    """An episode whose first step has been asked for; skips the rule when nobody is asked."""
+    episode = server.episode()
+    episode.configure()
+    episode.start()
+    episode.gather()
+    if episode.over:
+        raise Skip("the simulation steers its agents itself, nobody is asked")
+    return episode
+
+
+def until_several(server: Server) -> Episode:
+    """An episode in which at least two agents have been asked in one step."""
+    episode = begun(server)
+    while not episode.over and len(episode.pending) < 2:
+        for agent, turn, sensors in list(episode.pending):
+            episode.answer(agent, server.policy(agent, turn, sensors))
+        episode.gather()
+    if episode.over:
+        raise Skip("no two agents are asked in one step; give --parameters with several agents")
+    return episode
+
+
+@rule(
+    "S2.1",
+    "After parameters and control it publishes sensor messages, or the fitness if agents steer themselves.",
+    where="protocol.md, An episode, 2 to 4",
+    mend="keep the parameters by their hash; at control with this hash reset the simulation and "
+    "publish what agents sense",
+    needs=["S1.2"],
+)
+def begins(server: Server) -> None:
+    """Parameters, control, the first message."""
+    episode = server.episode()
+    sent = f"{episode.configure()}, then {episode.start()}"
+    message = server.client.next(episode.is_mine, server.settings.timeout)
+    if message is not None:
+        with suppress(Failure):  # its shape is another rule's business
+            episode.take(message)
+    else:
+        expected = "a message on sensor or fitness with this hash"
+        raise Failure(f"nothing came within {server.settings.timeout:g} s", expected, sent)
+
+
+@rule(
+    "S2.2",
+    "A sensor message has the agent, an integer from 0, and what it senses: finite numbers, always as many.",
+    where="protocol.md, Topics; protocol/schemas/sensor.schema.json",
+    mend="publish {simulation_hash, agent, sensor: [numbers]}; announce their number in "
+    "capabilities.swarmwright.sensors",
+    needs=["S2.1"],
+)
+def sensors(server: Server) -> str | None:
+    """The messages of the first steps."""
+    episode = begun(server)
+    wanted = server.announced.get("sensors")
+    for _ in range(3):
+        for agent, turn, numbers in list(episode.pending):
+            if isinstance(wanted, int) and len(numbers) != wanted:
+                raise Failure(
+                    f"{len(numbers)} numbers came for agent {agent}", f"{wanted} numbers, as announced"
+                )
+            episode.answer(agent, server.policy(agent, turn, numbers))
+        episode.gather()
+    lengths = {len(numbers) for readings in episode.course.readings.values() for numbers in readings}
+    if len(lengths) > 1:
+        raise Failure(
+            f"{sorted(lengths)} numbers came in different messages", "as many for every agent and step"
+        )
+    return f"{lengths.pop()} numbers"
+
+
+@rule(
+    "S2.3",
+    "The fitness, a finite number, ends the episode.",
+    where="protocol.md, An episode, 5",
+    mend="when the simulation is done publish {simulation_hash, fitness}; a fitness that is no "
+    "number cannot be sent",
+    needs=["S2.1"],
+)
+def ends(server: Server) -> str:
+    """A whole episode, each message answered at once; its course is what others are compared with."""
+    import time
+
+    episode = server.episode()
+    sent = episode.configure()
+    episode.start()
+    start = last = time.monotonic()
+    slowest = 0.0
+    while not episode.over:
+        for agent, turn, numbers in list(episode.pending):
+            sent = episode.answer(agent, server.policy(agent, turn, numbers))
+        last = time.monotonic()
+        episode.hear(sent)
+        slowest = max(slowest, time.monotonic() - last)
+    course = episode.course
+    course.seconds = time.monotonic() - start
+    server.course = course
+    server.quiet = min(server.settings.timeout, max(server.quiet, 4 * slowest))
+    agents = len(course.readings)
+    messages = f"{course.messages} sensor messages of {agents} agents in {course.seconds:.3f} s"
+    return f"fitness {course.fitness}; {messages}"
+
+
+@rule(
+    "S2.4",
+    "Each agent of a step is asked once, and nobody is asked again before it has acted.",
+    where="protocol.md, An episode, 4",
+    mend="publish one sensor message for each live agent when a step begins, none while you wait for "
+    "actuators",
+    needs=["S2.3"],
+)
+def asks_once(server: Server) -> None:
+    """Wait at the beginning of an episode, and listen."""
+    episode = begun(server)
+    episode.gather()
+    agents = [agent for agent, _, _ in episode.pending]
+    if len(set(agents)) < len(agents):
+        raise Failure(
+            f"sensor messages for the agents {agents} came without any answer", "one for each agent"
+        )
+
+
+@rule(
+    "S2.5",
+    "A step is made when all agents that were asked have their actuators, not earlier.",
+    where="protocol.md, An episode, 4",
+    mend="count who is still missing, and step the simulation when nobody is",
+    needs=["S2.4"],
+)
+def waits_for_all(server: Server) -> None:
+    """All but one agent are answered, the last one after a pause; then all but another one."""
+    episode = until_several(server)
+    for kept in (-1, 0):
+        waiting = list(episode.pending)
+        if len(waiting) < 2:
+            break
+        agents = [agent for agent, _, _ in waiting]
+        last = waiting.pop(kept)
+        for agent, turn, numbers in waiting:
+            episode.answer(agent, server.policy(agent, turn, numbers))
+        sent = f"actuators for all agents that were asked but agent {last[0]}"
+        episode.must_wait(agents, f"the actuators of agent {last[0]} are missing", sent)
+        for agent, turn, numbers in list(episode.pending):
+            sent = episode.answer(agent, server.policy(agent, turn, numbers))
+        episode.hear(sent)
+        episode.gather()
+    episode.play()
+
+
+@rule(
+    "S2.6",
+    "There is one fitness, and after it the episode is over: nothing more comes.",
+    where="protocol.md, An episode, 5",
+    mend="publish the fitness once; ignore actuators that come after it",
+    needs=["S2.3"],
+)
+def one_fitness(server: Server) -> None:
+    """Late actuators after an episode, and a moment of listening."""
+    episode = server.episode()
+    episode.configure()
+    episode.start()
+    episode.play()
+    server.must_be_silent("the episode is over")
+    sent = ""
+    for agent in episode.course.readings:
+        sent = episode.answer(agent, server.policy(agent, 0, episode.course.readings[agent][0]))
+    server.must_be_silent("the episode is over", sent)
+
+
+@rule(
+    "S2.7",
+    "After the fitness it is free for everybody, if the tool did not name itself.",
+    where="protocol.md, Who is taken, and when",
+    mend="answer discovery again as soon as the fitness is published",
+    needs=["S2.6"],
+)
+def free_afterwards(server: Server) -> None:
+    """An episode, then a discovery at once."""
+    server.play()
+    server.must_answer("an answer: the episode is over", "the last actuators, then a discovery")
+
+
+@rule(
+    "S2.8",
+    "The same parameters serve several episodes: control alone starts another one.",
+    where="protocol.md, An episode",
+    mend="keep the parameters of the last hashes after the fitness",
+    needs=["S2.7"],
+)
+def serves_again(server: Server) -> None:
+    """Parameters once, control three times."""
+    episode = server.episode()
+    episode.configure()
+    for _ in range(3):
+        sent = episode.start()
+        episode.hear(sent)
+        episode.play()
+
+
+@rule(
+    "S2.9",
+    "Control with run: false ends an episode without a fitness, and the server is free.",
+    where="protocol.md, An episode, 5",
+    mend="at control with run: false and the hash of the episode forget it, publish nothing, answer "
+    "discovery again",
+    needs=["S2.3"],
+)
+def is_ended(server: Server) -> None:
+    """run: false in the middle of a step, then its actuators all the same."""
+    episode = begun(server)
+    sent = episode.stop()
+    answer = server.discover()
+    if answer is None:
+        episode.over = False
+        raise Failure("it did not answer a discovery", "free again", sent)
+    server.client.waiting.clear()  # what was said before the end
+    for agent, turn, numbers in list(episode.pending):
+        sent = episode.answer(agent, server.policy(agent, turn, numbers))
+    server.must_be_silent("the episode was ended", sent)
+
+
+@rule(
+    "S2.10",
+    "Control with run: false after parameters, before any episode, frees the server.",
+    where="protocol.md, Who is taken, and when",
+    mend="treat a server that was configured like one that runs: run: false with its hash frees it",
+    needs=["S2.9"],
+)
+def is_released(server: Server) -> None:
+    """Parameters, then run: false."""
+    episode = server.episode()
+    episode.configure()
+    sent = episode.stop()
+    server.must_answer("an answer: it is free again", sent)
+
+
+@rule(
+    "S2.11",
+    "Control without parameters for its hash starts nothing.",
+    where="protocol.md, An episode, 3",
+    mend="look the parameters up by the control's hash; without them refuse",
+    needs=["S2.3"],
+)
+def needs_parameters(server: Server) -> None:
+    """Control with a new hash."""
+    episode = server.episode()
+    sent = episode.start()
+    episode.over = True
+    server.must_be_silent("no parameters came for this hash", sent)
+
+
+@rule(
+    "S2.12",
+    "visual, left out or false, and simulation, left out, change nothing.",
+    where="protocol.md, Reading",
+    mend="require no more than server and simulation_hash in control; do not rely on simulation",
+    needs=["S2.3"],
+)
+def bare_control(server: Server) -> None:
+    """The shortest control message and actuator messages of D6.1."""
+    episode = server.episode()
+    episode.configure()
+    if len(server.announced.get("simulations", [1])) > 1:
+        raise Skip("the server offers several simulations")
+    sent = server.client.send("control", server=server.id, simulation_hash=episode.hash)
+    episode.hear(sent)
+    if episode.over:
+        return
+    policy = Always((0.0,) * server.actuators)
+    for agent, turn, numbers in list(episode.pending):
+        fields = {"agent": agent, "actuator": list(policy(agent, turn, numbers))}
+        sent = server.client.send("actuator", simulation_hash=episode.hash, **fields)
+    episode.pending.clear()
+    episode.hear(sent)

@@ -1,0 +1,35 @@
+"""S13: how it goes. The last rule, for there is no server afterwards."""
+
+import signal
+
+from swarmwright.conformance._client import PRESENCE
+from swarmwright.conformance._process import GRACE
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Server
+from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.presence import kept
+
+
+@rule(
+    "S13.1",
+    "Asked to end (SIGTERM), it removes its presence and ends.",
+    where="protocol.md, Presence",
+    mend="on SIGTERM publish an empty retained presence message, disconnect, exit",
+    needs=["S1.1"],
+)
+def leaves(server: Server) -> str:
+    """SIGTERM to the process that the kit started."""
+    if server.process is None:
+        raise Skip("the kit did not start the server (--exec)")
+    topic = f"{PRESENCE}{server.id}"
+    announced = bool(kept(server, [topic]))
+    server.left = True
+    server.process.signal(signal.SIGTERM)
+    if server.process.wait(GRACE) is None:
+        raise Failure(f"it still ran {GRACE:g} s later", "its end", "SIGTERM")
+    if not announced:
+        return "no presence to be removed"
+    left = kept(server, [topic])
+    if left:
+        raise Failure(f"the broker still keeps {left[0]}", "no presence message", "SIGTERM")
+    return f"exit status {server.process.status}"

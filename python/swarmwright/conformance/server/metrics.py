@@ -1,0 +1,51 @@
+"""S8: what is measured beside the fitness."""
+
+import re
+
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Server
+from swarmwright.conformance.server._rules import rule
+
+
+def names(server: Server) -> list[str]:
+    """The metrics that are announced; skips the rule when there are none."""
+    server.announces()
+    found = server.announced.get("metrics")
+    if not found:
+        raise Skip("not announced: no capabilities.swarmwright.metrics")
+    if not isinstance(found, list):
+        raise Failure(f'"metrics": {found!r}', '"metrics" is a list of names')
+    return found
+
+
+@rule(
+    "S8.1",
+    "A metric's name is a letter or _, then letters, digits and _.",
+    where="protocol.md, Metrics",
+    mend="choose names that can stand in an expression",
+    needs=["S1.2"],
+)
+def their_names(server: Server) -> None:
+    """The announcement."""
+    wrong = [name for name in names(server) if not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", str(name))]
+    if wrong:
+        raise Failure(f'"metrics" has {wrong[0]!r}', "names of letters, digits and _")
+
+
+@rule(
+    "S8.2",
+    "All metrics that are announced come with the fitness of an episode.",
+    where="protocol.md, Metrics",
+    mend='send "metrics": {name: number, ...} in the fitness message; leave out only what is NaN or infinite',
+    needs=["S2.3"],
+)
+def they_come(server: Server) -> str:
+    """The fitness messages of all episodes so far: one that never came is missing."""
+    wanted = names(server)
+    course = server.play()
+    missing = [name for name in wanted if name not in server.seen_metrics]
+    if missing:
+        raise Failure(
+            f"metrics {', '.join(course.metrics) or 'none'} came", f"{missing[0]} as well, in some episode"
+        )
+    return ", ".join(wanted)

@@ -1,0 +1,410 @@
+"""S9: controllers that travel to the server."""
+
+import time
+
+import numpy as np
+
+from swarmwright.conformance._blocks import (
+    OTHER,
+    TOOL,
+    Crew,
+    answer_to,
+    crew,
+    error_of,
+    evaluation,
+    free_again,
+    must_be_refused,
+    numbers,
+    played,
+)
+from swarmwright.conformance._course import Course, same
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.taken import must_be_taken
+
+OFFLOADED = "protocol.md, Offloaded evaluation"
+NUMBERS = "protocol.md, Messages of numbers"
+SEEDS = (3, 1)
+CANDIDATES = 3
+LONG = 0.03
+"""Seconds that a request takes which others wait for."""
+MOST = 200_000
+"""Candidates in it at most."""
+
+
+def some(server: Server, candidates: int = CANDIDATES) -> Crew:
+    """Controllers of the first kind that is announced and steers agents."""
+    server.announces(mode="offloaded")
+    if server.course is not None and not server.course.messages:
+        raise Skip("the simulation steers its agents itself")
+    kinds = [
+        kind
+        for kind in server.announced.get("controllers", [])
+        if kind in ("layered", "fully_meshed", "mealy_fsm")
+    ]
+    if not kinds:
+        raise Skip("not announced: no kind of controller that the kit knows")
+    return crew(server, kinds[0], candidates)
+
+
+def evaluated(server: Server, request: Json) -> Json:
+    """The answer to a request that is to be served."""
+    sent = server.request(request)
+    answer = answer_to(server, request, sent, 4 * server.settings.timeout)
+    kind, reason = error_of(answer)
+    if kind:
+        raise Failure(f'the error "{kind}" came: {reason}', "the fitness", sent)
+    return answer
+
+
+@rule(
+    "S9.1",
+    "evaluate is answered with the fitness of every candidate in every episode, row by row.",
+    where=f"{OFFLOADED}; protocol/schemas/evaluated.schema.json",
+    mend="publish evaluated on the topic in reply: request, server, fitness (candidates, episodes) "
+    "as binary64, seconds",
+    needs=["S2.3"],
+)
+def is_answered(server: Server) -> None:
+    """Three candidates in two episodes."""
+    request = evaluation(server, some(server), SEEDS)
+    answer = evaluated(server, request)
+    fitness = numbers(answer, "fitness", "<f8")
+    if len(fitness) != CANDIDATES * len(SEEDS):
+        raise Failure(
+            f"{len(fitness)} numbers",
+            f"{CANDIDATES * len(SEEDS)}: {CANDIDATES} candidates, {len(SEEDS)} episodes",
+        )
+    if not np.isfinite(fitness).all():
+        raise Failure(
+            f'fitness {list(fitness)}, "failed": {answer.get("failed")}', "finite numbers, nothing failed"
+        )
+    if not isinstance(answer.get("seconds"), float | int):
+        raise Failure(f'"seconds" is {answer.get("seconds")!r}', "a number")
+
+
+@rule(
+    "S9.2",
+    "With MQTT 5 an answer has the request's correlation data and the content type application/msgpack.",
+    where=NUMBERS,
+    mend="set CorrelationData to the request's number, 8 bytes, big-endian, and ContentType",
+    needs=["S9.1"],
+)
+def properties(server: Server) -> None:
+    """The properties of an answer; none at all are MQTT 3.1.1's."""
+    request = evaluation(server, some(server), [1])
+    answer = evaluated(server, request)
+    if answer["correlation"] is None and answer["content_type"] is None:
+        raise Skip("the server speaks MQTT 3.1.1, which has no properties")
+    wanted = request["request"].to_bytes(8, "big")
+    if answer["correlation"] != wanted or answer["content_type"] != "application/msgpack":
+        raise Failure(
+            f"{answer['correlation']!r} and {answer['content_type']!r}",
+            f"{wanted!r} and 'application/msgpack'",
+        )
+
+
+def _equal(server: Server, kind: str) -> str:
+    server.announces(mode="offloaded")
+    if kind not in server.announced.get("controllers", []):
+        raise Skip(f"not announced: capabilities.swarmwright.controllers lacks {kind!r}")
+    server.comparable()
+    _ = server.reference
+    team = crew(server, kind, CANDIDATES)
+    fitness = numbers(evaluated(server, evaluation(server, team, SEEDS)), "fitness", "<f8")
+    free_again(server)
+    for candidate in range(CANDIDATES):
+        for episode, seed in enumerate(SEEDS):
+            course: Course = played(server, team, candidate, seed)
+            value = float(fitness[candidate * len(SEEDS) + episode])
+            if not same(course.fitness, value):
+                raise Failure(
+                    f"candidate {candidate}, seed {seed}: {value!r} offloaded, {course.fitness!r} stepwise",
+                    "the same bits",
+                    f"evaluate with {CANDIDATES} controllers {team.architecture}",
+                )
+    return f"{len(set(fitness.tolist()))} different values"
+
+
+@rule(
+    "S9.3",
+    "Layered networks give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    mend="compute in binary32 in the order of decision 002; replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def layered(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "layered")
+
+
+@rule(
+    "S9.4",
+    "Fully meshed networks give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    mend="reset the nodes of every agent when an episode starts; replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def fully_meshed(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "fully_meshed")
+
+
+@rule(
+    "S9.5",
+    "Finite-state machines give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    mend="reset the state of every agent when an episode starts; replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def mealy_fsm(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "mealy_fsm")
+
+
+@rule(
+    "S9.6",
+    "A parameter set for a simulation that asks for actuators is refused as invalid; else it gives "
+    "the stepwise fitness.",
+    where="protocol.md, Controllers",
+    mend="answer error invalid when the simulation asks an agent although the controller steers nobody",
+    needs=["S2.3"],
+)
+def parameter_set(server: Server) -> None:
+    """A set with one of the parameters of the episodes, or a name of its own."""
+    server.announces(mode="offloaded")
+    if "parameter_set" not in server.announced.get("controllers", []):
+        raise Skip("not announced: capabilities.swarmwright.controllers lacks 'parameter_set'")
+    given = server.settings.parameters
+    reals = {
+        name: value
+        for name, value in given.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+    name, value = next(iter(reals.items()), ("conformance", 1))
+    kind = "integer" if isinstance(value, int) else "real"
+    architecture = {"version": 1, "kind": "parameter_set", "parameters": [{"name": name, "type": kind}]}
+    team = Crew(architecture, np.array([[value]], dtype=np.float32))
+    request = evaluation(server, team, [1])
+    if server.course is not None and server.course.messages:
+        must_be_refused(server, request, ["invalid"], "agents are asked, and nobody steers them")
+        return
+    if not reals:
+        raise Skip("give --parameters with a number, which the set can hold")
+    fitness = numbers(evaluated(server, request), "fitness", "<f8")
+    free_again(server)
+    course = server.play(parameters={**given, "seed": 1})
+    if server.deterministic is not False and not same(course.fitness, float(fitness[0])):
+        raise Failure(f"{float(fitness[0])!r} offloaded, {course.fitness!r} stepwise", "the same bits")
+
+
+@rule(
+    "S9.7",
+    "The metrics that a request names come back, and only those, with the bits that they have stepwise.",
+    where="protocol.md, Metrics",
+    mend="send metrics {name: binary64 (candidates, episodes)} for the names in the request",
+    needs=["S9.1", "S3.2"],
+)
+def metrics(server: Server) -> str:
+    """None, one, all."""
+    team = some(server, 1)
+    announced = server.announced.get("metrics") or []
+    answer = evaluated(server, evaluation(server, team, [1]))
+    if answer.get("metrics"):
+        raise Failure(f"metrics {sorted(answer['metrics'])} came", "none, for none were asked for")
+    unknown = evaluation(server, team, [1], metrics=["no_such_metric"])
+    must_be_refused(server, unknown, ["invalid"], "there is no such metric")
+    if not announced:
+        raise Skip("not announced: no capabilities.swarmwright.metrics")
+    answers = {}
+    for wanted in ([announced[-1]], list(announced)):
+        answer = evaluated(server, evaluation(server, team, [1], metrics=wanted))
+        found = answer.get("metrics")
+        if not isinstance(found, dict) or sorted(found) != sorted(wanted):
+            raise Failure(f"metrics {sorted(found or {})} came", f"{sorted(wanted)}, as asked for")
+        answers = {name: float(numbers(found, name, "<f8")[0]) for name in wanted}
+    free_again(server)
+    server.comparable()
+    course: Course = played(server, team, 0, 1)
+    for name, value in answers.items():
+        stepwise = course.metrics.get(name)
+        if stepwise is not None and not same(stepwise, value):
+            raise Failure(f"{name} is {value!r} offloaded, {stepwise!r} stepwise", "the same bits")
+    return ", ".join(answers)
+
+
+@rule(
+    "S9.8",
+    "Requests of one tool wait for each other; answers come in their order.",
+    where=OFFLOADED,
+    mend="queue requests while one is being computed",
+    needs=["S9.1"],
+)
+def in_order(server: Server) -> None:
+    """Five requests at once."""
+    team = some(server)
+    requests = [evaluation(server, team, SEEDS) for _ in range(5)]
+    sent = ""
+    for request in requests:
+        sent = server.request(request)
+    heard: list[object] = []
+    for _ in requests:
+        message = server.client.next(
+            lambda message: message.topic.endswith(server.token), 4 * server.settings.timeout
+        )
+        if message is None:
+            raise Failure(f"{len(heard)} answers came", f"{len(requests)} answers", sent)
+        from swarmwright.conformance._blocks import decoded
+
+        heard.append(decoded(message).get("request"))
+    if heard != [request["request"] for request in requests]:
+        raise Failure(f"answers {heard}", f"answers {[request['request'] for request in requests]}", sent)
+
+
+@rule(
+    "S9.9",
+    "A server with which a tool works, or which is held for it, does not answer discovery and "
+    "refuses others as taken.",
+    where="protocol.md, Who has the server",
+    mend="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards",
+    needs=["S9.1", "S2.9"],
+)
+def has_it(server: Server) -> None:
+    """After an evaluation: discoveries, another's request, our own, then run: false."""
+    team = some(server)
+    evaluated(server, evaluation(server, team, [1]))
+    must_be_taken(server, f"it is held for {TOOL}", "evaluate")
+    reason = evaluation(server, team, [1], tool=OTHER)
+    must_be_refused(server, reason, ["taken"], f"it is held for {TOOL}")
+    evaluated(server, evaluation(server, team, [1]))
+    free_again(server)
+    server.must_answer("an answer to everybody", f'control with run: false and "tool": "{TOOL}"')
+
+
+@rule(
+    "S9.10",
+    "While an episode runs for another tool, evaluate is refused as taken, and the episode goes on.",
+    where="protocol.md, Who has the server",
+    mend="answer error taken at once; do not touch the simulation",
+    needs=["S9.1", "S2.9"],
+)
+def not_while_running(server: Server) -> None:
+    """Evaluate in the middle of an episode."""
+    from swarmwright.conformance.server.episodes import begun
+
+    team = some(server)
+    episode = begun(server)
+    must_be_refused(server, evaluation(server, team, [1]), ["taken"], "an episode is under way")
+    course = episode.play()
+    difference = server.reference.difference(course) if server.deterministic else ""
+    if difference:
+        raise Failure(
+            difference, "the episode as if nothing had come between", "evaluate in the middle of an episode"
+        )
+
+
+@rule(
+    "S9.11",
+    "What cannot be served is answered with error invalid, which names the field.",
+    where=NUMBERS,
+    mend="check every field of a request before you compute; answer {kind: invalid, reason} where it "
+    "is wrong",
+    needs=["S9.1"],
+)
+def invalid(server: Server) -> None:
+    """Each field of evaluate, wrong in a way of its own."""
+    team = some(server)
+    architecture = team.architecture
+    wrong: list[tuple[str, Json]] = [
+        ("version", {"version": 2}),
+        ("simulation", {"simulation": "nobody has this"}),
+        ("controller.kind", {"controller": {**architecture, "kind": "abacus"}}),
+        ("controller.sensors", {"controller": {**architecture, "sensors": server.sensors + 1}}),
+        ("controller.actuators", {"controller": {**architecture, "actuators": server.actuators + 1}}),
+        ("genomes", {"genomes": team.weights.tobytes()[:-4]}),
+        ("genomes", {"genomes": team.weights.tobytes()[:-1]}),
+        ("genomes", {"genomes": np.full_like(team.weights, np.nan).tobytes()}),
+        ("genomes", {"genomes": team.weights.tolist()}),
+        ("seeds", {"seeds": b""}),
+        ("parameters", {"parameters": [1]}),
+    ]
+    for field, changes in wrong:
+        request = evaluation(server, team, [1], **changes)
+        must_be_refused(server, request, ["invalid"], f"{field} is wrong")
+    for field in ("controller", "genomes", "seeds", "simulation"):
+        request = evaluation(server, team, [1])
+        del request[field]
+        must_be_refused(server, request, ["invalid"], f"{field} is missing")
+    evaluated(server, evaluation(server, team, [1]))
+
+
+@rule(
+    "S9.12",
+    "What is no request is ignored, unknown keys are ignored, and it answers on topics of tools only.",
+    where=NUMBERS,
+    mend="refuse what is no MessagePack map of a known kind; check that reply begins with "
+    "swarmwright/v1/tool/",
+    needs=["S9.1"],
+)
+def junk(server: Server) -> None:
+    """Junk, an unknown kind, a reply elsewhere; then a request with keys that nobody knows."""
+    import msgpack
+
+    team = some(server)
+    topic = f"swarmwright/v1/server/{server.id}"
+    for payload in (
+        b"",
+        b"\xc1",
+        b"{}",
+        b"\x81\xa4kind",
+        msgpack.packb([1, 2]),
+        msgpack.packb({"kind": "dance", "version": 1}),
+    ):
+        server.client.publish(topic, payload)
+    elsewhere = f"conformance/{server.token}"
+    sent = server.request(evaluation(server, team, [1], reply=elsewhere))
+    request = evaluation(server, team, [1], note={"deep": [1, None]})
+    server.request(request)
+    strays = []
+
+    def heard(message: object) -> bool:
+        name = getattr(message, "topic", "")
+        if name == elsewhere:
+            strays.append(message)
+        return str(name).endswith(server.token) and name != elsewhere
+
+    if server.client.next(heard, 2 * server.settings.timeout) is None:
+        raise Failure(
+            "no answer came",
+            "an answer to the sound request that followed",
+            "junk, then a request with unknown keys",
+        )
+    if strays:
+        raise Failure(f"an answer on {elsewhere} came", "answers on swarmwright/v1/tool/... only", sent)
+
+
+@rule(
+    "S9.13",
+    "A request that waits until its lease is over is answered with error failed and not computed.",
+    where=OFFLOADED,
+    mend="note when a request came; look at its lease when its turn comes",
+    needs=["S9.8"],
+)
+def lease(server: Server) -> None:
+    """A request that takes a while, and behind it one whose lease is a millionth of a second."""
+    small = some(server)
+    seconds, large = 0.0, small
+    while seconds < LONG and len(large.weights) < MOST:
+        large = Crew(small.architecture, np.tile(large.weights, (8, 1)))
+        start = time.monotonic()
+        evaluated(server, evaluation(server, large, [1]))
+        seconds = time.monotonic() - start
+    first, second = evaluation(server, large, [1]), evaluation(server, small, [1], lease=1e-6)
+    server.request(first)
+    sent = server.request(second)
+    answer_to(server, first, sent, 4 * server.settings.timeout)
+    kind, _ = error_of(answer_to(server, second, sent, 4 * server.settings.timeout))
+    if kind != "failed":
+        came = f'the error "{kind}" came' if kind else "it was computed"
+        raise Failure(came, f'the error "failed": the request before it took {seconds:.2f} s', sent)

@@ -1,0 +1,149 @@
+"""S7: what a server says of itself unasked."""
+
+import json
+import re
+import time
+
+from swarmwright.conformance._client import PRESENCE, TOPICS, Client, Message, shown
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Json, Server, is_number
+from swarmwright.conformance.server._rules import rule
+
+WHERE = "protocol.md, Presence"
+STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+DETERMINISM = ("bitwise", "statistical", "none")
+TOLD = 2.0
+"""Seconds in which a change of presence is told; 150 ms of them it must have lasted."""
+
+
+def kept(server: Server, topics: list[str]) -> list[Message]:
+    """What the broker keeps on these topics."""
+    with Client(server.client.url, server.prefix, topics) as client:
+        return [message for message in client.drain(server.quiet) if message.retained and message.payload]
+
+
+def presence(server: Server) -> Json:
+    """The retained message; skips the rule when there is none and no extension is announced."""
+    found = kept(server, [f"{PRESENCE}{server.id}"])
+    if not found:
+        server.announces()
+        raise Failure(f"nothing is retained on {PRESENCE}{server.id}", "a presence message")
+    return found[-1].json
+
+
+def told(server: Server, wanted: str) -> Json:
+    """Wait until presence has a state."""
+    limit = time.monotonic() + TOLD + server.settings.timeout
+    state: object = None
+    while time.monotonic() < limit:
+        found = presence(server)
+        state = found.get("state")
+        if state == wanted:
+            return found
+    raise Failure(f'the state stays "{state}"', f'"{wanted}"')
+
+
+@rule(
+    "S7.1",
+    "What is announced in capabilities.swarmwright has the types of the schema.",
+    where=f"{WHERE}; protocol/schemas/server.schema.json",
+    mend="announce what you offer, leave out what you do not; peers ignore modes that they do not know",
+    needs=["S1.3"],
+)
+def announcement(server: Server) -> str:
+    """Version, modes, controllers, batch, sensors, actuators, metrics, determinism."""
+    server.announces()
+    said = server.announced
+    for key, least in (("version", 1), ("sensors", 1), ("actuators", 1), ("batch", 1), ("pid", 0)):
+        value = said.get(key, least)
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise Failure(f'"{key}" is {value!r}', f"an integer from {least}")
+    for key in ("modes", "controllers", "metrics"):
+        value = said.get(key, ["stepwise"])
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise Failure(f'"{key}" is {value!r}', "a list of names")
+    if said.get("modes") == []:
+        raise Failure('"modes" is empty', "one mode at least, or no such key")
+    if "determinism" in said and said["determinism"] not in DETERMINISM:
+        raise Failure(f'"determinism" is {said["determinism"]!r}', " or ".join(DETERMINISM))
+    return ", ".join(said.get("modes", ["stepwise"]))
+
+
+@rule(
+    "S7.2",
+    "It keeps a retained presence message, which has its keys, and is ready while it is free.",
+    where=f"{WHERE}; protocol/schemas/presence.schema.json",
+    mend="publish presence retained when you are connected, and when the state has changed",
+    needs=["S1.3"],
+)
+def retained(server: Server) -> None:
+    """The message, as the broker keeps it."""
+    found = presence(server)
+    found = told(server, "ready")
+    text = f"presence {shown(json.dumps(found))}"
+    capabilities = found.get("capabilities")
+    if found.get("version") != 1 or found.get("server") != server.id:
+        raise Failure(text, f'"version" is 1 and "server" {server.id}')
+    if not isinstance(found.get("simulations"), list) or server.settings.title not in found["simulations"]:
+        raise Failure(text, f'"simulations" has "{server.settings.title}"')
+    if not isinstance(capabilities, dict) or not is_number(capabilities.get("dimensions")):
+        raise Failure(text, '"capabilities" is an object with the number "dimensions"')
+    if not isinstance(found.get("since"), str) or not STAMP.fullmatch(found["since"]):
+        raise Failure(text, '"since" is a time as RFC 3339 has it')
+
+
+@rule(
+    "S7.3",
+    "Presence offers what the answer to a discovery offers.",
+    where=WHERE,
+    mend="make both messages from the same data",
+    needs=["S7.2"],
+)
+def consistent(server: Server) -> None:
+    """Simulations and capabilities of both."""
+    found, answer = presence(server), server.must_answer("an answer")
+    for key in ("simulations", "capabilities"):
+        if found[key] != answer.get(key):
+            raise Failure(
+                f"{key} in presence: {shown(json.dumps(found[key]))}", shown(json.dumps(answer.get(key)))
+            )
+
+
+@rule(
+    "S7.4",
+    "Presence is busy while the server is taken, with the name of the tool, and ready again afterwards.",
+    where=WHERE,
+    mend="publish presence when the state has lasted 150 ms; name the tool if it named itself",
+    needs=["S7.2", "S2.9"],
+)
+def busy(server: Server) -> None:
+    """An episode with a name, waited in, then ended."""
+    presence(server)
+    episode = server.episode(tool="conformance/a")
+    episode.configure()
+    episode.start()
+    episode.gather()
+    if episode.over:
+        raise Skip("the simulation steers its agents itself, it is taken for no time")
+    found = told(server, "busy")
+    if found.get("tool") != "conformance/a":
+        raise Failure(f'"tool" is {found.get("tool")!r}', "'conformance/a', who has the server")
+    episode.stop()
+    told(server, "ready")
+
+
+@rule(
+    "S7.5",
+    "None of the seven topics keeps a message.",
+    where="protocol.md, Topics",
+    mend="publish everything but presence without the retain flag",
+    needs=["S2.3"],
+)
+def nothing_else(server: Server) -> None:
+    """What a new subscriber gets from the seven topics, after an episode."""
+    server.play()
+    if server.own_broker is None:
+        raise Skip("others use this broker; let the kit bring its own")
+    found = kept(server, list(TOPICS))
+    if found:
+        raise Failure(f"the broker keeps {found[0]}", "nothing retained")

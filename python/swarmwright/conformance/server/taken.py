@@ -1,0 +1,219 @@
+"""S6: who has the server, and for how long."""
+
+import time
+
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Episode, Server
+from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.episodes import begun
+
+TAKEN = "protocol.md, Who is taken, and when"
+HOLD = 5.0
+"""Seconds for which parameters without control, and a tool that named itself, keep a server."""
+
+
+def must_be_taken(server: Server, why: str, sent: str = "", **changes: object) -> None:
+    """Failure when it answers a discovery now."""
+    question = server.discovery(**changes)
+    server.client.send("discovery", **question)
+    message = server.client.next(
+        lambda message: server.is_answer(message, question["simulation_hash"]), server.quiet
+    )
+    if message is not None:
+        raise Failure(f"it answered a discovery: {message}", f"silence: {why}", sent)
+
+
+def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> float:
+    """Ask until it answers; Failure when it does not. Returns after how many seconds it did."""
+    start = time.monotonic()
+    while time.monotonic() < start + seconds:
+        if server.discover(within=0.25) is not None:
+            return time.monotonic() - start
+    raise Failure(f"it answered no discovery for {seconds:g} s", why, sent)
+
+
+@rule(
+    "S6.1",
+    "From parameters on it does not answer discovery.",
+    where=TAKEN,
+    mend="you are taken when parameters with your ID have come",
+    needs=["S2.10"],
+)
+def after_parameters(server: Server) -> None:
+    """Parameters, then a discovery."""
+    episode = server.episode()
+    sent = episode.configure()
+    must_be_taken(server, "it is taken since the parameters", sent)
+    episode.stop()
+
+
+@rule(
+    "S6.2",
+    "While an episode runs it does not answer discovery, neither another tool's nor that of the same.",
+    where=TAKEN,
+    mend="answer discovery only when no episode is under way",
+    needs=["S2.9"],
+)
+def while_running(server: Server) -> None:
+    """Discoveries at the first and the second step."""
+    episode = begun(server)
+    must_be_taken(server, "an episode is under way")
+    for agent, turn, numbers in list(episode.pending):
+        episode.answer(agent, server.policy(agent, turn, numbers))
+    episode.hear()
+    if not episode.over:
+        must_be_taken(server, "an episode is under way")
+    episode.stop()
+
+
+@rule(
+    "S6.3",
+    "While an episode runs, another tool's parameters and control with run: false move nothing.",
+    where=TAKEN,
+    mend="refuse control with another hash while an episode is under way",
+    needs=["S2.9"],
+)
+def not_moved(server: Server) -> None:
+    """Another tool configures, and ends."""
+    episode, other = begun(server), server.episode()
+    sent = f"{other.configure()}, then {other.stop()}"
+    other.over = True
+    server.must_be_silent("another tool has the server", sent, but=episode)
+    try:
+        course = episode.play()
+    except Failure as failure:
+        raise Failure(failure.came, "the episode goes on", sent) from None
+    difference = server.reference.difference(course) if server.deterministic else ""
+    if difference:
+        raise Failure(difference, "the episode of the tool that was first", sent)
+
+
+@rule(
+    "S6.4",
+    "Of two tools that have sent parameters the first control wins.",
+    where=TAKEN,
+    mend="keep the parameters of several hashes; take the first control that names one of them",
+    needs=["S2.9"],
+)
+def first_control_wins(server: Server) -> None:
+    """Parameters of A, of B; control of A, of B: an episode for A alone."""
+    first, second = server.episode(), server.episode()
+    first.configure()
+    second.configure()
+    sent = f"{first.start()}, then {second.start()}"
+    second.over = True
+    own = server.client.drain(server.quiet)
+    strays = [message for message in own if message.maybe.get("simulation_hash") == second.hash]
+    if strays:
+        raise Failure(f"{strays[0]} came", "no message for the tool whose control came second", sent)
+    server.client.waiting.extend(own)
+    first.play()
+
+
+@rule(
+    "S6.5",
+    "Parameters that no control follows keep it for 5 s, not longer and not much shorter.",
+    where=TAKEN,
+    mend="note when parameters came; be free again 5 s later if there was no control",
+    needs=["S6.1"],
+    seconds=30,
+)
+def parameters_time_out(server: Server) -> str:
+    """Parameters, then discoveries until one is answered."""
+    episode = server.episode()
+    sent = episode.configure()
+    start = time.monotonic()
+    episode.over = True
+    seconds = must_be_free_within(server, HOLD + 3, "free 5 s after parameters without control", sent)
+    if seconds < HOLD - 1:
+        raise Failure(f"it was free after {time.monotonic() - start:.1f} s", "taken for 5 s", sent)
+    return f"free after {seconds:.1f} s"
+
+
+@rule(
+    "S6.6",
+    "It gives up an episode whose actuators do not come, after its time-out, without a fitness.",
+    where=TAKEN,
+    mend="watch the time since a step began; after the time-out forget the episode",
+    needs=["S6.2"],
+    seconds=60,
+)
+def gives_up(server: Server) -> str:
+    """No actuators for as long as the time-out."""
+    patience = server.settings.step_timeout
+    if patience is None:
+        raise Skip("give --step-timeout SECONDS, what the server was started with, 10 at most")
+    if patience > 10:
+        raise Skip(f"the server waits for {patience:g} s; start it with a shorter time-out, 10 s at most")
+    episode = begun(server)
+    episode.over = True
+    seconds = must_be_free_within(
+        server, patience + 3, f"free after {patience:g} s without actuators", "no actuators"
+    )
+    server.must_be_silent("an episode that was given up has no fitness")
+    return f"free after {seconds:.1f} s"
+
+
+def named(server: Server, tool: str) -> Episode:
+    """A whole episode of a tool that names itself; afterwards the server is held."""
+    server.announces()
+    episode = server.episode(tool=tool)
+    episode.configure()
+    episode.start()
+    episode.play()
+    return episode
+
+
+@rule(
+    "S6.7",
+    "A tool that names itself keeps it after the episode: it answers this tool's discovery and "
+    "nobody else's.",
+    where=TAKEN,
+    mend="remember tool of the control; while held, answer discoveries with the same tool only",
+    needs=["S2.8", "S2.9"],
+)
+def is_held(server: Server) -> None:
+    """An episode with a name; discoveries of another, of nobody, of the same."""
+    named(server, "conformance/a")
+    must_be_taken(server, "it is held for conformance/a", "discovery of conformance/b", tool="conformance/b")
+    must_be_taken(server, "it is held for conformance/a", "discovery without a name")
+    server.must_answer("an answer to its holder", "discovery of conformance/a", tool="conformance/a")
+    other = server.episode(tool="conformance/b")
+    sent = f"{other.configure()}, {other.start()}"
+    other.over = True
+    server.must_be_silent("it is held for conformance/a", sent)
+    again = server.episode(tool="conformance/a")
+    again.configure()
+    again.start()
+    again.play()
+
+
+@rule(
+    "S6.8",
+    "Control with run: false from its holder frees it at once.",
+    where=TAKEN,
+    mend="while held, free the server at run: false with the holder's tool",
+    needs=["S6.7"],
+)
+def is_let_go(server: Server) -> None:
+    """An episode with a name, then run: false."""
+    episode = named(server, "conformance/a")
+    sent = episode.stop()
+    server.must_answer("an answer to everybody", sent)
+
+
+@rule(
+    "S6.9",
+    "Held for a tool that does not come back, it is free for everybody after 5 s.",
+    where=TAKEN,
+    mend="note when the episode ended; be free 5 s later",
+    needs=["S6.7"],
+    seconds=30,
+)
+def hold_ends(server: Server) -> str:
+    """An episode with a name, then discoveries of others until one is answered."""
+    named(server, "conformance/a")
+    seconds = must_be_free_within(server, HOLD + 3, "free 5 s after the episode", "an episode with a name")
+    if seconds < HOLD - 1:
+        raise Failure(f"it was free for others after {seconds:.1f} s", "held for 5 s")
+    return f"free after {seconds:.1f} s"

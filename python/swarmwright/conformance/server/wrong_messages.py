@@ -1,0 +1,339 @@
+"""S5: what is refused changes nothing, and stalls nothing."""
+
+import json
+from collections.abc import Callable, Sequence
+
+from swarmwright.conformance._client import shown
+from swarmwright.conformance._rules import Failure
+from swarmwright.conformance._subject import Json, Server, new_hash
+from swarmwright.conformance.server._rules import rule
+
+READING = "protocol.md, Reading"
+Junk = tuple[str, str | bytes]
+"""A topic and a payload."""
+
+
+def disturb(server: Server, junk: Callable[[str], Sequence[Junk]], why: str, *, free: bool = True) -> None:
+    """Publish junk to a free server, and in the first step of an episode, which must go on all the same.
+
+    junk: gets the hash that an episode has. free: whether a free server gets it, too.
+    """
+    if free:
+        for topic, payload in junk(new_hash()):
+            server.client.publish(topic, payload)
+            server.must_answer(
+                "an answer to the discovery that followed", f"{topic} {shown(payload)}, then a discovery"
+            )
+        server.must_be_silent(why, "all of it while it was free")
+    episode = server.episode()
+    episode.configure()
+    episode.start()
+    episode.gather()
+    if episode.over:
+        return  # it steers its agents itself
+    course = episode.course
+    agents = [agent for agent, _, _ in episode.pending]
+    pieces = junk(episode.hash)
+    sent = "while it waited for actuators: " + "; ".join(
+        f"{topic} {shown(payload)}" for topic, payload in pieces[:4]
+    )
+    for topic, payload in pieces:
+        server.client.publish(topic, payload)
+    episode.must_wait(agents, why, sent)
+    try:
+        episode.play()
+    except Failure as failure:
+        raise Failure(failure.came, "the episode goes on with the right actuators", sent) from None
+    difference = server.reference.difference(course) if server.deterministic else ""
+    if difference:
+        raise Failure(difference, "the episode as if nothing had come between", sent)
+
+
+def _list(*values: object) -> tuple[object, ...]:
+    return values
+
+
+def _actuators(hash_: str, *tries: object, agent: object = 0) -> list[Junk]:
+    return [
+        ("actuator", json.dumps({"simulation_hash": hash_, "agent": agent, "actuator": value}))
+        for value in tries
+    ]
+
+
+@rule(
+    "S5.1",
+    "What is no JSON object in UTF-8 is refused, on every topic.",
+    where=READING,
+    mend="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    needs=["S2.3"],
+)
+def no_json(server: Server) -> None:
+    """Nothing, a word, half an object, a list, a number, bytes that are no UTF-8."""
+    texts: list[str | bytes] = [
+        "",
+        "hello",
+        '{"simulation_hash":',
+        "[]",
+        "7",
+        "null",
+        b"\xff\xfe{}",
+        b'{"a":"\xc3"}',
+        "{}{}",
+    ]
+    topics = ("discovery", "parameters", "control", "actuator")
+    disturb(server, lambda _: [(topic, text) for topic in topics for text in texts], "that is no JSON object")
+
+
+@rule(
+    "S5.2",
+    "A message without one of its required keys is refused.",
+    where=f"{READING}; protocol/schemas",
+    mend="look for each required key before you use the message",
+    needs=["S2.3"],
+)
+def missing_keys(server: Server) -> None:
+    """Each message of a tool without each of its keys."""
+
+    def junk(hash_: str) -> list[Junk]:
+        whole = _messages(server, hash_)
+        found = [
+            (topic, json.dumps({name: value for name, value in fields.items() if name != key}))
+            for topic, fields in whole
+            for key in fields
+        ]
+        return [*found, ("discovery", json.dumps({**server.discovery(), "requirements": {"max_agents": 1}}))]
+
+    disturb(server, junk, "a required key is missing")
+
+
+def _messages(server: Server, hash_: str) -> list[tuple[str, Json]]:
+    actuators = [0.5] * server.actuators
+    mine: Json = {"server": server.id, "simulation_hash": hash_}
+    # Control that stops can be told from control that was refused; run itself may be left out.
+    return [
+        ("discovery", server.discovery()),
+        ("parameters", mine),
+        ("control", mine),
+        ("actuator", {"simulation_hash": hash_, "agent": 0, "actuator": actuators}),
+    ]
+
+
+@rule(
+    "S5.3",
+    "A value of the wrong type is refused: a number in quotes, null, true, a list.",
+    where=READING,
+    mend="check the type of each key; do not convert text to numbers or booleans",
+    needs=["S2.3"],
+)
+def wrong_types(server: Server) -> None:
+    """Each key with values of other types."""
+    hash_free = new_hash()
+
+    def junk(hash_: str) -> list[Junk]:
+        mine: Json = {"server": server.id, "simulation_hash": hash_}
+        controls: list[Json] = [{"run": value} for value in _list("false", 0, None, [])]
+        controls += [{"run": False, "server": value} for value in (str(server.id), None, server.id + 0.5)]
+        controls += [{"run": False, "simulation_hash": value} for value in (7, None, [hash_])]
+        count = server.actuators
+        values = [
+            ["0"] * count,
+            [None] * count,
+            [True] * count,
+            [[0.5]] * count,
+            "0.5",
+            0.5,
+            None,
+            {"0": 0.5},
+        ]
+        agents = [
+            ("actuator", json.dumps({"simulation_hash": hash_, "agent": agent, "actuator": [0.5] * count}))
+            for agent in ("0", None, True, 0.5, [0])
+        ]
+        needs: list[Json] = [
+            {"requirements": value}
+            for value in _list(None, [], "2", {"dimensions": "2"}, {"dimensions": None})
+        ]
+        needs += [{"simulation": 7}, {"simulation_hash": 7}, {"simulation_hash": None}]
+        return [
+            *(("control", json.dumps({**mine, **changes})) for changes in controls),
+            *_actuators(hash_, *values),
+            *agents,
+            *(("discovery", json.dumps(server.discovery(**changes))) for changes in needs),
+            ("parameters", json.dumps({"server": str(server.id), "simulation_hash": hash_free})),
+        ]
+
+    disturb(server, junk, "a value has the wrong type")
+
+
+@rule(
+    "S5.4",
+    "NaN, infinities and numbers beyond binary32 are refused as actuators.",
+    where=READING,
+    mend="refuse a message with a number that is not finite once it is read as binary32",
+    needs=["S2.3"],
+)
+def not_finite(server: Server) -> None:
+    """NaN, Infinity, 1e999 and 1e39 among actuators."""
+
+    def junk(hash_: str) -> list[Junk]:
+        rest = ", 0.5" * (server.actuators - 1)
+        words = ("NaN", "Infinity", "-Infinity", "1e999", "-1e39")
+        head = f'{{"simulation_hash": "{hash_}", "agent": 0, "actuator": '
+        return [("actuator", f"{head}[{word}{rest}]}}") for word in words]
+
+    disturb(server, junk, "the actuators are no finite binary32 numbers", free=False)
+
+
+@rule(
+    "S5.5",
+    "The wrong number of actuators is refused.",
+    where=READING,
+    mend="compare the number of actuators with what the simulation has; refuse others as a whole",
+    needs=["S2.3"],
+)
+def wrong_number(server: Server) -> None:
+    """None, one less, one more, a thousand more."""
+    count = server.actuators
+    wrong = [[0.5] * number for number in sorted({0, count - 1, count + 1, count + 1000})]
+    disturb(server, lambda hash_: _actuators(hash_, *wrong), f"it takes {count} actuators", free=False)
+
+
+@rule(
+    "S5.6",
+    "Actuators of an agent that was not asked are refused.",
+    where=READING,
+    mend="look the agent up among those that were asked in this step",
+    needs=["S2.3"],
+)
+def unknown_agent(server: Server) -> None:
+    """Agents that cannot be there."""
+    values = [0.5] * server.actuators
+    agents = (-1, 1_000_000, 2**31, 2**63, 10**30)
+    disturb(
+        server,
+        lambda hash_: [junk for agent in agents for junk in _actuators(hash_, values, agent=agent)],
+        "this agent was not asked",
+        free=False,
+    )
+
+
+@rule(
+    "S5.7",
+    "Messages with other hashes belong to others: they are ignored.",
+    where="protocol.md, Hash",
+    mend="compare simulation_hash with that of the episode under way in actuator messages",
+    needs=["S2.3"],
+)
+def foreign_hash(server: Server) -> None:
+    """Actuators with other hashes; some begin like ours."""
+
+    def junk(hash_: str) -> list[Junk]:
+        values = [0.5] * server.actuators
+        others = (new_hash(), hash_[:-1], f"{hash_}0", hash_.upper() + "A")
+        return [piece for other in others for piece in _actuators(other, values)]
+
+    disturb(server, junk, "the hash is another one", free=False)
+
+
+@rule(
+    "S5.8",
+    "Messages for other servers are ignored.",
+    where="protocol.md, Topics",
+    mend="compare server in parameters and control with your ID",
+    needs=["S2.3"],
+)
+def foreign_server(server: Server) -> None:
+    """Parameters and control for the next ID: no episode begins, none ends."""
+    other = server.id + 1
+    episode = server.episode()
+    sent = episode.configure(server=other)
+    sent += f", then {episode.start(server=other)}"
+    server.must_be_silent(f"that was for server {other}", sent)
+    server.must_answer("an answer: it is free", sent)
+    episode.over = True
+
+    def junk(hash_: str) -> list[Junk]:
+        fields = {"server": other, "simulation_hash": hash_, "run": False}
+        return [("control", json.dumps(fields)), ("parameters", json.dumps({**fields, "maxSteps": 1}))]
+
+    disturb(server, junk, f"it is for server {other}", free=False)
+
+
+@rule(
+    "S5.9",
+    "More than 127 levels of nesting are refused, 100 are not.",
+    where=READING,
+    mend="limit the depth in your JSON reader, so that no message overflows the stack",
+    needs=["S2.3"],
+)
+def too_deep(server: Server) -> None:
+    """Unknown keys, nested 100 and 100,000 levels."""
+    note: object = 1
+    for _ in range(100):
+        note = [note]
+    server.must_answer("an answer", "discovery with an unknown key of 100 levels", note=note)
+    deep = "[" * 100_000 + "]" * 100_000
+
+    def junk(hash_: str) -> list[Junk]:
+        mine = f'"server": {server.id}, "simulation_hash": "{hash_}"'
+        stop = f'{{{mine}, "run": false, "note": {deep}}}'
+        question = json.dumps(server.discovery())[:-1] + f', "note": {deep}}}'
+        return [
+            ("control", stop),
+            ("discovery", question),
+            ("parameters", f'{{{mine}, "note": {deep}}}'),
+            ("actuator", deep),
+        ]
+
+    disturb(server, junk, "it is nested too deeply")
+
+
+@rule(
+    "S5.10",
+    "More than 1 MiB is refused.",
+    where="protocol.md, Topics; Reading",
+    mend="look at the length of a payload before you read it",
+    needs=["S2.3"],
+)
+def too_large(server: Server) -> None:
+    """Messages with an unknown key of 1 MiB."""
+    note = "x" * (1 << 20)
+
+    def junk(hash_: str) -> list[Junk]:
+        mine = {"server": server.id, "simulation_hash": hash_, "note": note}
+        return [
+            ("control", json.dumps({**mine, "run": False})),
+            ("discovery", json.dumps(server.discovery(note=note))),
+            ("actuator", json.dumps({**mine, "agent": 0, "actuator": [0.5] * server.actuators})),
+        ]
+
+    disturb(server, junk, "it is larger than 1 MiB")
+
+
+@rule(
+    "S5.11",
+    "1.0 is an integer, 1.5 is none.",
+    where=READING,
+    mend="read integers as JSON numbers; take those without a fraction",
+    needs=["S2.3"],
+)
+def integers(server: Server) -> None:
+    """An episode whose server and agents are written with a decimal point."""
+    episode = server.episode()
+    client, head = server.client, f'"server": {server.id}.0, "simulation_hash": "{episode.hash}"'
+    fields = json.dumps(episode.parameters)[1:-1]
+    client.publish("parameters", f"{{{head}{', ' if fields else ''}{fields}}}")
+    episode.over = False
+    sent = f'control {{{head}, "run": true}}'
+    title = json.dumps(server.settings.title)
+    client.publish("control", f'{{{head}, "run": true, "simulation": {title}}}')
+    episode.hear(sent)
+    if episode.over:
+        return
+    episode.gather()
+    for agent, turn, numbers in list(episode.pending):
+        values = json.dumps(list(server.policy(agent, turn, numbers)))
+        sent = f'{{"simulation_hash": "{episode.hash}", "agent": {agent}.0, "actuator": {values}}}'
+        client.publish("actuator", sent)
+    episode.pending.clear()
+    episode.hear(f"actuator {sent}")

@@ -1,0 +1,21 @@
+"""The conformance kit as checks of tests."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from swarmwright.conformance import Report
+
+
+def check_server(command: str | None = None, **options: Any) -> "Report":  # noqa: ANN401 - see there
+    """Check that a simulation server keeps every rule of the protocol; return what came of each.
+
+    command: what starts it, with {broker} and {id} in it. options: as of
+    `swarmwright.conformance.check_server`.
+
+    Raises AssertionError that names each rule that is broken, what was sent, what came and what was expected.
+    """
+    from swarmwright.conformance import check_server as check
+
+    report = check(command=command, **options)
+    assert report.ok, str(report)
+    return report

@@ -1,0 +1,469 @@
+"""Simulation servers that break one rule each, and are else as they should be.
+
+`breaks` names the rules that must catch it, and no other may; what cannot be tried because of that does not
+count.
+"""
+
+import json
+import math
+import random
+from typing import Any, ClassVar
+
+import msgpack
+import numpy as np
+from paho.mqtt.client import MQTTMessage
+
+from swarmwright import _engine
+from tests.conformance import sound
+from tests.conformance.sound import Json, Refused, SoundServer, World, real
+
+STEPWISE = "S1,S2,S3,S4,S5,S6,S7,S8,-S6.5,-S6.9"
+"""What is tried on those that break what every server must do, but for what takes seconds."""
+OFFLOADED = "S1,S2,S3,S9"
+CONNECTION = "S1,S2,S11,-S11.2"
+
+
+class Broken(SoundServer):
+    """breaks: ids. rules: what is tried. died: whether it is gone afterwards."""
+
+    breaks: ClassVar[set[str]]
+    rules: ClassVar[str] = STEPWISE
+    died: ClassVar[bool] = False
+
+
+class WrongEcho(Broken):
+    """Answers a discovery with a hash of its own."""
+
+    breaks: ClassVar = {"S1.2"}
+
+    def answer(self, hash_: str) -> None:
+        super().answer(hash_[::-1])
+
+
+class OffersEverything(Broken):
+    """Does not look at the title."""
+
+    breaks: ClassVar = {"S1.4"}
+
+    def fits(self, title: str, required: Json) -> bool:  # noqa: ARG002
+        return super().fits(self.title, required)
+
+
+class AnyDimensions(Broken):
+    """Does not look at the dimensions."""
+
+    breaks: ClassVar = {"S1.5"}
+
+    def fits(self, title: str, required: Json) -> bool:
+        return real(required["dimensions"]) > -1e9 and super().fits(title, {**required, "dimensions": 1})
+
+
+class AnyCrowd(Broken):
+    """Does not look at the number of agents."""
+
+    breaks: ClassVar = {"S1.6"}
+
+    def fits(self, title: str, required: Json) -> bool:
+        return super().fits(title, {"dimensions": required["dimensions"]})
+
+
+class HexadecimalOnly(Broken):
+    """Takes hashes for hexadecimal numbers."""
+
+    breaks: ClassVar = {"S1.7"}
+
+    def answer(self, hash_: str) -> None:
+        super().answer(f"{int(hash_, 16):0{len(hash_)}x}")
+
+
+class NoNumber(Broken):
+    """Sends a fitness that is no number."""
+
+    breaks: ClassVar = {"S2.3"}
+
+    def send_fitness(self, hash_: str | None, world: World) -> None:  # noqa: ARG002
+        self.publish("fitness", simulation_hash=hash_, fitness=math.nan)
+
+
+class ForgetsTheLastAgent(Broken):
+    """Steps when all but one agent have their actuators."""
+
+    breaks: ClassVar = {"S2.5"}
+
+    def enough(self) -> int:
+        return max(1, len(self.acting) - 1)
+
+
+class SendsFitnessTwice(Broken):
+    """To be sure."""
+
+    breaks: ClassVar = {"S2.6"}
+
+    def send_fitness(self, hash_: str | None, world: World) -> None:
+        super().send_fitness(hash_, world)
+        super().send_fitness(hash_, world)
+
+
+class StaysTaken(Broken):
+    """Waits for run: false after the fitness."""
+
+    breaks: ClassVar = {"S2.7"}
+
+    def finish(self, world: World) -> None:
+        self.acting = []
+        self.send_fitness(self.hash, world)
+
+
+class IgnoresTheEnd(Broken):
+    """Does not know run: false."""
+
+    breaks: ClassVar = {"S2.9"}
+
+    def end(self, hash_: str, tool: str | None) -> None:
+        pass
+
+
+class Random(Broken):
+    """Noise that no seed explains."""
+
+    breaks: ClassVar = {"S3.1"}
+
+    def make(self, parameters: Json) -> World:
+        world = super().make(parameters)
+        world.places += np.float32(random.random())
+        return world
+
+
+class Leaks(Broken):
+    """The seed of an episode moves the agents of the next one."""
+
+    breaks: ClassVar = {"S3.2"}
+    before = 0
+
+    def make(self, parameters: Json) -> World:
+        world = super().make(parameters)
+        world.places += np.float32(self.before / 128)
+        self.before = parameters.get("seed", 0)
+        return world
+
+
+class FirstParameters(Broken):
+    """Keeps the first parameters of a hash."""
+
+    breaks: ClassVar = {"S3.3"}
+
+    def on_parameters(self, content: Json) -> None:
+        known = self.parameters.get(content["simulation_hash"])
+        super().on_parameters(known or content)
+
+
+class OneSetOfParameters(Broken):
+    """Starts with the parameters that came last, whosever."""
+
+    breaks: ClassVar = {"S3.4"}
+
+    def make(self, parameters: Json) -> World:  # noqa: ARG002
+        return super().make(self.parameters[self.newest or ""])
+
+
+class DoesNotClamp(Broken):
+    """Moves as far as it is told."""
+
+    breaks: ClassVar = {"S4.1"}
+
+    def clamp(self, value: float) -> float:
+        return value
+
+
+class TheLastCounts(Broken):
+    """Takes a second answer of an agent."""
+
+    breaks: ClassVar = {"S4.3"}
+
+    def on_actuator(self, content: Json) -> None:
+        if len(self.actuators) < self.enough():
+            self.actuators.pop(content["agent"], None) if content["agent"] in self.acting else None
+        super().on_actuator(content)
+
+
+class DiesOfJunk(Broken):
+    """Does not catch what its JSON reader throws."""
+
+    breaks: ClassVar = {"S5.1"}
+    died: ClassVar = True
+
+    def read(self, payload: bytes) -> Json:
+        try:
+            return super().read(payload)
+        except ValueError:
+            self.client.disconnect()
+            raise
+
+
+class ConvertsText(Broken):
+    """Takes numbers in quotes."""
+
+    breaks: ClassVar = {"S5.3"}
+
+    def is_for_me(self, content: Json) -> bool:
+        return super().is_for_me({"server": int(content["server"])})
+
+
+class TakesNan(Broken):
+    """Takes whatever its JSON reader takes for a number."""
+
+    breaks: ClassVar = {"S5.4"}
+
+    def read(self, payload: bytes) -> Json:
+        return json.loads(payload) if b'"actuator": [' in payload[:200] else super().read(payload)
+
+    def actuators_of(self, values: object) -> list[float]:
+        if not isinstance(values, list) or not all(isinstance(value, float) for value in values):
+            return super().actuators_of(values)
+        if len(values) != sound.ACTUATORS:
+            raise Refused("the wrong number of actuators")
+        return [self.clamp(value) for value in values]
+
+
+class FillsUp(Broken):
+    """Takes any number of actuators, fills up with zeros."""
+
+    breaks: ClassVar = {"S5.5"}
+
+    def actuators_of(self, values: object) -> list[float]:
+        filled = [*values, *[0.0] * sound.ACTUATORS] if isinstance(values, list) else values
+        return super().actuators_of(filled[: sound.ACTUATORS] if isinstance(filled, list) else filled)
+
+
+class CountsAnybody(Broken):
+    """Counts the actuators of agents that it did not ask."""
+
+    breaks: ClassVar = {"S5.6"}
+
+    def on_actuator(self, content: Json) -> None:
+        agent = sound.whole(content["agent"])
+        if agent not in self.acting and self.state == "running":
+            self.actuators[self.acting[agent % len(self.acting)]] = self.actuators_of(content["actuator"])
+        super().on_actuator(content)
+
+
+class AnyHash(Broken):
+    """Takes actuators of every episode for its own."""
+
+    breaks: ClassVar = {"S5.7"}
+
+    def is_mine(self, hash_: str) -> bool:
+        return bool(hash_) and self.state == "running"
+
+
+class AnyServer(Broken):
+    """Does not look at the ID in parameters and control."""
+
+    breaks: ClassVar = {"S5.8"}
+
+    def is_for_me(self, content: Json) -> bool:
+        sound.whole(content["server"])
+        return True
+
+
+class AnySize(Broken):
+    """Reads messages of any length."""
+
+    breaks: ClassVar = {"S5.10"}
+
+    def read(self, payload: bytes) -> Json:
+        if len(payload) > 1 << 20:
+            value: Json = json.loads(payload)
+            return value
+        return super().read(payload)
+
+
+class NoDecimals(Broken):
+    """Does not know that 1.0 is an integer."""
+
+    breaks: ClassVar = {"S5.11"}
+
+    def is_for_me(self, content: Json) -> bool:
+        if isinstance(content["server"], float):
+            raise Refused("no integer")
+        return super().is_for_me(content)
+
+
+class AnswersAfterParameters(Broken):
+    """Feels taken only once control has come."""
+
+    breaks: ClassVar = {"S6.1"}
+
+    def is_free(self, tool: str | None) -> bool:
+        return super().is_free(tool) or self.state == "configured"
+
+
+class AnswersWhileRunning(Broken):
+    """Answers discovery in the middle of an episode."""
+
+    breaks: ClassVar = {"S6.2"}
+
+    def is_free(self, tool: str | None) -> bool:
+        return super().is_free(tool) or self.state == "running"
+
+
+class AnybodyEndsIt(Broken):
+    """Ends its episode whoever says so."""
+
+    breaks: ClassVar = {"S6.3"}
+
+    def end(self, hash_: str, tool: str | None) -> None:
+        super().end(self.hash if self.state == "running" and self.hash else hash_, tool)
+
+
+class LastControlWins(Broken):
+    """Leaves one tool for another in the middle of an episode."""
+
+    breaks: ClassVar = {"S6.4"}
+
+    def may_start(self, tool: str | None) -> bool:
+        return super().may_start(tool) or self.state == "running"
+
+
+class WaitsForControl(Broken):
+    """Never gives up waiting for control."""
+
+    breaks: ClassVar = {"S6.5"}
+    rules: ClassVar = "S1,S2,S6,-S6.9"
+    died: ClassVar = False
+
+    def patience(self) -> float:
+        return 1e9 if self.state == "configured" else super().patience()
+
+
+class IsNotHeld(Broken):
+    """Forgets who had it."""
+
+    breaks: ClassVar = {"S6.7"}
+
+    def is_free(self, tool: str | None) -> bool:
+        return super().is_free(tool) or self.state == "held"
+
+
+class IsHeldForEver(Broken):
+    """Waits for its holder for ever."""
+
+    breaks: ClassVar = {"S6.9"}
+    rules: ClassVar = "S1,S2,S6,-S6.5"
+
+    def patience(self) -> float:
+        return 1e9 if self.state == "held" else super().patience()
+
+
+class AlwaysReady(Broken):
+    """Its presence does not follow."""
+
+    breaks: ClassVar = {"S7.4"}
+
+    def presence(self, state: str, tool: str | None) -> str:
+        return super().presence("ready" if state == "busy" else state, tool)
+
+
+class RetainsEverything(Broken):
+    """Sets the retain flag, so that nothing is lost."""
+
+    breaks: ClassVar = {"S7.5"}
+
+    def publish(self, topic: str, **fields: Any) -> None:
+        self.client.publish(topic, json.dumps(fields), retain=True)
+
+
+class LosesAMetric(Broken):
+    """Announces two metrics and sends one."""
+
+    breaks: ClassVar = {"S8.2"}
+
+    def measure(self, world: World) -> dict[str, float]:
+        return {"arrived": world.metrics()["arrived"]}
+
+
+class RoundsOffloaded(Broken):
+    """Gives other fitness offloaded than stepwise."""
+
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5"}
+    rules: ClassVar = OFFLOADED
+
+    def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
+        fitness, metrics = super().compute(request)
+        return [round(value, 6) for value in fitness], metrics
+
+
+class OneControllerForAll(Broken):
+    """Agents share a controller, and its state."""
+
+    breaks: ClassVar = {"S9.4", "S9.5"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        world = self.make(parameters)
+        controller = _engine.Controller(specification)
+        while acting := world.acting():
+            world.step({a: controller.step(np.array(world.sense(a), np.float32)).tolist() for a in acting})
+        return world
+
+
+class ColumnsFirst(Broken):
+    """Writes episodes before candidates."""
+
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5"}
+    rules: ClassVar = OFFLOADED
+
+    def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
+        fitness, metrics = super().compute(request)
+        return np.array(fitness).reshape(-1, len(request["seeds"]) // 8).T.ravel().tolist(), metrics
+
+
+class SpeaksAnywhere(Broken):
+    """Answers on whatever topic a request names."""
+
+    breaks: ClassVar = {"S9.12"}
+    rules: ClassVar = OFFLOADED
+
+    def requested(self, payload: bytes) -> None:
+        try:
+            request = msgpack.unpackb(payload)
+        except Exception as error:
+            raise Refused("junk") from error
+        if isinstance(request, dict) and str(request.get("reply", "")).startswith("conformance/"):
+            self.reply(request, error={"kind": "invalid", "reason": "reply"})
+        super().requested(payload)
+
+
+class IgnoresLeases(Broken):
+    """Computes what nobody waits for."""
+
+    breaks: ClassVar = {"S9.13"}
+    rules: ClassVar = OFFLOADED
+
+    def check(self, request: Json) -> None:
+        super().check(request)
+        request["lease"] = 0.0
+
+
+class HasNoLastWill(Broken):
+    """Says nothing when it is lost."""
+
+    breaks: ClassVar = {"S11.3"}
+    rules: ClassVar = CONNECTION
+
+    def will(self) -> None:
+        pass
+
+
+class TakesLeftovers(Broken):
+    """Does not look at the retain flag."""
+
+    breaks: ClassVar = {"S11.4"}
+    rules: ClassVar = CONNECTION
+
+    def receive(self, message: MQTTMessage) -> None:
+        message.retain = False
+        super().receive(message)
+
+
+SERVERS: list[type[Broken]] = Broken.__subclasses__()

@@ -1,0 +1,26 @@
+"""Each server that breaks a rule is caught by this rule and no other."""
+
+from contextlib import ExitStack
+
+import pytest
+
+from swarmwright.conformance._check_server import check_server
+from swarmwright.conformance._results import Report
+from tests.conformance.broken.servers import SERVERS, Broken
+from tests.conformance.sound import SoundServer
+
+
+def report_of(kind: type[SoundServer], rules: str) -> Report:
+    with ExitStack() as stack:
+
+        def start(url: str) -> None:
+            stack.callback(kind(url).close)
+
+        return check_server(start=start, rules=[rules], timeout=2.0, wait=5.0)
+
+
+@pytest.mark.parametrize("kind", SERVERS, ids=lambda kind: kind.__name__)
+def test_a_broken_server_is_caught_by_the_right_rule(kind: type[Broken]) -> None:
+    report = report_of(kind, kind.rules)
+    assert set(report.of("failed", "died")) == kind.breaks, str(report)
+    assert bool(report.of("died")) == kind.died

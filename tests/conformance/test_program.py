@@ -1,0 +1,89 @@
+"""The command: exit status, what it prints, files, what is wrong with its input."""
+
+import json
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from tests.conftest import Run
+
+SERVE = f"{sys.executable} -m swarmwright serve minisim --broker {{broker}} --id {{id}}"
+
+
+def test_a_server_is_tried_and_the_results_are_written(program: Run, tmp_path: Path) -> None:
+    options = ("--exec", SERVE, "--parameters", '{"maxSteps": 3}', "--rules", "S1,S2.1", "--junit", "out.xml")
+    result = program("conformance", "server", *options, "--json")
+    assert result.returncode == 0, result.stderr
+    *results, last = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [one["id"] for one in results] == [*(f"S1.{number}" for number in range(1, 9)), "S2.1"]
+    assert last == {"peer": "server 1 (minisim)", "ok": True, "passed": 9}
+    root = ET.parse(tmp_path / "out.xml").getroot()
+    assert root.attrib["tests"] == "9"
+    assert [suite.attrib["name"] for suite in root] == ["S1 Discovery", "S2 Episodes"]
+    assert len(root.findall(".//testcase")) == 9
+
+
+BROKEN = """\
+import sys
+from tests.conformance.broken.servers import {name}
+
+server = {name}(sys.argv[1])
+server.client._thread.join()
+"""
+
+
+@pytest.mark.parametrize(("name", "rule"), [("DoesNotClamp", "S4.1"), ("WrongEcho", "S1.2")])
+def test_what_is_broken_is_said_in_full(
+    program: Run, tmp_path: Path, root: Path, name: str, rule: str
+) -> None:
+    (tmp_path / "server.py").write_text(BROKEN.format(name=name))
+    start = f"{sys.executable} server.py {{broker}}"
+    result = program(
+        "conformance", "server", "--exec", start, "--rules", "S1,S2,S3,S4.1", "--junit", "out.xml",
+        env={"PYTHONPATH": f"{root}/python:{root}"},
+    )  # fmt: skip
+    assert result.returncode == 1, result.stderr
+    text = result.stdout
+    assert f"failed   {rule}" in text
+    for label in ("came:", "expected:", "mend:"):
+        assert label in text
+    xml = ET.parse(tmp_path / "out.xml").getroot()
+    (failure,) = xml.findall(".//failure")
+    assert "mend:" in (failure.text or "")
+
+
+def test_a_server_that_ends_is_told_from_one_that_fails(program: Run) -> None:
+    """It is started anew for the rest, once it was there; one that never was is an error."""
+    result = program(
+        "conformance", "server", "--exec", f"{sys.executable} -c 'print(7); exit(3)'", "--wait", "5"
+    )
+    assert result.returncode == 1
+    assert "the process ended with 3; it said last:\n    7" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "which server? Give its --id"),
+        (("--id", "1", "--rules", "S2.99"), "no rule 'S2.99'"),
+        (("--exec", "no-such-program {id}"), "no-such-program"),
+        (("--exec", "'"), "cannot be read"),
+        (("--exec", SERVE, "--parameters", "[1]"), "JSON object"),
+        (("--exec", SERVE, "--parameters", "nowhere.json"), "nowhere.json"),
+        (("--exec", SERVE, "--parameters", "{"), "no JSON"),
+        (("--id", "1", "--wait", "0.2"), "name it with --simulation"),
+    ],
+)
+def test_wrong_input(program: Run, options: tuple[str, ...], words: str) -> None:
+    result = program("conformance", "server", *options)
+    assert result.returncode == 2, result.stdout
+    assert words in result.stderr
+
+
+def test_the_rules_are_listed(program: Run) -> None:
+    result = program("conformance", "server", "--list", "--rules", "S2,-S2.3")
+    assert result.returncode == 0
+    listed = [line.split()[0] for line in result.stdout.splitlines()]
+    assert listed[:3] == ["S2.1", "S2.2", "S2.4"]

@@ -1,0 +1,108 @@
+"""Every server of this repository keeps every rule. Adding one is a line in SUBJECTS."""
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright.conformance import check_server
+from tests.conformance.sound import SoundServer
+from tests.conftest import ROOT
+from tests.java import jar
+
+SLOW = "-S6.5,-S6.9,-S11.2"
+"""Rules that wait for seconds; tried once for each state machine, not for each simulation on it."""
+MANY = {"numAgents": 3, "placement": "random", "maxSteps": 6}
+SERVE = (
+    f"{sys.executable} -m swarmwright serve {{simulation}} --broker {{broker}} --id {{id}} --step-timeout 1"
+)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """command: what starts it, or a function that says so. skipped: rules that do not apply to it."""
+
+    command: str | Callable[[], str]
+    parameters: dict[str, Any] = field(default_factory=dict)
+    rules: str = SLOW
+    skipped: frozenset[str] = frozenset()
+    step_timeout: float | None = 1.0
+
+
+def served(simulation: str) -> str:
+    """The command of `swarmwright serve`."""
+    return SERVE.replace("{simulation}", simulation)
+
+
+def java() -> str:
+    """The example server of the Java wrapper."""
+    return f"java -Xshare:auto -jar {jar()} --broker {{broker}} --id {{id}} --step-timeout 1"
+
+
+STEERED = frozenset(
+    f"S{group}.{number}"
+    for group, numbers in {
+        2: (2, 4, 5, 9),
+        4: (1, 2, 3, 4),
+        6: (2, 3, 6),
+        7: (4,),
+        9: (1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13),
+        10: (1, 2, 3, 4, 5, 6),
+        11: (5,),
+        12: (1, 2, 3),
+    }.items()
+    for number in numbers
+)
+"""What does not apply where nobody is asked for actuators."""
+EXIT = {"steps": 3, "width": 8, "height": 8, "numAgents": 4, "numExits": 1, "numBlockades": 3}
+
+SUBJECTS = {
+    "minisim": Subject(served("minisim"), MANY, rules=""),
+    "java": Subject(java, MANY, rules=""),
+    "one agent": Subject(
+        served("minisim"), {"maxSteps": 6}, skipped=frozenset({"S2.5", "S3.3", "S3.4", "S4.2", "S4.3"})
+    ),
+    "emergency exit": Subject(served("emergency_exit"), {**EXIT, "update": "simultaneous"}),
+    "in turn": Subject(served("emergency_exit"), EXIT, skipped=frozenset({"S2.5", "S4.2", "S4.3"})),
+    "python": Subject(served(f"{ROOT}/tests/python/own/minisim.py:Minisim"), MANY),
+}
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    subject = SUBJECTS[name]
+    command = subject.command if isinstance(subject.command, str) else subject.command()
+    report = check_server(
+        command=command,
+        parameters=subject.parameters,
+        step_timeout=subject.step_timeout,
+        rules=[subject.rules],
+    )
+    assert report.ok, str(report)
+    assert set(report.of("skipped")) == subject.skipped, [
+        (result.id, result.detail) for result in report.results if result.status == "skipped"
+    ]
+
+
+def test_the_model_that_broken_servers_are_made_of_is_sound() -> None:
+    with ExitStack() as stack:
+        report = check_server(
+            start=lambda url: stack.callback(SoundServer(url).close), rules=["-S6.5,-S6.9,-S12"], wait=10
+        )
+    assert report.ok, str(report)
+    batched = {"S10.1", "S10.2", "S10.3", "S10.4", "S10.5", "S10.6"}
+    assert set(report.of("skipped")) == {"S6.6", "S9.6", "S13.1", *batched}
+
+
+def test_agents_that_steer_themselves() -> None:
+    report = check_server(
+        command=served("minisim"), parameters={**MANY, "steering": "rule"}, rules=[SLOW], step_timeout=1.0
+    )
+    assert report.ok, str(report)
+    assert set(report.of("skipped")) == STEERED
