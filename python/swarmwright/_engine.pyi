@@ -253,11 +253,11 @@ def evaluate_own(
     on_progress: Callable[[int, int, str], None] | None = None,
     *,
     metrics: Sequence[str] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[tuple[int, int, str]]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[tuple[int, int, str, str | None]]]:
     """Evaluate a simulation in Python in this process, one episode after the other; arguments as in `evaluate`.
 
     Returns fitness and metrics as `evaluate`, NaN where the simulation's code failed, and those evaluations:
-    (candidate, episode, reason).
+    (candidate, episode, reason, traceback or None).
     Raises InputError for parameters that the simulation refuses, controllers that do not fit it.
     """
 

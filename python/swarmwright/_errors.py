@@ -31,7 +31,14 @@ class RunError(SwarmwrightError):
 
 
 class SimulationError(RunError):
-    """The code of a simulation failed. The message says in which method, what, and in which line."""
+    """The code of a simulation failed. The message says in which method, what, and in which line.
+
+    `stack` is the traceback from the simulation's code on, None where nothing was raised.
+    """
+
+    def __init__(self, reason: str, stack: str | None = None) -> None:
+        super().__init__(reason)
+        self.stack = stack
 
 
 @contextmanager

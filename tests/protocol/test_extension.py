@@ -22,6 +22,7 @@ SCHEMAS = {
     "actuators": "batch_actuators",
     "evaluated": "evaluated",
     "sensors": "batch_sensors",
+    "failed": "failed",
 }
 ARRAYS = {
     "genomes": "<f4",
@@ -39,6 +40,7 @@ DEFAULTS: dict[str, Json] = {
     "start": {"metrics": []},
     "evaluated": {"fitness": b"", "metrics": {}, "failed": [], "error": None},
     "sensors": {"metrics": {}, "failed": [], "error": None},
+    "failed": {"stack": None, "invalid": False},
 }
 
 
@@ -101,7 +103,7 @@ def unpack(payload: bytes) -> Json:
 def read(topic: str, payload: bytes, validators: Validators) -> Json:
     """The typed message, defaults filled in."""
     message = unpack(payload)
-    kinds = ("evaluate", "start", "actuators") if topic == "to_server" else ("evaluated", "sensors")
+    kinds = ("evaluate", "start", "actuators") if topic == "to_server" else ("evaluated", "sensors", "failed")
     demand(message.get("kind") in kinds, "another kind")
     validator = validators(SCHEMAS[message["kind"]])
     demand(validator.is_valid(plain(message)), "does not fit its schema")
@@ -109,6 +111,8 @@ def read(topic: str, payload: bytes, validators: Validators) -> Json:
     demand(all(isinstance(message[key], bytes) for key in ARRAYS if key in message), "text for binary")
     known = set(validator.schema["properties"])  # type: ignore[index]
     message = {**DEFAULTS.get(message["kind"], {}), **{k: v for k, v in message.items() if k in known}}
+    if isinstance(message.get("failed"), list):
+        message["failed"] = [{"stack": None, **failure} for failure in message["failed"]]
     check(message)
     return message
 

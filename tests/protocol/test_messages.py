@@ -79,8 +79,9 @@ def parse(raw: bytes, real: Callable[[str], Any] = float) -> Value:
 def lenient(value: Json) -> Json:
     """The message without another peer's own use of the extensions' keys."""
     value = dict(value)
-    if not isinstance(value.get("tool", ""), str):
-        del value["tool"]
+    for key in ("tool", "reply"):
+        if not isinstance(value.get(key, ""), str):
+            del value[key]
     capabilities = value.get("capabilities")
     if isinstance(capabilities, dict) and not isinstance(capabilities.get("swarmwright", {}), dict):
         value["capabilities"] = {key: item for key, item in capabilities.items() if key != "swarmwright"}
@@ -139,7 +140,8 @@ def reading(kind: str, value: Json) -> Json:
             return {**read, "server": value["server"], "simulations": value["simulations"], **offered}
         case "control":
             flags = {"run": value.get("run", True), "visual": value.get("visual", False)}
-            return {**read, "server": value["server"], **flags, "tool": value.get("tool")}
+            extensions = {key: value.get(key) for key in ("tool", "reply")}
+            return {**read, "server": value["server"], **flags, **extensions}
         case "fitness":
             return {**read, "fitness": value["fitness"], "metrics": value.get("metrics") or None}
     return {**read, "agent": value["agent"], kind: value[kind]}

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
+import msgpack
 from paho.mqtt.client import Client, MQTTMessage, MQTTv5, MQTTv311
 from paho.mqtt.enums import CallbackAPIVersion
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 PRESENCE = "swarmwright/v1/presence/"
+TOOLS = "swarmwright/v1/tool/"
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,9 @@ class Received:
 
     @property
     def json(self) -> dict[str, Any]:
-        value: dict[str, Any] = json.loads(self.payload)
+        """The content; of an extension's message the decoded form."""
+        read = msgpack.unpackb if self.topic.startswith(TOOLS) else json.loads
+        value: dict[str, Any] = read(self.payload)
         return value
 
 

@@ -6,7 +6,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from tests.system.peer import Peer, Received
+from tests.system.peer import TOOLS, Peer, Received
 
 QUIET = 0.15
 """Seconds in which a server that would say something has said it."""
@@ -26,7 +26,7 @@ class PlainTool(Peer):
     """Listens to servers; `hear` is the next thing that one says."""
 
     def __init__(self, url: str, version: int = 5) -> None:
-        super().__init__(url, "server", "sensor", "fitness", version=version)
+        super().__init__(url, "server", "sensor", "fitness", f"{TOOLS}+", version=version)
 
     def hear(self, seconds: float = 10) -> tuple[str, Json]:
         """Topic and content of the next message."""
@@ -75,7 +75,9 @@ class PlainTool(Peer):
                 self.silence(entry["why"])
             elif entry["from"] == "server":
                 topic, content = self.hear()
-                assert topic == entry["topic"], f"expected {entry}, heard {topic} {content}"
+                token = entry.get("token")
+                expected = entry["topic"] if token is None else f"{TOOLS}{token}"
+                assert topic == expected, f"expected {entry}, heard {topic} {content}"
                 self._compare(entry["payload"], content)
                 heard += 1
             elif "file" in entry:

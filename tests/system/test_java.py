@@ -1,6 +1,5 @@
 """Simulation servers in Java: the same records, to the byte, as those of the built-in servers."""
 
-import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -13,7 +12,7 @@ from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve, ServeJava
 from tests.system.peer import PRESENCE, Peer
 from tests.system.plain_tool import PlainTool
-from tests.system.runs import attempts, evaluations, record
+from tests.system.runs import attempts, record
 from tests.system.test_plain_tool import CONVERSATIONS
 
 pytestmark = pytest.mark.timeout(600)  # the first of them builds the jar
@@ -183,83 +182,3 @@ def test_an_id_that_is_taken_and_arguments_that_are_wrong(
         )
         assert (result.returncode, words in result.stderr) == (status, True), result.stderr
         assert "Exception" not in result.stderr
-
-
-FRAGILE = """\
-import org.swarmwright.*;
-
-public class Fragile implements Simulation {
-  private long seed;
-  private double x;
-  private int step;
-
-  public static void main(String[] arguments) {
-    SimulationServer.main(arguments, Fragile::new);
-  }
-
-  public Description description() {
-    return Description.of("fragile", 1, 1, 1);
-  }
-
-  public void reset(ParameterReader parameters) {
-    seed = parameters.seed("seed");
-    x = 0;
-    step = 0;
-  }
-
-  public int[] acting() {
-    return step < 5 ? new int[] {0} : new int[0];
-  }
-
-  public void sense(int agent, float[] sensors) {
-    sensors[0] = (float) x;
-  }
-
-  public void step(float[] actuators) {
-    x += actuators[0];
-    step++;
-    if (x > 1) {
-      throw new IllegalStateException("the wheel came off");
-    }
-  }
-
-  public double fitness() {
-    return x;
-  }
-}
-"""
-FRAGILE_EXPERIMENT = """\
-simulation: fragile
-requirements: {dimensions: 1}
-controller: {kind: layered, hidden: []}
-method: {kind: random_search, population: 30, generations: 2}
-seed: 1
-"""
-
-
-@pytest.mark.parametrize("mode", ["batched", "offloaded"])
-def test_what_a_simulation_throws_reaches_the_tool_with_its_stack(
-    embedded: BrokerProcess,
-    serve_java: ServeJava,
-    launch: Launch,
-    experiment: Experiment,
-    tmp_path: Path,
-    mode: str,
-) -> None:
-    """The episode has failed, the others count, and the server goes on."""
-    (tmp_path / "Fragile.java").write_text(FRAGILE)
-    javac = shutil.which("javac")
-    assert javac, "a Java compiler is missing; `make test` installs it"
-    subprocess.run([javac, "-cp", str(jar()), "Fragile.java"], check=True, timeout=60, cwd=tmp_path)
-    server = serve_java(embedded.url, main="Fragile", classpath=str(tmp_path))
-    path = experiment(f"{FRAGILE_EXPERIMENT}mode: {mode}\n")
-    for name in ("first", "second"):
-        program = launch("optimize", path, "--broker", embedded.url, "--out", name)
-        assert program.wait() == 0, program.stderr
-        fitness = [value for value, _ in evaluations(tmp_path / name)]
-        failed = [value for value in fitness if value != value]
-        assert 0 < len(failed) < len(fitness)
-        errors = {entry["error"] for entry in attempts(tmp_path / name)} - {None, ""}
-        assert any("IllegalStateException: the wheel came off" in error for error in errors), errors
-        assert any("Fragile.step(Fragile.java:3" in error for error in errors), errors
-    assert server.process.poll() is None

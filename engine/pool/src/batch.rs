@@ -31,8 +31,8 @@ struct Episode {
 pub(crate) struct Progress {
     /// Fitness and the metrics that are needed, by index of the episode in the batch.
     pub ended: Vec<(usize, f64, Vec<f64>)>,
-    /// Reason, by index of the episode in the batch.
-    pub failed: Vec<(usize, String)>,
+    /// Reason and stack, by index of the episode in the batch.
+    pub failed: Vec<(usize, String, Option<String>)>,
     /// The step and (rows, actuators) that answer it; none once all episodes have ended.
     pub answer: Option<(u64, Vec<f32>)>,
 }
@@ -71,7 +71,7 @@ impl Batch {
     ///
     /// # Errors
     /// A step, an episode or an agent that cannot be; arrays that do not fit each other; an end that leaves episodes open.
-    pub fn step(&mut self, message: &BatchSensors) -> Result<Option<Progress>, String> {
+    pub fn step(&mut self, message: BatchSensors) -> Result<Option<Progress>, String> {
         if message.step < self.step {
             return Ok(None);
         }
@@ -87,12 +87,14 @@ impl Batch {
             let value = |name: &str| message.metrics.get(name)?.0.get(place).copied();
             match needed(&self.metrics, value) {
                 Ok(metrics) => progress.ended.push((episode, fitness, metrics)),
-                Err(reason) => progress.failed.push((episode, reason)),
+                Err(reason) => progress.failed.push((episode, reason, None)),
             }
         }
-        for failure in &message.failed {
+        for failure in message.failed {
             let episode = self.end(failure.episode)?;
-            progress.failed.push((episode, failure.reason.clone()));
+            progress
+                .failed
+                .push((episode, failure.reason, failure.stack));
         }
         let rows = message.episodes.0.len();
         if rows > 0 && self.actuators == 0 {

@@ -8,7 +8,10 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
+use swarmwright_protocol::{
+    Control, EpisodeHasher, MOST_REASON, MOST_STACK, Message, SensorReading, ToTool, Topic, Topics,
+    shortened,
+};
 
 use crate::demand::Demand;
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
@@ -90,6 +93,8 @@ pub struct Machine {
     pub(crate) refused_at: Option<Instant>,
     pub(crate) journal: Vec<(Attempt, Instant)>,
     pub(crate) complaints: HashSet<String>,
+    /// Reasons for which episodes failed in simulations, and whether a stack was told.
+    pub(crate) troubles: HashMap<String, bool>,
     pub(crate) actions: Vec<Action>,
     /// Since when there is work and no server for it.
     pub(crate) lonely_since: Option<Instant>,
@@ -137,6 +142,7 @@ impl Machine {
             refused_at: None,
             journal: Vec::new(),
             complaints: HashSet::new(),
+            troubles: HashMap::new(),
             actions: Vec::new(),
             lonely_since: None,
             config,
@@ -278,6 +284,7 @@ impl Machine {
             run,
             visual: run && self.config.visual,
             tool: Some(self.config.tool.clone()),
+            reply: run.then(|| self.reply.clone()),
         }
     }
 
@@ -417,6 +424,27 @@ impl Machine {
             .chain(numbers.into_iter().map(Job::Request))
             .collect();
         self.fail_jobs(jobs, "the connection to the broker broke", false, now);
+    }
+
+    /// An episode failed in the simulation's code: tells the user once for each reason. Returns the reason and, once,
+    /// the stack, of a length that can be kept.
+    pub(crate) fn trouble(
+        &mut self,
+        server: u64,
+        reason: String,
+        stack: Option<String>,
+    ) -> (String, Option<String>) {
+        let reason = shortened(reason, MOST_REASON);
+        if !self.troubles.contains_key(&reason) {
+            if self.troubles.len() >= COMPLAINTS {
+                return (reason, None);
+            }
+            self.warn(format!("an episode failed on server {server}: {reason}"));
+        }
+        let told = self.troubles.entry(reason.clone()).or_default();
+        let stack = stack.filter(|_| !*told);
+        *told |= stack.is_some();
+        (reason, stack.map(|stack| shortened(stack, MOST_STACK)))
     }
 
     pub(crate) fn warn(&mut self, text: String) {

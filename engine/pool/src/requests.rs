@@ -186,39 +186,41 @@ impl Machine {
 
     /// A message for this tool came in. What is not waited for any more is passed over.
     pub(crate) fn answered(&mut self, message: ToTool, now: Instant) {
-        let (number, server) = match &message {
-            ToTool::Evaluated(message) => (message.request, message.server),
-            ToTool::Sensors(message) => (message.request, message.server),
-        };
-        let Some(request) = self.requests.get(&number) else {
-            return;
-        };
-        let is_batch = request.batch.is_some();
-        if request.server != server {
-            return;
-        }
         match message {
-            ToTool::Evaluated(message) => match message.error {
-                Some(refusal) => self.refused(number, server, &refusal, now),
-                None if !is_batch => self.evaluated(number, &message, now),
-                None => {}
-            },
-            ToTool::Sensors(message) => match &message.error {
-                Some(refusal) => self.refused(number, server, refusal, now),
-                None if is_batch => self.stepped(number, &message, now),
-                None => {}
-            },
+            ToTool::Evaluated(message) => {
+                let number = message.request;
+                match (self.is_batch(number, message.server), &message.error) {
+                    (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
+                    (Some(false), None) => self.evaluated(number, message, now),
+                    _ => return,
+                }
+            }
+            ToTool::Sensors(message) => {
+                let number = message.request;
+                match (self.is_batch(number, message.server), &message.error) {
+                    (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
+                    (Some(true), None) => self.stepped(number, message, now),
+                    _ => return,
+                }
+            }
+            ToTool::Failed(message) => self.episode_failed(message, now),
         }
         self.dispatch(now);
     }
 
-    fn evaluated(&mut self, number: u64, message: &Evaluated, now: Instant) {
+    /// Whether a request is one for a batch; none if this server was not asked.
+    fn is_batch(&self, number: u64, server: u64) -> Option<bool> {
+        let request = self.requests.get(&number)?;
+        (request.server == server).then_some(request.batch.is_some())
+    }
+
+    fn evaluated(&mut self, number: u64, message: Evaluated, now: Instant) {
         let Some(request) = self.requests.remove(&number) else {
             return;
         };
         let metrics = self.config.demand.metrics.clone();
-        let reason = misfit(message, &request.piece, self.ledger.episodes());
-        if let Some(reason) = reason.or_else(|| without(message, &metrics)) {
+        let reason = misfit(&message, &request.piece, self.ledger.episodes());
+        if let Some(reason) = reason.or_else(|| without(&message, &metrics)) {
             let server = request.server;
             self.requests.insert(number, request);
             return self.fail_server(server, &format!("server {server}: {reason}"), now);
@@ -259,17 +261,18 @@ impl Machine {
                     let evaluation = request.piece.first() + offset;
                     self.ledger.settle(evaluation, fitness, &values);
                 }
-                Err(reason) => self.fail_one(&request, offset, &reason, now),
+                Err(reason) => self.fail_one(&request, offset, reason, None, now),
             }
         }
         let columns = self.ledger.extent(&request.piece).1.len();
-        for failure in &message.failed {
+        for failure in message.failed {
             let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
-            self.fail_one(&request, offset.unwrap_or(usize::MAX), &failure.reason, now);
+            let offset = offset.unwrap_or(usize::MAX);
+            self.fail_one(&request, offset, failure.reason, failure.stack, now);
         }
     }
 
-    fn stepped(&mut self, number: u64, message: &BatchSensors, now: Instant) {
+    fn stepped(&mut self, number: u64, message: BatchSensors, now: Instant) {
         let Some(mut request) = self.requests.remove(&number) else {
             return;
         };
@@ -298,8 +301,8 @@ impl Machine {
             let evaluation = request.piece.first() + index;
             self.ledger.settle(evaluation, fitness, &metrics);
         }
-        for (index, reason) in progress.failed {
-            self.fail_one(&request, index, &reason, now);
+        for (index, reason, stack) in progress.failed {
+            self.fail_one(&request, index, reason, stack, now);
         }
         if let Some((step, actuators)) = progress.answer {
             let answer = ToServer::Actuators(BatchActuators {
@@ -321,12 +324,23 @@ impl Machine {
     }
 
     /// One evaluation of a request failed on a server that goes on.
-    fn fail_one(&mut self, request: &Request, offset: usize, reason: &str, now: Instant) {
+    fn fail_one(
+        &mut self,
+        request: &Request,
+        offset: usize,
+        reason: String,
+        stack: Option<String>,
+        now: Instant,
+    ) {
         let index = request.piece.first() + offset;
         let piece = request.piece.part(index..index + 1);
-        let attempt = request.attempt(Some(reason.to_owned()));
+        let (reason, stack) = self.trouble(request.server, reason, stack);
+        let attempt = Attempt {
+            stack,
+            ..request.attempt(Some(reason.clone()))
+        };
         self.record(attempt, &piece, request.started, now);
-        self.retry(piece, request.server, reason, true);
+        self.retry(piece, request.server, &reason, true);
     }
 
     /// A server does not do what it was asked for.

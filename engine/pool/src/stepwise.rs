@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    EpisodeHasher, Fitness, MAX_PAYLOAD, ParametersMessage, ReadingWriter, SensorReading, Topic,
+    EpisodeHasher, Failed, Fitness, MAX_PAYLOAD, MOST_REASON, ParametersMessage, ReadingWriter,
+    SensorReading, Topic, shortened,
 };
 
 use crate::ledger::Piece;
@@ -99,12 +100,12 @@ impl Machine {
         let value = |name: &str| message.metrics.get(name).copied();
         match needed(&self.config.demand.metrics, value) {
             Ok(metrics) => {
-                self.record_run(&run, None, now);
+                self.record_run(&run, None, None, now);
                 let evaluation = run.piece.first();
                 self.ledger.settle(evaluation, message.fitness, &metrics);
             }
             Err(reason) => {
-                self.record_run(&run, Some(reason.clone()), now);
+                self.record_run(&run, Some(reason.clone()), None, now);
                 self.retry(run.piece, run.server, &reason, true);
             }
         }
@@ -133,8 +134,30 @@ impl Machine {
         };
         self.offers
             .finished(run.server, &Job::Episode(hash.to_owned()));
-        self.record_run(&run, Some(reason.to_owned()), now);
+        self.record_run(&run, Some(reason.to_owned()), None, now);
         self.retry(run.piece, run.server, reason, counted);
+    }
+
+    /// A server says that an episode failed in the simulation's code. The server goes on, the episode is tried again.
+    pub(crate) fn episode_failed(&mut self, message: Failed, now: Instant) {
+        let hash = message.simulation_hash;
+        let Some(run) = self.runs.get(&hash) else {
+            return;
+        };
+        if run.server != message.server {
+            return;
+        }
+        if message.invalid {
+            let reason = shortened(message.reason, MOST_REASON);
+            return self.not_for(message.server, &reason, now);
+        }
+        let Some(run) = self.runs.remove(&hash) else {
+            return;
+        };
+        self.offers.finished(run.server, &Job::Episode(hash));
+        let (reason, stack) = self.trouble(run.server, message.reason, message.stack);
+        self.record_run(&run, Some(reason.clone()), stack, now);
+        self.retry(run.piece, run.server, &reason, true);
     }
 
     /// A server that answers a discovery sent after an episode's control message is not at that episode: another
@@ -194,12 +217,19 @@ impl Machine {
         }
     }
 
-    fn record_run(&mut self, run: &Run, error: Option<String>, now: Instant) {
+    fn record_run(
+        &mut self,
+        run: &Run,
+        error: Option<String>,
+        stack: Option<String>,
+        now: Instant,
+    ) {
         let attempt = Attempt {
             mode: Mode::Stepwise.name(),
             server: run.server,
             steps: Some(run.steps()),
             error,
+            stack,
             ..Attempt::default()
         };
         self.record(attempt, &run.piece, run.started, now);

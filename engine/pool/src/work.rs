@@ -219,4 +219,7 @@ pub struct Attempt {
     pub seconds: f64,
     /// Why it failed, if it did.
     pub error: Option<String>,
+    /// Where in the simulation's code, if that is known: once for each reason.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stack: Option<String>,
 }

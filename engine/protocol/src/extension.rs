@@ -148,6 +148,9 @@ pub struct Failure {
     pub episode: u64,
     /// What went wrong, for people.
     pub reason: String,
+    /// Where in the simulation's code, in the words of its language.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stack: Option<String>,
 }
 
 /// Why a request was not served.
@@ -250,6 +253,26 @@ pub struct BatchSensors {
     pub error: Option<Refusal>,
 }
 
+/// Server to tool: a stepwise episode has ended without fitness. Sent to tools that name a topic for it in their control
+/// message; all others miss the fitness.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failed {
+    /// [`EXTENSION_VERSION`].
+    pub version: u64,
+    /// The server's id.
+    pub server: u64,
+    /// Of the control message that started the episode.
+    pub simulation_hash: String,
+    /// What went wrong, for people.
+    pub reason: String,
+    /// Where in the simulation's code, in the words of its language.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stack: Option<String>,
+    /// Whether the simulation refuses the parameters, so that no other attempt will go better on this server.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub invalid: bool,
+}
+
 /// Server to tool, on one topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
@@ -258,6 +281,27 @@ pub enum ToTool {
     Evaluated(Evaluated),
     /// A step of a batch.
     Sensors(BatchSensors),
+    /// A stepwise episode has failed.
+    Failed(Failed),
+}
+
+/// Characters of a failure's reason and stack, at most: writers cut longer ones, and so do readers that keep them.
+pub const MOST_REASON: usize = 2_000;
+/// See [`MOST_REASON`].
+pub const MOST_STACK: usize = 8_000;
+
+/// A text of at most `most` characters; a cut is marked.
+#[must_use]
+pub fn shortened(mut text: String, most: usize) -> String {
+    // Texts are short as a rule, which their bytes tell.
+    if text.len() > most
+        && let Some((end, _)) = text.char_indices().nth(most)
+    {
+        let cut = text.char_indices().nth(most.saturating_sub(3));
+        text.truncate(cut.map_or(end, |(place, _)| place));
+        text.push_str("...");
+    }
+    text
 }
 
 fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
@@ -399,7 +443,8 @@ impl ToTool {
         let message = match kind.as_str() {
             "evaluated" => Self::Evaluated(decode(payload)?),
             "sensors" => Self::Sensors(decode(payload)?),
-            _ => return Err(unknown(&kind, "evaluated or sensors")),
+            "failed" => Self::Failed(decode(payload)?),
+            _ => return Err(unknown(&kind, "evaluated, sensors or failed")),
         };
         match &message {
             Self::Evaluated(m) => {
@@ -432,6 +477,7 @@ impl ToTool {
                     return Err(DecodeError::Value("\"fitness\" is not finite".to_owned()));
                 }
             }
+            Self::Failed(m) => check(m.version)?,
         }
         Ok(message)
     }
@@ -442,6 +488,7 @@ impl ToTool {
         let numbers = match self {
             Self::Evaluated(m) => size_of_val(&m.fitness.0[..]) * (1 + m.metrics.len()),
             Self::Sensors(m) => size_of_val(&m.sensors.0[..]) + 8 * m.agents.0.len(),
+            Self::Failed(_) => 0,
         };
         encode(self, numbers)
     }

@@ -13,7 +13,8 @@ mod topics;
 
 pub use extension::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Envelope, Evaluate, Evaluated,
-    F32s, F64s, Failure, MAX_BLOCK, MEDIA_TYPE, Refusal, RefusalKind, ToServer, ToTool, U32s, U64s,
+    F32s, F64s, Failed, Failure, MAX_BLOCK, MEDIA_TYPE, MOST_REASON, MOST_STACK, Refusal,
+    RefusalKind, ToServer, ToTool, U32s, U64s, shortened,
 };
 pub use hash::EpisodeHasher;
 pub use messages::{

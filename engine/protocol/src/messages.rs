@@ -150,6 +150,8 @@ pub struct Control {
     pub visual: bool,
     /// Extension: who asks, for people to read; keeps the server reserved between two episodes.
     pub tool: Option<String>,
+    /// Extension: topic, without prefix, on which the server says that the episode failed.
+    pub reply: Option<String>,
 }
 
 /// An object whose keys are taken out one by one.
@@ -402,6 +404,7 @@ impl Control {
             run: keys.optional("run")?.unwrap_or(true),
             visual: keys.optional("visual")?.unwrap_or(false),
             tool: keys.lenient("tool"),
+            reply: keys.lenient("reply"),
         })
     }
 
@@ -416,6 +419,7 @@ impl Control {
         });
         insert(&mut object, "simulation", self.simulation.clone());
         insert(&mut object, "tool", self.tool.clone());
+        insert(&mut object, "reply", self.reply.clone());
         bytes(&object)
     }
 }

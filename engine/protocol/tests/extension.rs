@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use base64::Engine;
 use serde_json::{Value, json};
-use swarmwright_protocol::{F64s, Failure, Refusal, RefusalKind, ToServer, ToTool};
+use swarmwright_protocol::{F64s, Failure, Refusal, RefusalKind, ToServer, ToTool, shortened};
 
 fn vectors() -> Vec<Value> {
     let path = "../../protocol/vectors/extension.json";
@@ -44,8 +44,7 @@ fn u64s(numbers: &[u64]) -> Vec<String> {
 }
 
 fn failures(failed: &[Failure]) -> Value {
-    let one =
-        |f: &Failure| json!({"candidate": f.candidate, "episode": f.episode, "reason": f.reason});
+    let one = |f: &Failure| json!({"candidate": f.candidate, "episode": f.episode, "reason": f.reason, "stack": f.stack});
     failed.iter().map(one).collect()
 }
 
@@ -98,6 +97,10 @@ fn answer(message: &ToTool) -> Value {
             "episodes": u32s(&m.episodes.0), "agents": u32s(&m.agents.0), "sensors": f32s(&m.sensors.0),
             "ended": u32s(&m.ended.0), "fitness": f64s(&m.fitness.0), "metrics": metrics(&m.metrics),
             "failed": failures(&m.failed), "error": refusal(m.error.as_ref()),
+        }),
+        ToTool::Failed(m) => json!({
+            "kind": "failed", "version": m.version, "server": m.server, "simulation_hash": m.simulation_hash,
+            "reason": m.reason, "stack": m.stack, "invalid": m.invalid,
         }),
     }
 }
@@ -172,4 +175,12 @@ fn what_is_written_is_the_canonical_form_and_reads_back_the_same() {
             vector["name"]
         );
     }
+}
+
+#[test]
+fn long_texts_are_cut_between_characters() {
+    assert_eq!(shortened("short".to_owned(), 5), "short");
+    assert_eq!(shortened("\u{fc}ber Stock".to_owned(), 8), "\u{fc}ber ...");
+    assert_eq!(shortened("\u{1f600}".repeat(9), 9).chars().count(), 9);
+    assert_eq!(shortened("\u{1f600}".repeat(10), 9).chars().count(), 9);
 }

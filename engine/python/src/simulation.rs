@@ -11,7 +11,7 @@ use serde_json::Value;
 use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
-    Block, Description, Determinism, MetricInfo, ParameterError, Parameters, RolloutError,
+    Block, Description, Determinism, Failure, MetricInfo, ParameterError, Parameters, RolloutError,
     Simulation, fail, measure, rollout,
 };
 use swarmwright_wrapper::guarded;
@@ -61,7 +61,7 @@ type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
 enum Trouble {
     /// The parameters are refused.
     Refused(String),
-    Failed(String),
+    Failed(Failure),
 }
 
 impl Hosted {
@@ -95,15 +95,19 @@ impl Hosted {
                     let again = py
                         .import("_thread")
                         .and_then(|m| m.call_method0("interrupt_main"));
-                    return Trouble::Failed(
-                        again.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned()),
-                    );
+                    let reason = again.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned());
+                    return Trouble::Failed(reason.into());
                 }
                 let reason = error.value(py).to_string();
                 if error.is_instance_of::<InputError>(py) {
                     Trouble::Refused(reason)
                 } else {
-                    Trouble::Failed(reason)
+                    let stack = error.value(py).getattr("stack");
+                    let stack = stack.and_then(|stack| stack.extract::<Option<String>>());
+                    Trouble::Failed(Failure {
+                        reason,
+                        stack: stack.unwrap_or_default(),
+                    })
                 }
             })
         })
@@ -147,7 +151,8 @@ fn metric((name, description): (String, String)) -> MetricInfo {
 fn or_fail<T>(result: Result<T, Trouble>) -> T {
     match result {
         Ok(value) => value,
-        Err(Trouble::Refused(reason) | Trouble::Failed(reason)) => fail(reason),
+        Err(Trouble::Refused(reason)) => fail(reason),
+        Err(Trouble::Failed(failure)) => fail(failure),
     }
 }
 
@@ -223,8 +228,8 @@ impl Simulation for Hosted {
     }
 }
 
-/// Candidate, episode, reason.
-type EpisodeFailure = (usize, usize, String);
+/// Candidate, episode, reason, stack.
+type EpisodeFailure = (usize, usize, String, Option<String>);
 
 /// Evaluates controllers on a host in this process.
 #[pyfunction]
@@ -276,9 +281,9 @@ pub fn evaluate_own<'py>(
             let failure = evaluated(&mut simulation, parameters, &controller, &metrics, place)
                 .map_err(input)?;
             py.check_signals()?;
-            if let Some(reason) = failure {
+            if let Some(Failure { reason, stack }) = failure {
                 results[first..].fill(f64::NAN);
-                failures.push((candidate, episode, reason));
+                failures.push((candidate, episode, reason, stack));
             }
             let done = results.len() / numbers;
             if reported.elapsed() >= REPORT || done == block.len() {
@@ -305,7 +310,7 @@ fn evaluated(
     controller: &Controller,
     metrics: &[usize],
     results: &mut [f64],
-) -> Result<Option<String>, RolloutError> {
+) -> Result<Option<Failure>, RolloutError> {
     let run = || {
         results[0] = rollout(simulation, parameters, controller)?;
         measure(simulation, metrics, &mut results[1..]);
@@ -313,8 +318,8 @@ fn evaluated(
     };
     match guarded(run) {
         Ok(Ok(())) => Ok(None),
-        Ok(Err(error @ RolloutError::Controller { .. })) => Ok(Some(error.to_string())),
+        Ok(Err(error @ RolloutError::Controller { .. })) => Ok(Some(error.to_string().into())),
         Ok(Err(error)) => Err(error),
-        Err(reason) => Ok(Some(reason)),
+        Err(failure) => Ok(Some(failure)),
     }
 }

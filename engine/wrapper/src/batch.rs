@@ -7,10 +7,10 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, F64s, Failure, MAX_BLOCK,
     Refusal, U32s,
 };
-use swarmwright_worlds::{Description, Simulation, measure};
+use swarmwright_worlds::{Description, Failure as Cause, Simulation, measure};
 
 use crate::guard::{all_finite, guarded};
-use crate::job::invalid;
+use crate::job::{add_failure, invalid};
 
 struct Episode {
     simulation: Box<dyn Simulation>,
@@ -43,12 +43,9 @@ pub(crate) struct Batch {
     failed: Vec<Failure>,
 }
 
-fn failure(episode: usize, reason: String) -> Failure {
-    Failure {
-        candidate: 0,
-        episode: episode as u64,
-        reason,
-    }
+/// Notes a failure; the stack once for each reason in a message.
+fn note(failed: &mut Vec<Failure>, episode: usize, cause: Cause) {
+    add_failure(failed, 0, episode as u64, cause);
 }
 
 impl Batch {
@@ -96,9 +93,9 @@ impl Batch {
                 Ok(Err(error)) => {
                     return Err((invalid(error.to_string()), batch.into_simulations()));
                 }
-                Err(reason) => {
+                Err(cause) => {
                     episode.rows = None;
-                    batch.failed.push(failure(index, reason));
+                    note(&mut batch.failed, index, cause);
                 }
             }
         }
@@ -128,9 +125,9 @@ impl Batch {
             }
             match guarded(|| episode.step_by_itself()) {
                 Ok(stepped) => self.goes_on |= stepped,
-                Err(reason) => {
+                Err(cause) => {
                     episode.rows = None;
-                    self.failed.push(failure(index, reason));
+                    note(&mut self.failed, index, cause);
                 }
             }
         }
@@ -166,7 +163,7 @@ impl Batch {
                                 values.0.push(*value);
                             }
                         }
-                        Err(reason) => message.failed.push(failure(index, reason)),
+                        Err(cause) => note(&mut message.failed, index, cause),
                     }
                 }
                 Ok(rows) => {
@@ -175,11 +172,11 @@ impl Batch {
                     let all = message.episodes.0.len() + rows;
                     message.episodes.0.resize(all, number(index));
                 }
-                Err(reason) => {
+                Err(cause) => {
                     message.agents.0.truncate(before.0);
                     message.sensors.0.truncate(before.1);
                     episode.rows = None;
-                    message.failed.push(failure(index, reason));
+                    note(&mut message.failed, index, cause);
                 }
             }
             if self.rows.saturating_mul(4 * self.sensors + 8) > MAX_BLOCK / 2 {
@@ -224,9 +221,9 @@ impl Batch {
             let Some(rows) = episode.rows else { continue };
             let own;
             (own, rest) = rest.split_at(rows * self.actuators);
-            if let Err(reason) = guarded(|| episode.simulation.step(own)) {
+            if let Err(cause) = guarded(|| episode.simulation.step(own)) {
                 episode.rows = None;
-                self.failed.push(failure(index, reason));
+                note(&mut self.failed, index, cause);
             }
         }
         self.step += 1;
@@ -255,7 +252,7 @@ impl Batch {
 
 impl Episode {
     /// The fitness and the metrics that are wanted.
-    fn end(&self, wanted: &[usize], names: &[String]) -> Result<Vec<f64>, String> {
+    fn end(&self, wanted: &[usize], names: &[String]) -> Result<Vec<f64>, Cause> {
         let results = guarded(|| {
             let mut results = vec![self.simulation.fitness(); 1 + wanted.len()];
             measure(&*self.simulation, wanted, &mut results[1..]);
@@ -275,7 +272,7 @@ impl Episode {
     }
 
     /// Appends agents and sensors; how many rows.
-    fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<usize, String> {
+    fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<usize, Cause> {
         let acting = self.simulation.acting();
         for &agent in acting {
             let start = message.sensors.0.len();
@@ -283,10 +280,10 @@ impl Episode {
             let row = &mut message.sensors.0[start..];
             self.simulation.sense(agent, row);
             if let Some(index) = row.iter().position(|value| !value.is_finite()) {
-                return Err(format!(
-                    "sensor {index} of agent {agent} is {}, not a finite number",
-                    row[index]
-                ));
+                let value = row[index];
+                let reason =
+                    format!("sensor {index} of agent {agent} is {value}, not a finite number");
+                return Err(reason.into());
             }
             message.agents.0.push(agent);
         }

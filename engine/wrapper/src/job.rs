@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value};
 use swarmwright_controllers::{Architecture, Controller};
 use swarmwright_protocol::{Failure, Refusal, RefusalKind};
-use swarmwright_worlds::{Block, Means, Parameters, RolloutError, Simulation, measure, rollout};
+use swarmwright_worlds::{
+    Block, Failure as Cause, Means, Parameters, RolloutError, Simulation, measure, rollout,
+};
 
 use crate::guard::{all_finite, guarded};
 
@@ -222,8 +224,8 @@ fn one_by_one(
                 Ok(Err(error)) if is_refusal(&error) => {
                     return Err(invalid(error.to_string()));
                 }
-                Ok(Err(error)) => Err(error.to_string()),
-                Err(reason) => Err(reason),
+                Ok(Err(error)) => Err(error.to_string().into()),
+                Err(cause) => Err(cause),
             };
             evaluation.push(part, candidate * episodes + episode, result);
         }
@@ -233,21 +235,39 @@ fn one_by_one(
 
 impl Evaluation {
     /// `index`: of the evaluation within the part.
-    fn push(&mut self, part: &Part<'_>, index: usize, result: Result<&[f64], String>) {
+    fn push(&mut self, part: &Part<'_>, index: usize, result: Result<&[f64], Cause>) {
         let number = |place: usize| result.as_ref().map_or(f64::NAN, |results| results[place]);
         self.fitness.push(number(0));
         for (place, values) in self.metrics.iter_mut().enumerate() {
             values.push(number(1 + place));
         }
-        if let Err(reason) = result {
+        if let Err(cause) = result {
             let episodes = part.block.seeds.len();
-            self.failed.push(Failure {
-                candidate: (part.first + index / episodes) as u64,
-                episode: (index % episodes) as u64,
-                reason,
-            });
+            let candidate = part.first + index / episodes;
+            let episode = index % episodes;
+            add_failure(&mut self.failed, candidate as u64, episode as u64, cause);
         }
     }
+}
+
+/// Stacks in a message, at most.
+const STACKS: usize = 16;
+
+/// Adds a failure to those of a message. Its stack is left out where one with the same reason has it: many candidates
+/// often fail in one line.
+pub(crate) fn add_failure(failed: &mut Vec<Failure>, candidate: u64, episode: u64, cause: Cause) {
+    let is_news = |_: &String| {
+        let others = failed.iter().filter(|other| other.stack.is_some());
+        let known: Vec<&String> = others.map(|other| &other.reason).take(STACKS).collect();
+        known.len() < STACKS && !known.contains(&&cause.reason)
+    };
+    let stack = cause.stack.filter(is_news);
+    failed.push(Failure {
+        candidate,
+        episode,
+        reason: cause.reason,
+        stack,
+    });
 }
 
 /// Whether a whole request is at fault, not one of its evaluations.

@@ -309,9 +309,11 @@ impl Machine {
             }
             State::Running(run) if run.waited(now) >= self.step_timeout => {
                 let words = run.waiting_for(now);
+                let (reply, hash) = (run.reply.clone(), run.hash.clone());
                 self.warn(format!(
                     "{words}; the run is given up, the server is free again"
                 ));
+                self.report(reply, hash, words.into(), false);
                 self.enter(State::Free, now);
             }
             State::Stepping(batch) if batch.goes_on => self.sense_batch(now),

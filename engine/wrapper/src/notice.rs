@@ -16,8 +16,8 @@ pub enum Action {
     Reply {
         /// Topic without prefix.
         topic: String,
-        /// The request's number: correlation data, 8 bytes big-endian.
-        request: u64,
+        /// The request's number: correlation data, 8 bytes big-endian; none where no request is answered.
+        request: Option<u64>,
         /// The message.
         payload: Vec<u8>,
     },

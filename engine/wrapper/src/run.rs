@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use memchr::memmem::Finder;
-use swarmwright_protocol::{Actuator, Fitness, ReadingWriter};
-use swarmwright_worlds::{MetricInfo, Parameters, Simulation};
+use swarmwright_protocol::{Actuator, Control, Fitness, ReadingWriter};
+use swarmwright_worlds::{Failure, MetricInfo, ParameterError, Parameters, Simulation};
 
 use crate::guard::{finite, guarded};
 
@@ -18,6 +18,8 @@ pub(crate) struct Run {
     writer: ReadingWriter,
     pub title: String,
     pub tool: Option<String>,
+    /// Topic, without prefix, on which the tool wants to hear that the episode failed.
+    pub reply: Option<String>,
     pub visual: bool,
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
@@ -49,8 +51,22 @@ pub(crate) enum Outcome {
     WentOn,
     /// The episode has ended.
     Finished(Fitness),
-    /// The simulation failed; the reason.
-    Failed(String),
+    /// The simulation failed.
+    Failed(Failure),
+}
+
+/// Why an episode did not start.
+pub(crate) enum NoStart {
+    /// The simulation refuses a parameter.
+    Refused(ParameterError),
+    /// It failed.
+    Failed(Failure),
+}
+
+impl From<Failure> for NoStart {
+    fn from(failure: Failure) -> Self {
+        Self::Failed(failure)
+    }
 }
 
 impl Run {
@@ -59,8 +75,8 @@ impl Run {
         simulation: &mut dyn Simulation,
         parameters: &Parameters,
         template: Self,
-    ) -> Result<Self, String> {
-        guarded(|| simulation.reset(parameters))?.map_err(|error| error.to_string())?;
+    ) -> Result<Self, NoStart> {
+        guarded(|| simulation.reset(parameters))?.map_err(NoStart::Refused)?;
         let description = guarded(|| simulation.description())?;
         Ok(Self {
             per_agent: description.actuators,
@@ -73,17 +89,23 @@ impl Run {
     pub fn template(
         hash: String,
         title: String,
-        tool: Option<String>,
-        visual: bool,
         simulation: usize,
+        control: Control,
         now: Instant,
     ) -> Self {
+        let Control {
+            tool,
+            reply,
+            visual,
+            ..
+        } = control;
         Self {
             finder: Finder::new(&hash).into_owned(),
             writer: ReadingWriter::sensor(&title, &hash),
             hash,
             title,
             tool,
+            reply,
             visual,
             simulation,
             steps: 0,
@@ -141,9 +163,9 @@ impl Run {
             }
             if let Some(index) = self.sensors.iter().position(|value| !value.is_finite()) {
                 let value = self.sensors[index];
-                return Outcome::Failed(format!(
-                    "sensor {index} of agent {agent} is {value}, not a finite number"
-                ));
+                let reason =
+                    format!("sensor {index} of agent {agent} is {value}, not a finite number");
+                return Outcome::Failed(reason.into());
             }
             send(self.writer.encode(u64::from(agent), &self.sensors));
         }

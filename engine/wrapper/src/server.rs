@@ -277,12 +277,13 @@ impl SimulationServer {
                     request,
                     payload,
                 } => {
+                    let correlation = request.map(u64::to_be_bytes);
                     self.connection.publish_with(
                         &self.topics.under(&topic),
                         &payload,
                         &PublishOptions {
                             content_type: Some(MEDIA_TYPE),
-                            correlation: Some(&request.to_be_bytes()),
+                            correlation: correlation.as_ref().map(<[u8; 8]>::as_slice),
                             ..PublishOptions::default()
                         },
                     );

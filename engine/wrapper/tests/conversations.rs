@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use swarmwright_protocol::{Topic, Topics};
+use swarmwright_protocol::{ToTool, Topic, Topics};
 use swarmwright_worlds::Minisim;
 use swarmwright_wrapper::{Action, Identity, Machine};
 
@@ -42,17 +42,26 @@ fn fits(expected: &Value, found: &Value, binary32: bool) -> bool {
     }
 }
 
-/// What the server says on the seven topics.
-fn said(machine: &mut Machine) -> Vec<(Topic, Value)> {
+/// What the server says on the seven topics, and on those of tools.
+fn said(machine: &mut Machine) -> Vec<(String, Value)> {
     machine
         .actions()
         .filter_map(|action| match action {
             Action::Publish(Topic::Presence, _) => None,
             Action::Publish(topic, payload) => {
-                Some((topic, serde_json::from_slice(&payload).unwrap()))
+                let message = serde_json::from_slice(&payload).unwrap();
+                Some((topic.name().to_owned(), message))
             }
-            // A tool that knows the seven topics alone never causes these.
-            action @ (Action::Reply { .. } | Action::Evaluate(_)) => panic!("{action:?}"),
+            Action::Reply { topic, payload, .. } => match ToTool::decode(&payload).unwrap() {
+                ToTool::Failed(message) => {
+                    let mut message = serde_json::to_value(message).unwrap();
+                    message["kind"] = "failed".into();
+                    Some((topic, message))
+                }
+                other => panic!("{other:?}"),
+            },
+            // Nobody asks for it.
+            action @ Action::Evaluate(_) => panic!("{action:?}"),
             Action::Notice(_) | Action::Frame(_) => None,
         })
         .collect()
@@ -67,7 +76,7 @@ fn replay(name: &str, conversation: &Value) {
         Duration::from_secs(60),
     );
     let mut now = Instant::now();
-    let mut pending: Vec<(Topic, Value)> = Vec::new();
+    let mut pending: Vec<(String, Value)> = Vec::new();
     for (index, entry) in conversation["messages"]
         .as_array()
         .unwrap()
@@ -81,7 +90,11 @@ fn replay(name: &str, conversation: &Value) {
         } else if entry["from"] == "server" {
             assert!(!pending.is_empty(), "{place}: the server says nothing");
             let (topic, found) = pending.remove(0);
-            assert_eq!(topic.name(), entry["topic"], "{place}: {found}");
+            let expected = match entry["token"].as_str() {
+                Some(token) => Topics::default().to_tool(token),
+                None => entry["topic"].as_str().unwrap().to_owned(),
+            };
+            assert_eq!(topic, expected, "{place}: {found}");
             assert!(fits(&entry["payload"], &found, false), "{place}: {found}");
         } else {
             let payload = match (&entry["payload"], &entry["text"], &entry["file"]) {
@@ -114,5 +127,5 @@ fn the_server_answers_as_in_the_golden_conversations() {
         replay(&path.file_name().unwrap().to_string_lossy(), &conversation);
         replayed += 1;
     }
-    assert!(replayed >= 9, "{replayed} conversations found");
+    assert!(replayed >= 10, "{replayed} conversations found");
 }

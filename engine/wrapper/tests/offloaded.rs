@@ -105,7 +105,7 @@ fn taken(server: &mut Server, tool: &str) -> Option<String> {
             assert_eq!(refusal.kind, RefusalKind::Taken, "{refusal:?}");
             refusal.reason.clone()
         }),
-        ToTool::Sensors(message) => panic!("{message:?}"),
+        other => panic!("{other:?}"),
     }
 }
 

@@ -89,7 +89,7 @@ impl Tool {
     fn result(&mut self) -> Evaluated {
         match ToTool::decode(&self.next()).unwrap() {
             ToTool::Evaluated(message) => message,
-            ToTool::Sensors(message) => panic!("{message:?}"),
+            other => panic!("{other:?}"),
         }
     }
 }

@@ -29,6 +29,6 @@ class OwnBackend(LocalBackend):
         )
         journal = [
             {"warning": f"episode {episode} failed: {reason}", "candidate": candidate, "error": reason}
-            for candidate, episode, reason in failures
+            for candidate, episode, reason, _ in failures
         ]
         return Results(fitness, metrics, journal)

@@ -22,6 +22,9 @@ from swarmwright._own._parameter import filled_in
 Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
 """The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""
 
+_STACK = 8000
+"""Characters of a traceback that are kept, of its end: what was raised stands there."""
+
 _REMEMBERED = 100
 """Different failures that are reported, so that each is reported once."""
 
@@ -218,10 +221,11 @@ class Host:
     def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
         """Report and raise."""
         reason = f"{self._kind.__name__}.{reason}"
+        stack = None if error is None else _traceback(error)
         if reason not in self._reported and len(self._reported) < _REMEMBERED:
             self._reported.add(reason)
-            self._report(reason, "" if error is None else _traceback(error))
-        raise SimulationError(reason) from error
+            self._report(reason, stack or "")
+        raise SimulationError(reason, stack) from error
 
 
 def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
@@ -268,4 +272,5 @@ def _traceback(error: BaseException) -> str:
     trace = error.__traceback__
     while trace is not None and os.path.abspath(trace.tb_frame.f_code.co_filename) == own:  # noqa: PTH100
         trace = trace.tb_next
-    return "".join(traceback.format_exception(type(error), error, trace)).rstrip()
+    text = "".join(traceback.format_exception(type(error), error, trace)).rstrip()
+    return text if len(text) <= _STACK else f"...{text[3 - _STACK :]}"

@@ -30,7 +30,8 @@ CREATE TABLE session (
 CREATE TABLE attempt (
     session INTEGER NOT NULL, generation INTEGER NOT NULL, mode TEXT NOT NULL, candidate INTEGER NOT NULL,
     candidates INTEGER NOT NULL, episode INTEGER NOT NULL, episodes INTEGER NOT NULL, server INTEGER NOT NULL,
-    attempt INTEGER NOT NULL, steps INTEGER, started REAL NOT NULL, seconds REAL NOT NULL, error TEXT);
+    attempt INTEGER NOT NULL, steps INTEGER, started REAL NOT NULL, seconds REAL NOT NULL, error TEXT,
+    stack TEXT);
 CREATE TABLE event (
     session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
 """
@@ -73,7 +74,9 @@ def reopen(file: Path) -> sqlite3.Connection:
                 if line != "ok":
                     raise InputError(f"{file}: is damaged: {line}")
             connection.execute("BEGIN IMMEDIATE")
-            connection.execute("ROLLBACK")
+            if "stack" not in {name for _, name, *_ in connection.execute("PRAGMA table_info(attempt)")}:
+                connection.execute("ALTER TABLE attempt ADD COLUMN stack TEXT")
+            connection.execute("COMMIT")
         except BaseException:
             connection.close()
             raise

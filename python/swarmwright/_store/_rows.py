@@ -76,6 +76,8 @@ class Attempt:
     seconds: float
     error: str | None
     """Why it failed, if it did."""
+    stack: str | None = None
+    """Where in the simulation's code, where that is known: the first attempt with this error has it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,4 +108,5 @@ def attempt_row(session: int, generation: int, entry: dict[str, Any]) -> tuple[A
         entry["started"],
         entry["seconds"],
         entry.get("error"),
+        entry.get("stack"),
     )

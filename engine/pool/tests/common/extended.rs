@@ -162,6 +162,7 @@ impl Extended {
                         candidate: candidate as u64,
                         episode: episode as u64,
                         reason: "a wheel came off".to_owned(),
+                        stack: None,
                     });
                     continue;
                 }

@@ -198,6 +198,19 @@ pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -
     tool_that_measures(&[], mode, name, first_instance, now)
 }
 
+/// A tool with something different.
+pub fn tool_with(
+    mode: Mode,
+    name: &str,
+    first_instance: u64,
+    now: Instant,
+    change: impl FnOnce(&mut Config),
+) -> PoolMachine {
+    let mut config = config(&[], mode, name, first_instance);
+    change(&mut config);
+    PoolMachine::new(config, now)
+}
+
 /// A tool that needs these metrics of every episode.
 pub fn tool_that_measures(
     metrics: &[&str],
@@ -206,35 +219,36 @@ pub fn tool_that_measures(
     first_instance: u64,
     now: Instant,
 ) -> PoolMachine {
+    PoolMachine::new(config(metrics, mode, name, first_instance), now)
+}
+
+fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Config {
     let mut parameters = Map::new();
     parameters.insert("numAgents".into(), 5.into());
-    PoolMachine::new(
-        Config {
-            demand: Demand {
-                simulation: "line".into(),
-                requirements: Requirements {
-                    dimensions: 2.0,
-                    max_agents: Some(5.0),
-                },
-                sensors: Some(2),
-                actuators: Some(1),
-                mode,
-                kind: None,
-                metrics: metrics.iter().map(ToString::to_string).collect(),
+    Config {
+        demand: Demand {
+            simulation: "line".into(),
+            requirements: Requirements {
+                dimensions: 2.0,
+                max_agents: Some(5.0),
             },
-            parameters,
-            tool: name.into(),
-            token: name.into(),
-            topics: Topics::default(),
-            visual: false,
-            step_timeout: Duration::from_secs(10),
-            attempts: 3,
-            largest: usize::MAX,
-            probation: Duration::from_millis(30),
-            first_instance,
+            sensors: Some(2),
+            actuators: Some(1),
+            mode,
+            kind: None,
+            metrics: metrics.iter().map(ToString::to_string).collect(),
         },
-        now,
-    )
+        parameters,
+        tool: name.into(),
+        token: name.into(),
+        topics: Topics::default(),
+        visual: false,
+        step_timeout: Duration::from_secs(10),
+        attempts: 3,
+        largest: usize::MAX,
+        probation: Duration::from_millis(30),
+        first_instance,
+    }
 }
 
 pub fn server(id: u64, simulation: Line) -> ServerMachine {

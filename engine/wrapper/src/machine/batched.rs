@@ -145,7 +145,7 @@ impl Machine {
         }
         self.actions.push(Action::Reply {
             topic,
-            request,
+            request: Some(request),
             payload,
         });
     }

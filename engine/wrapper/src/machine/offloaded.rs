@@ -312,7 +312,7 @@ impl Machine {
         }
         self.actions.push(Action::Reply {
             topic,
-            request,
+            request: Some(request),
             payload,
         });
     }

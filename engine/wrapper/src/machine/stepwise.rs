@@ -2,10 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Actuator, Control, MAX_PAYLOAD, Topic};
+use swarmwright_protocol::{
+    Actuator, Control, EXTENSION_VERSION, Failed, MAX_PAYLOAD, MOST_REASON, ToTool, Topic,
+    shortened,
+};
+use swarmwright_worlds::Failure;
 
-use super::{Action, Machine, Offer, State, asker};
-use crate::run::{Outcome, Run};
+use super::{Action, Machine, Offer, PATIENCE, State, asker};
+use crate::run::{NoStart, Outcome, Run};
 
 impl Machine {
     pub(super) fn control(&mut self, control: Control, now: Instant) {
@@ -67,14 +71,9 @@ impl Machine {
         else {
             return;
         };
-        let template = Run::template(
-            hash,
-            description.title.clone(),
-            control.tool,
-            control.visual,
-            index,
-            now,
-        );
+        let (tool, reply) = (control.tool.clone(), control.reply.clone());
+        let title = description.title.clone();
+        let template = Run::template(hash.clone(), title, index, control, now);
         match Run::start(&mut **simulation, &parameters, template) {
             Ok(run) => {
                 self.enter(State::Running(Box::new(run)), now);
@@ -83,11 +82,47 @@ impl Machine {
                     self.sense(now);
                 }
             }
-            Err(reason) => {
-                self.warn(format!("cannot start the run: {reason}"));
-                self.enter(State::Free, now);
+            Err(no_start) => {
+                let (failure, invalid) = match no_start {
+                    NoStart::Refused(error) => {
+                        let reason = shortened(error.to_string(), MOST_REASON);
+                        (Failure::from(reason), true)
+                    }
+                    NoStart::Failed(failure) => (failure, false),
+                };
+                self.warn(format!("cannot start the run: {failure}"));
+                self.report(reply, hash, failure, invalid);
+                let until = now + PATIENCE;
+                let held = |tool| State::Held { tool, until };
+                self.enter(tool.map_or(State::Free, held), now);
             }
         }
+    }
+
+    /// Tells the tool that an episode has ended without fitness, if it said where.
+    pub(super) fn report(
+        &mut self,
+        reply: Option<String>,
+        simulation_hash: String,
+        failure: Failure,
+        invalid: bool,
+    ) {
+        let Some(topic) = reply.filter(|reply| self.can_reply(reply)) else {
+            return;
+        };
+        let message = ToTool::Failed(Failed {
+            version: EXTENSION_VERSION,
+            server: self.identity.id,
+            simulation_hash,
+            reason: failure.reason,
+            stack: failure.stack,
+            invalid,
+        });
+        self.actions.push(Action::Reply {
+            topic,
+            request: None,
+            payload: message.encode(),
+        });
     }
 
     /// Which simulation a control message means: the one it names, the one its discovery named, or the only one.
@@ -168,8 +203,12 @@ impl Machine {
                     .push(Action::Publish(Topic::Fitness, fitness.encode()));
                 self.leave(now);
             }
-            Outcome::Failed(reason) => {
-                self.warn(reason);
+            Outcome::Failed(failure) => {
+                self.warn(failure.reason.clone());
+                if let State::Running(run) = &self.state {
+                    let (reply, hash) = (run.reply.clone(), run.hash.clone());
+                    self.report(reply, hash, failure, false);
+                }
                 self.leave(now);
             }
         }

@@ -10,7 +10,7 @@ use swarmwright_protocol::{
     Message, ToServer, ToTool, Topic, Topics, U64s,
 };
 use swarmwright_worlds::{
-    Description, Means, MetricInfo, ParameterError, Parameters, Simulation, fail,
+    Description, Failure, Means, MetricInfo, ParameterError, Parameters, Simulation, fail,
 };
 use swarmwright_wrapper::{Action, Identity, Job, Machine, Notice};
 
@@ -107,7 +107,10 @@ impl Simulation for Walk {
     fn step(&mut self, actuators: &[f32]) {
         assert!(!self.is_in("panic"), "a wall came down");
         if self.is_in("fail") {
-            fail("no way on".to_owned());
+            fail(Failure {
+                reason: "no way on".to_owned(),
+                stack: Some("step\nwall".to_owned()),
+            });
         }
         for (agent, actuator) in self.acting.iter().zip(actuators) {
             self.sum = self.sum * 1.1 + f64::from(*actuator) * f64::from(agent + 1);
@@ -277,7 +280,7 @@ impl Server {
             .drain(..)
             .map(|(_, message)| match message {
                 ToTool::Evaluated(message) => message,
-                ToTool::Sensors(message) => panic!("{message:?}"),
+                other => panic!("{other:?}"),
             })
             .collect()
     }
@@ -288,7 +291,7 @@ impl Server {
             .drain(..)
             .map(|(_, message)| match message {
                 ToTool::Sensors(message) => message,
-                ToTool::Evaluated(message) => panic!("{message:?}"),
+                other => panic!("{other:?}"),
             })
             .collect()
     }
@@ -317,10 +320,11 @@ impl Server {
     }
 }
 
-fn number(message: &ToTool) -> u64 {
+fn number(message: &ToTool) -> Option<u64> {
     match message {
-        ToTool::Evaluated(message) => message.request,
-        ToTool::Sensors(message) => message.request,
+        ToTool::Evaluated(message) => Some(message.request),
+        ToTool::Sensors(message) => Some(message.request),
+        ToTool::Failed(_) => None,
     }
 }
 

@@ -79,6 +79,28 @@ public final class Answers {
         });
   }
 
+  /** Why a stepwise episode has ended without fitness (protocol/schemas/failed.schema.json). */
+  public static byte[] failed(Failed message) {
+    return pack(
+        packer -> {
+          packer.packMapHeader(5 + one(message.stack != null) + one(message.invalid));
+          packer.packString("kind").packString("failed").packString("version").packInt(1);
+          packer.packString("server").packLong(message.server);
+          packer.packString("simulation_hash").packString(message.simulationHash);
+          packer.packString("reason").packString(message.reason);
+          stack(packer, message.stack);
+          if (message.invalid) {
+            packer.packString("invalid").packBoolean(true);
+          }
+        });
+  }
+
+  private static void stack(MessagePacker packer, String stack) throws IOException {
+    if (stack != null) {
+      packer.packString("stack").packString(stack);
+    }
+  }
+
   private interface Content {
     void pack(MessagePacker packer) throws IOException;
   }
@@ -113,12 +135,14 @@ public final class Answers {
     if (!failed.isEmpty()) {
       packer.packString("failed").packArrayHeader(failed.size());
       for (Failure failure : failed) {
-        packer.packMapHeader(3).packString("candidate").packLong(failure.candidate);
+        packer.packMapHeader(3 + one(failure.stack != null));
+        packer.packString("candidate").packLong(failure.candidate);
         packer
             .packString("episode")
             .packLong(failure.episode)
             .packString("reason")
             .packString(failure.reason);
+        stack(packer, failure.stack);
       }
     }
     if (error != null) {

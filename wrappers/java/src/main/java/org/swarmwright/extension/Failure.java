@@ -11,10 +11,14 @@ public final class Failure {
   /** What went wrong, for people. */
   public final String reason;
 
+  /** Where in the simulation's code; null where that is not known. */
+  public final String stack;
+
   /** One episode that failed. */
-  public Failure(long candidate, long episode, String reason) {
+  public Failure(long candidate, long episode, String reason, String stack) {
     this.candidate = candidate;
     this.episode = episode;
     this.reason = reason;
+    this.stack = stack;
   }
 }

@@ -93,7 +93,8 @@ public final class Messages {
         .withSimulationHash(fields.text("simulation_hash"))
         .withRun(run == null || run)
         .withVisual(visual != null && visual)
-        .withTool(fields.lenient(() -> fields.optionalText("tool")));
+        .withTool(fields.lenient(() -> fields.optionalText("tool")))
+        .withReply(fields.lenient(() -> fields.optionalText("reply")));
   }
 
   /**

@@ -72,7 +72,7 @@ final class Batch {
 
   private void fail(int episode, Guard.Broken broken, List<Failure> list) {
     rows[episode] = ENDED;
-    list.add(new Failure(0, episode, broken.getMessage()));
+    Replies.addFailure(list, 0, episode, broken);
   }
 
   /**

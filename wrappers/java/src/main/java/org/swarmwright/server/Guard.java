@@ -7,21 +7,31 @@ import org.swarmwright.Simulation;
 
 /** The simulation's code, called so that it cannot end the server. */
 final class Guard {
-  private static final int MOST_FRAMES = 16;
-  private static final int MOST_CHARACTERS = 4000;
+  private static final int MOST_FRAMES = 32;
+  private static final int MOST_REASON = 2000;
+  private static final int MOST_STACK = 8000;
 
   private Guard() {}
 
-  /** What the simulation threw, with message and stack. */
+  /** Why an episode is broken; the message says in which line, where that is known. */
   static final class Broken extends Exception {
     private static final long serialVersionUID = 1L;
 
+    /** What the simulation threw, with the frames of its code; null if it threw nothing. */
+    final String stack;
+
     Broken(String reason) {
       super(reason, null, false, false);
+      stack = null;
     }
 
     Broken(Throwable cause) {
-      this("the simulation threw " + describe(cause));
+      super(
+          shortened("the simulation threw " + cause + place(cause), MOST_REASON),
+          null,
+          false,
+          false);
+      stack = shortened(describe(cause), MOST_STACK);
     }
   }
 
@@ -117,9 +127,27 @@ final class Guard {
       text.append("\nCaused by: ").append(cause);
       append(text, cause.getStackTrace());
     }
-    return text.length() <= MOST_CHARACTERS
-        ? text.toString()
-        : text.substring(0, MOST_CHARACTERS) + "...";
+    return text.toString();
+  }
+
+  /** The first line outside of Java's own library, which is the one to look at. */
+  private static String place(Throwable error) {
+    for (StackTraceElement frame : error.getStackTrace()) {
+      String name = frame.getClassName();
+      boolean library = name.startsWith("java.") || name.startsWith("jdk.");
+      if (!library && frame.getFileName() != null) {
+        return " (" + frame.getFileName() + ":" + frame.getLineNumber() + ")";
+      }
+    }
+    return "";
+  }
+
+  /** A text of at most as many characters; a cut is marked. */
+  static String shortened(String text, int most) {
+    if (text.codePointCount(0, text.length()) <= most) {
+      return text;
+    }
+    return text.substring(0, text.offsetByCodePoints(0, most - 3)) + "...";
   }
 
   private static void append(StringBuilder text, StackTraceElement[] stack) {

@@ -260,7 +260,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   }
 
   @Override
-  public void reply(String topic, long request, byte[] payload) {
+  public void reply(String topic, Long request, byte[] payload) {
     link.reply(topics.under(topic), request, payload);
   }
 

@@ -100,7 +100,7 @@ final class Job implements Runnable {
           rollout.run(new ParameterReader(merged(parameters[episode], first)), first);
           note(candidate * episodes + episode, Guard.results(simulation, request.metrics));
         } catch (Guard.Broken broken) {
-          failed.add(new Failure(candidate, episode, broken.getMessage()));
+          Replies.addFailure(failed, candidate, episode, broken);
         }
       }
     }

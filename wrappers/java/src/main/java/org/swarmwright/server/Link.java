@@ -109,11 +109,13 @@ final class Link {
     send(topic, new MqttMessage(payload, 1, true, null));
   }
 
-  /** Publishes the answer to a request, QoS 0. */
-  void reply(String topic, long request, byte[] payload) {
+  /** Publishes the answer to a request, or to none: null; QoS 0. */
+  void reply(String topic, Long request, byte[] payload) {
     MqttProperties properties = new MqttProperties();
     properties.setContentType("application/msgpack");
-    properties.setCorrelationData(ByteBuffer.allocate(Long.BYTES).putLong(request).array());
+    if (request != null) {
+      properties.setCorrelationData(ByteBuffer.allocate(Long.BYTES).putLong(request).array());
+    }
     send(topic, new MqttMessage(payload, 0, false, properties));
   }
 

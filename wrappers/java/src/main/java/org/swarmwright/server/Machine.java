@@ -161,20 +161,24 @@ final class Machine extends Requests {
       return;
     }
     try {
-      Run started =
-          new Run(
-              offer.first(),
-              values,
-              control.getSimulationHash(),
-              control.getTool(),
-              control.getVisual());
+      Run started = new Run(offer.first(), values, control);
       enter(State.RUNNING, now);
       run = started;
       proceed(now);
-    } catch (Guard.Broken | IllegalArgumentException error) {
-      outbox.notice("warning: cannot start the run: " + error.getMessage());
-      enter(State.FREE, now);
+    } catch (Guard.Broken broken) {
+      cannotStart(control, broken.getMessage(), broken.stack, false, now);
+    } catch (IllegalArgumentException error) {
+      cannotStart(control, String.valueOf(error.getMessage()), null, true, now);
     }
+  }
+
+  private void cannotStart(
+      Control control, String reason, String stack, boolean invalid, long now) {
+    outbox.notice("warning: cannot start the run: " + reason);
+    replies.failed(control.getReply(), control.getSimulationHash(), reason, stack, invalid);
+    enter(control.getTool() == null ? State.FREE : State.HELD, now);
+    holder = control.getTool();
+    until = now + PATIENCE;
   }
 
   private void end(Control control, long now) {
@@ -255,9 +259,10 @@ final class Machine extends Requests {
     }
   }
 
-  /** D6.1 has no message for it: the tool misses the fitness, the operator reads why. */
+  /** D6.1 has no message for it: a tool that does not say where to report it misses the fitness. */
   private void fail(Guard.Broken broken, long now) {
     outbox.notice("warning: " + broken.getMessage());
+    replies.failed(run.reply, run.hash, broken.getMessage(), broken.stack, false);
     leave(now);
   }
 
@@ -314,8 +319,9 @@ final class Machine extends Requests {
         }
       }
     } else if (now - run.waitingSince >= stepTimeout) {
-      outbox.notice(
-          "warning: " + run.waitingFor(now) + "; the run is given up, the server is free again");
+      String words = run.waitingFor(now);
+      outbox.notice("warning: " + words + "; the run is given up, the server is free again");
+      replies.failed(run.reply, run.hash, words, null, false);
       enter(State.FREE, now);
     } else if (!run.told && now - run.waitingSince >= TELL_AFTER) {
       run.told = true;

@@ -10,8 +10,8 @@ interface Outbox {
   /** Publishes the server's presence, retained. */
   void presence(byte[] payload);
 
-  /** Publishes the answer to a request; {@code topic} is without prefix. */
-  void reply(String topic, long request, byte[] payload);
+  /** Publishes the answer to a request, or to none: null; {@code topic} is without prefix. */
+  void reply(String topic, Long request, byte[] payload);
 
   /** Computes, in a thread of its own, and gives the job to {@link Machine#finished}. */
   void evaluate(Job job);

@@ -11,6 +11,8 @@ import org.swarmwright.extension.Answers;
 import org.swarmwright.extension.BatchSensors;
 import org.swarmwright.extension.BatchStart;
 import org.swarmwright.extension.Evaluate;
+import org.swarmwright.extension.Failed;
+import org.swarmwright.extension.Failure;
 import org.swarmwright.extension.MapReader;
 import org.swarmwright.extension.Refusal;
 import org.swarmwright.extension.Request;
@@ -24,6 +26,9 @@ final class Replies {
    * reasons.
    */
   private static final long MOST_NUMBERS = MapReader.MAX_BLOCK / 8;
+
+  /** Stacks in a message, at most. */
+  private static final int MOST_STACKS = 16;
 
   private static final double LONGEST_LEASE = 1e6;
   private static final Pattern REPLY =
@@ -145,6 +150,28 @@ final class Replies {
 
   private static Refusal invalid(String reason) {
     return new Refusal(Refusal.Kind.INVALID, reason);
+  }
+
+  /**
+   * Adds a failure to those of a message. Its stack is left out where one with the same reason has
+   * it: many candidates often fail in one line.
+   */
+  static void addFailure(List<Failure> failed, long candidate, long episode, Guard.Broken broken) {
+    String reason = broken.getMessage();
+    boolean news =
+        broken.stack != null
+            && failed.stream().filter(other -> other.stack != null).limit(MOST_STACKS).count()
+                < MOST_STACKS
+            && failed.stream()
+                .noneMatch(other -> other.stack != null && other.reason.equals(reason));
+    failed.add(new Failure(candidate, episode, reason, news ? broken.stack : null));
+  }
+
+  /** Tells a tool that an episode has ended without fitness, if it said where. */
+  void failed(String reply, String hash, String reason, String stack, boolean invalid) {
+    if (reply != null && canReply(reply)) {
+      outbox.reply(reply, null, Answers.failed(new Failed(server, hash, reason, stack, invalid)));
+    }
   }
 
   void send(Job job) {

@@ -14,6 +14,7 @@ import java.util.stream.IntStream;
 import org.swarmwright.ParameterReader;
 import org.swarmwright.Simulation;
 import org.swarmwright.messages.Actuator;
+import org.swarmwright.messages.Control;
 import org.swarmwright.messages.Decimals;
 import org.swarmwright.messages.Fitness;
 import org.swarmwright.messages.MessageException;
@@ -24,6 +25,10 @@ import org.swarmwright.messages.MessageException;
 final class Run {
   final String hash;
   final String tool;
+
+  /** Topic, without prefix, on which the tool wants to hear that the episode failed; else null. */
+  final String reply;
+
   final boolean visual;
 
   /** When the step under way began to wait for actuators. */
@@ -48,12 +53,12 @@ final class Run {
   private float[] actuators = {};
 
   /** At the start: the simulation is reset. */
-  Run(Simulation simulation, JsonObject parameters, String hash, String tool, boolean visual)
-      throws Guard.Broken {
+  Run(Simulation simulation, JsonObject parameters, Control control) throws Guard.Broken {
     this.simulation = simulation;
-    this.hash = hash;
-    this.tool = tool;
-    this.visual = visual;
+    hash = control.getSimulationHash();
+    tool = control.getTool();
+    reply = control.getReply();
+    visual = control.getVisual();
     Guard.reset(simulation, new ParameterReader(parameters));
     String title = new JsonPrimitive(simulation.description().title()).toString();
     String text = new JsonPrimitive(hash).toString();

@@ -134,7 +134,7 @@ class ExtensionTest {
         canonical.add(vector);
       }
     }
-    assertTrue(canonical.size() >= 8, "vectors are missing");
+    assertTrue(canonical.size() >= 14, "vectors are missing");
     return canonical.stream()
         .map(
             vector ->
@@ -145,7 +145,23 @@ class ExtensionTest {
   private static void checkAnswer(JsonObject vector) {
     JsonObject reading = vector.getAsJsonObject("reading");
     boolean evaluated = reading.get("kind").getAsString().equals("evaluated");
-    assertArrayEquals(Vectors.payload(vector), evaluated ? evaluated(reading) : sensors(reading));
+    boolean failed = reading.get("kind").getAsString().equals("failed");
+    byte[] written = evaluated ? evaluated(reading) : failed ? failed(reading) : sensors(reading);
+    assertArrayEquals(Vectors.payload(vector), written);
+  }
+
+  private static byte[] failed(JsonObject reading) {
+    return Answers.failed(
+        new Failed(
+            bits(reading, "server"),
+            reading.get("simulation_hash").getAsString(),
+            reading.get("reason").getAsString(),
+            stack(reading),
+            reading.get("invalid").getAsBoolean()));
+  }
+
+  private static String stack(JsonObject reading) {
+    return reading.get("stack").isJsonNull() ? null : reading.get("stack").getAsString();
   }
 
   private static byte[] evaluated(JsonObject reading) {
@@ -211,7 +227,8 @@ class ExtensionTest {
           new Failure(
               bits(failure, "candidate"),
               bits(failure, "episode"),
-              failure.get("reason").getAsString()));
+              failure.get("reason").getAsString(),
+              stack(failure)));
     }
     return failures;
   }

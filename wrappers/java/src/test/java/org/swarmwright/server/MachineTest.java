@@ -42,7 +42,7 @@ class MachineTest {
     }
 
     @Override
-    public void reply(String topic, long request, byte[] payload) {
+    public void reply(String topic, Long request, byte[] payload) {
       assertEquals("swarmwright/v1/tool/t", topic);
       try {
         replies.add(MessagePack.newDefaultUnpacker(payload).unpackValue().asMapValue());
@@ -236,6 +236,43 @@ class MachineTest {
         "fitness {\"simulation_hash\":\"h\",\"simulation\":\"walk\",\"fitness\":3.5,"
             + "\"metrics\":{\"half\":1.75}}",
         out.published.get(out.published.size() - 1));
+    assertTrue(isFree(""));
+  }
+
+  private void startAndStep(String hash, String parameters, String control) {
+    say("parameters", "'server': 7, 'simulation_hash': '" + hash + "'" + parameters);
+    say("control", "'server': 7, 'simulation_hash': '" + hash + "'" + control);
+    say("actuator", "'simulation_hash': '" + hash + "', 'agent': 0, 'actuator': [0]");
+    say("actuator", "'simulation_hash': '" + hash + "', 'agent': 0, 'actuator': [0]");
+  }
+
+  @Test
+  void anEpisodeThatFailsIsReportedAndTheNextOneIsSound() {
+    String control = ", 'tool': 'ada', 'reply': 'swarmwright/v1/tool/t'";
+    startAndStep("h", ", 'seed': 13", control);
+    assertEquals("failed", out.last("kind").toString().replace("\"", ""));
+    assertEquals("h", out.last("simulation_hash").toString().replace("\"", ""));
+    String reason = out.last("reason").toString();
+    assertTrue(
+        reason.matches(".*UnsupportedOperationException: no thirteen \\(Walk.java:\\d+\\).*"),
+        reason);
+    String stack = out.last("stack").toString();
+    assertTrue(stack.contains("org.swarmwright.Walk.step"), stack);
+    assertTrue(!stack.contains("swarmwright.server."), stack);
+    assertTrue(!isFree(", 'tool': 'bob'") && isFree(", 'tool': 'ada'"), "held for ada");
+    startAndStep("i", ", 'seed': 1", control);
+    assertTrue(out.published.get(out.published.size() - 1).startsWith("fitness "));
+    assertEquals(1, out.replies.size());
+  }
+
+  @Test
+  void whatIsRefusedAtTheStartIsReportedToThoseWhoSayWhere() {
+    startAndStep("h", ", 'start': 'far'", ", 'reply': 'swarmwright/v1/tool/t'");
+    assertTrue(out.last("reason").toString().contains("parameter start"));
+    assertEquals("true", out.last("invalid").toString());
+    startAndStep("i", ", 'start': 'far'", ", 'reply': 'fitness'");
+    startAndStep("j", ", 'seed': 13", "");
+    assertEquals(1, out.replies.size());
     assertTrue(isFree(""));
   }
 
