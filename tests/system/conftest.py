@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tests.cpp import CppServer
 from tests.java import JavaServer
 from tests.system.brokers import KINDS, BrokerProcess, Kind
 from tests.system.peer import Peer
@@ -14,6 +15,7 @@ from tests.system.processes import Program, Servers
 
 Serve = Callable[..., Servers]
 ServeJava = Callable[..., JavaServer]
+ServeCpp = Callable[..., CppServer]
 Launch = Callable[..., Program]
 Experiment = Callable[..., Path]
 
@@ -66,6 +68,18 @@ def serve_java(tmp_path: Path, cleanup: ExitStack) -> ServeJava:
 
     def start(url: str, *options: str, **more: Any) -> JavaServer:
         server = JavaServer(url, *options, cwd=tmp_path, **more)
+        cleanup.callback(server.stop)
+        return server
+
+    return start
+
+
+@pytest.fixture
+def serve_cpp(tmp_path: Path, cleanup: ExitStack) -> ServeCpp:
+    """Starts an example server of the C++ wrapper."""
+
+    def start(url: str, *options: str, **more: Any) -> CppServer:
+        server = CppServer(url, *options, cwd=tmp_path, **more)
         cleanup.callback(server.stop)
         return server
 

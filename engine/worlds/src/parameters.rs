@@ -36,6 +36,17 @@ fn single(value: &Value) -> Option<f32> {
     value.as_f64().map(|n| n as f32).filter(|n| n.is_finite())
 }
 
+/// The numbers that are expected, in words.
+fn within<T: Into<f64> + std::fmt::Display>(low: T, high: T) -> String {
+    let text = [low.to_string(), high.to_string()];
+    match (low.into().is_finite(), high.into().is_finite()) {
+        (true, true) => format!("a number from {} to {}", text[0], text[1]),
+        (true, false) => format!("a finite number of at least {}", text[0]),
+        (false, true) => format!("a finite number of at most {}", text[1]),
+        (false, false) => "a finite number".to_owned(),
+    }
+}
+
 /// A whole number, 13.0 included.
 fn whole(value: &Value) -> Option<i128> {
     let integer = value
@@ -80,6 +91,102 @@ impl<'a> ParameterReader<'a> {
         }
     }
 
+    /// A whole number in `low..=high`, for those beyond [`integer`](Self::integer).
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn whole(self, name: &str, low: i64, high: i64) -> Result<Option<i64>, ParameterError> {
+        let Some(value) = self.get(name) else {
+            return Ok(None);
+        };
+        whole(value)
+            .and_then(|n| i64::try_from(n).ok())
+            .filter(|n| (low..=high).contains(n))
+            .map(Some)
+            .ok_or_else(|| mismatch(name, value, &format!("a whole number from {low} to {high}")))
+    }
+
+    /// A finite number in `low..=high`; an infinite bound is none.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn number(self, name: &str, low: f64, high: f64) -> Result<Option<f64>, ParameterError> {
+        let Some(value) = self.get(name) else {
+            return Ok(None);
+        };
+        value
+            .as_f64()
+            .filter(|n| n.is_finite() && (low..=high).contains(n))
+            .map(Some)
+            .ok_or_else(|| mismatch(name, value, &within(low, high)))
+    }
+
+    /// A finite number in `low..=high` once it is rounded to binary32; an infinite bound is none.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn single(self, name: &str, low: f32, high: f32) -> Result<Option<f32>, ParameterError> {
+        let Some(value) = self.get(name) else {
+            return Ok(None);
+        };
+        single(value)
+            .filter(|n| (low..=high).contains(n))
+            .map(Some)
+            .ok_or_else(|| mismatch(name, value, &within(low, high)))
+    }
+
+    /// A list of `least..=most` finite numbers, each in `low..=high`; an infinite bound is none.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn numbers(
+        self,
+        name: &str,
+        count: std::ops::RangeInclusive<usize>,
+        low: f64,
+        high: f64,
+    ) -> Result<Option<Vec<f64>>, ParameterError> {
+        let Some(value) = self.get(name) else {
+            return Ok(None);
+        };
+        let Some(items) = value.as_array() else {
+            return Err(mismatch(name, value, "a list of numbers"));
+        };
+        if !count.contains(&items.len()) {
+            let (least, most) = count.into_inner();
+            let expected = match (least, most) {
+                (least, most) if least == most => least.to_string(),
+                (least, usize::MAX) => format!("at least {least}"),
+                (0, most) => format!("at most {most}"),
+                (least, most) => format!("{least} to {most}"),
+            };
+            return Err(wrong(
+                name,
+                format!("{} numbers found, expected {expected}", items.len()),
+            ));
+        }
+        let each = items.iter().enumerate().map(|(i, item)| {
+            item.as_f64()
+                .filter(|n| n.is_finite() && (low..=high).contains(n))
+                .ok_or_else(|| mismatch(&format!("{name}[{i}]"), item, &within(low, high)))
+        });
+        each.collect::<Result<_, _>>().map(Some)
+    }
+
+    /// True or false.
+    ///
+    /// # Errors
+    /// Anything else, 0 and 1 included.
+    pub fn flag(self, name: &str) -> Result<Option<bool>, ParameterError> {
+        let Some(value) = self.get(name) else {
+            return Ok(None);
+        };
+        value
+            .as_bool()
+            .map(Some)
+            .ok_or_else(|| mismatch(name, value, "true or false"))
+    }
+
     /// A seed: any whole number of 64 bits; a negative one stands for its two's complement.
     ///
     /// # Errors
@@ -103,13 +210,7 @@ impl<'a> ParameterReader<'a> {
     /// # Errors
     /// Anything else.
     pub fn not_negative(self, name: &str) -> Result<Option<f32>, ParameterError> {
-        let Some(value) = self.get(name) else {
-            return Ok(None);
-        };
-        match single(value).filter(|n| *n >= 0.0) {
-            Some(number) => Ok(Some(number)),
-            None => Err(mismatch(name, value, "a finite number of at least 0")),
-        }
+        self.single(name, 0.0, f32::INFINITY)
     }
 
     /// A string.

@@ -18,6 +18,8 @@ use crate::machine::{Action, Machine, Notice};
 const LOST_EXPIRY: u32 = 3600;
 /// For how long a server that starts listens for another with its id.
 const LISTEN: Duration = Duration::from_millis(100);
+/// How often a server that runs asks whether it is to go on.
+const ASKED_EVERY: Duration = Duration::from_millis(100);
 
 /// Shows a frame of a run.
 pub type FrameHandler = Box<dyn FnMut(&Scene) + Send>;
@@ -100,6 +102,8 @@ pub struct SimulationServer {
     evaluator: Evaluator,
     /// A job whose turn has not come.
     pending: Option<Job>,
+    /// Whether it was said that the server is ready.
+    ready: bool,
 }
 
 impl SimulationServer {
@@ -163,6 +167,7 @@ impl SimulationServer {
             machine,
             evaluator: Evaluator::new(options.threads, connection.waker()),
             pending: None,
+            ready: false,
             connection,
             topics,
             id: options.id,
@@ -175,24 +180,28 @@ impl SimulationServer {
 
     /// Serves until `keep_going`, asked at least every 0.1 s, says no; then leaves the broker in good order.
     pub fn run(mut self, mut on_notice: impl FnMut(&Notice), mut keep_going: impl FnMut() -> bool) {
-        on_notice(&Notice::Ready);
         let mut asked = Instant::now();
         loop {
             let now = Instant::now();
-            if now.duration_since(asked) >= Duration::from_millis(100) {
+            if now.duration_since(asked) >= ASKED_EVERY {
                 asked = now;
                 if !keep_going() {
                     break;
                 }
             }
-            let until = self
-                .machine
-                .next_tick()
-                .map_or(asked + Duration::from_millis(100), |at| {
-                    at.min(asked + Duration::from_millis(100))
-                });
-            self.poll(until, &mut on_notice);
+            self.poll_until(asked + ASKED_EVERY, &mut on_notice);
         }
+        self.close();
+    }
+
+    /// One turn, for those who have a loop of their own: waits at most `patience` for something to happen, and does what
+    /// is due. A server that is not polled does not answer.
+    pub fn poll(&mut self, patience: Duration, mut on_notice: impl FnMut(&Notice)) {
+        self.poll_until(Instant::now() + patience, &mut on_notice);
+    }
+
+    /// Gives up what is under way and leaves the broker in good order.
+    pub fn close(mut self) {
         self.machine.free(Instant::now());
         self.connection.publish(
             &self.topics.presence(self.id),
@@ -204,11 +213,14 @@ impl SimulationServer {
         self.connection.close(Duration::from_secs(1));
     }
 
-    fn poll(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
+    fn poll_until(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
+        if !std::mem::replace(&mut self.ready, true) {
+            on_notice(&Notice::Ready);
+        }
         let until = if self.pending.is_some() {
             Instant::now()
         } else {
-            until
+            self.machine.next_tick().map_or(until, |at| at.min(until))
         };
         self.connection.poll(until, &mut self.events);
         let now = Instant::now();

@@ -1,0 +1,240 @@
+//! The caller's functions.
+
+use std::ffi::c_void;
+use std::ptr::{null, null_mut};
+use std::slice;
+use std::sync::Arc;
+
+use swarmwright_worlds::Description;
+
+use crate::error::{OK, Trouble, forget, from_callback};
+use crate::input::{self, Structure};
+use crate::live::{Live, inside};
+use crate::parameters::Given;
+
+type Create = unsafe extern "C" fn(context: *mut c_void, simulation: *mut *mut c_void) -> i32;
+type Destroy = unsafe extern "C" fn(simulation: *mut c_void);
+type Reset = unsafe extern "C" fn(*mut c_void, parameters: *const Given<'_>, seed: u64) -> i32;
+type Acting = unsafe extern "C" fn(*mut c_void, agents: *mut *const u32, count: *mut usize) -> i32;
+type IsDone = unsafe extern "C" fn(*mut c_void, done: *mut bool) -> i32;
+type Sense = unsafe extern "C" fn(*mut c_void, agent: u32, sensors: *mut f32) -> i32;
+type Step = unsafe extern "C" fn(*mut c_void, actuators: *const f32, count: usize) -> i32;
+type Fitness = unsafe extern "C" fn(*mut c_void, fitness: *mut f64) -> i32;
+type Metrics = unsafe extern "C" fn(*mut c_void, metrics: *mut f64) -> i32;
+type Show = unsafe extern "C" fn(*mut c_void, milliseconds: *mut u32) -> i32;
+
+/// `swarmwright_simulation`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct RawSimulation {
+    size: usize,
+    context: *mut c_void,
+    only_one: u32,
+    create: Option<Create>,
+    destroy: Option<Destroy>,
+    reset: Option<Reset>,
+    acting: Option<Acting>,
+    done: Option<IsDone>,
+    sense: Option<Sense>,
+    step: Option<Step>,
+    fitness: Option<Fitness>,
+    metrics: Option<Metrics>,
+    show: Option<Show>,
+}
+
+// SAFETY: as `Structure` asks.
+unsafe impl Structure for RawSimulation {
+    const NAME: &'static str = "swarmwright_simulation";
+}
+
+/// The functions of a simulation, those that must be there being there.
+pub(crate) struct Table {
+    context: *mut c_void,
+    pub only_one: bool,
+    create: Create,
+    destroy: Option<Destroy>,
+    reset: Reset,
+    acting: Acting,
+    done: Option<IsDone>,
+    sense: Sense,
+    step: Step,
+    fitness: Fitness,
+    metrics: Option<Metrics>,
+    show: Option<Show>,
+    pub description: Description,
+    pub live: Live,
+}
+
+// SAFETY: the header says that the functions are called from several threads, and `create` from one at a time.
+unsafe impl Send for Table {}
+// SAFETY: as above; nothing in it changes.
+unsafe impl Sync for Table {}
+
+/// Reads a table.
+///
+/// # Errors
+/// A function that must be there is not.
+///
+/// # Safety
+/// `pointer` is null or points to a table as the header describes it, whose functions keep to the header.
+pub(crate) unsafe fn read(
+    pointer: *const RawSimulation,
+    description: Description,
+) -> Result<Arc<Table>, Trouble> {
+    // SAFETY: as the caller promises.
+    let raw = unsafe { input::structure(pointer)? };
+    let missing =
+        |name: &str| Trouble::Invalid(format!("swarmwright_simulation.{name}: a null pointer"));
+    if !description.metrics.is_empty() && raw.metrics.is_none() {
+        return Err(missing("metrics"));
+    }
+    Ok(Arc::new(Table {
+        context: raw.context,
+        only_one: raw.only_one != 0,
+        create: raw.create.ok_or_else(|| missing("create"))?,
+        destroy: raw.destroy,
+        reset: raw.reset.ok_or_else(|| missing("reset"))?,
+        acting: raw.acting.ok_or_else(|| missing("acting"))?,
+        done: raw.done,
+        sense: raw.sense.ok_or_else(|| missing("sense"))?,
+        step: raw.step.ok_or_else(|| missing("step"))?,
+        fitness: raw.fitness.ok_or_else(|| missing("fitness"))?,
+        metrics: raw.metrics,
+        show: raw.show,
+        description,
+        live: Live::default(),
+    }))
+}
+
+/// One of the caller's simulations.
+pub(crate) struct Object {
+    table: Arc<Table>,
+    pointer: *mut c_void,
+}
+
+// SAFETY: the header says that an object is called from several threads, from one at a time.
+unsafe impl Send for Object {}
+
+fn called(name: &str, call: impl FnOnce() -> i32) -> Result<(), Trouble> {
+    forget();
+    match inside(call) {
+        OK => Ok(()),
+        status => Err(from_callback(status, name)),
+    }
+}
+
+// Every `unsafe` below: the table's functions keep to the header, and none of them unwinds; the object is the one that
+// `create` made, and what is pointed to is there and as long as the header says.
+impl Object {
+    pub(crate) fn create(table: &Arc<Table>) -> Result<Self, Trouble> {
+        let mut pointer = null_mut();
+        // SAFETY: as said above.
+        called("create", || unsafe {
+            (table.create)(table.context, &raw mut pointer)
+        })?;
+        table.live.add();
+        Ok(Self {
+            table: Arc::clone(table),
+            pointer,
+        })
+    }
+
+    pub(crate) fn table(&self) -> &Arc<Table> {
+        &self.table
+    }
+
+    pub(crate) fn reset(&mut self, given: &Given<'_>, seed: u64) -> Result<(), Trouble> {
+        // SAFETY: as said above.
+        called("reset", || unsafe {
+            (self.table.reset)(self.pointer, given, seed)
+        })
+    }
+
+    /// Writes the agents that act.
+    pub(crate) fn acting(&mut self, agents: &mut Vec<u32>) -> Result<(), Trouble> {
+        let (mut first, mut count) = (null(), 0);
+        // SAFETY: as said above.
+        called("acting", || unsafe {
+            (self.table.acting)(self.pointer, &raw mut first, &raw mut count)
+        })?;
+        agents.clear();
+        if count > 0 {
+            if first.is_null() {
+                return Err(Trouble::Failed(format!(
+                    "the simulation's acting gave {count} agents at a null pointer"
+                )));
+            }
+            // SAFETY: they stay until the next call of this object.
+            agents.extend_from_slice(unsafe { slice::from_raw_parts(first, count) });
+        }
+        Ok(())
+    }
+
+    /// Whether the episode has ended; none if that is when nobody acts.
+    pub(crate) fn done(&mut self) -> Result<Option<bool>, Trouble> {
+        let Some(call) = self.table.done else {
+            return Ok(None);
+        };
+        let mut done = false;
+        // SAFETY: as said above.
+        called("done", || unsafe { call(self.pointer, &raw mut done) })?;
+        Ok(Some(done))
+    }
+
+    pub(crate) fn sense(&self, agent: u32, sensors: &mut [f32]) -> Result<(), Trouble> {
+        // SAFETY: as said above.
+        called("sense", || unsafe {
+            (self.table.sense)(self.pointer, agent, sensors.as_mut_ptr())
+        })
+    }
+
+    pub(crate) fn step(&mut self, actuators: &[f32]) -> Result<(), Trouble> {
+        // SAFETY: as said above.
+        called("step", || unsafe {
+            (self.table.step)(self.pointer, actuators.as_ptr(), actuators.len())
+        })
+    }
+
+    pub(crate) fn fitness(&self) -> Result<f64, Trouble> {
+        let mut fitness = f64::NAN;
+        // SAFETY: as said above.
+        called("fitness", || unsafe {
+            (self.table.fitness)(self.pointer, &raw mut fitness)
+        })?;
+        Ok(fitness)
+    }
+
+    pub(crate) fn metrics(&self) -> Result<Vec<f64>, Trouble> {
+        let mut metrics = vec![f64::NAN; self.table.description.metrics.len()];
+        if let (Some(call), false) = (self.table.metrics, metrics.is_empty()) {
+            // SAFETY: as said above.
+            called("metrics", || unsafe {
+                call(self.pointer, metrics.as_mut_ptr())
+            })?;
+        }
+        Ok(metrics)
+    }
+
+    /// Lets the simulation show itself; for how many milliseconds it is to be looked at, none if there is nothing to see.
+    pub(crate) fn show(&self) -> Result<Option<u32>, Trouble> {
+        let Some(call) = self.table.show else {
+            return Ok(None);
+        };
+        let mut milliseconds = 250;
+        // SAFETY: as said above.
+        called("show", || unsafe {
+            call(self.pointer, &raw mut milliseconds)
+        })?;
+        Ok(Some(milliseconds))
+    }
+}
+
+impl Drop for Object {
+    fn drop(&mut self) {
+        if let Some(destroy) = self.table.destroy {
+            // SAFETY: as said above; nobody has the object any more.
+            inside(|| unsafe { destroy(self.pointer) });
+        }
+        self.table.live.remove();
+    }
+}

@@ -1,0 +1,355 @@
+//! The parameters of an episode, read with type and range as built-in simulations read theirs.
+
+use std::cell::{OnceCell, RefCell};
+use std::ffi::{CString, c_char};
+use std::ptr::null;
+
+use serde_json::Value;
+use swarmwright_worlds::{ParameterReader, Parameters};
+
+use crate::error::{Trouble, c_text, shield, shield_or};
+use crate::input;
+
+/// `swarmwright_parameters`: what a simulation is reset with.
+pub struct Given<'a> {
+    parameters: &'a Parameters,
+    json: OnceCell<CString>,
+    /// Lists that were given out, which stay as long as this does.
+    numbers: RefCell<Vec<Box<[f64]>>>,
+    positions: RefCell<Vec<Box<[[f32; 2]]>>>,
+}
+
+impl<'a> Given<'a> {
+    pub(crate) fn new(parameters: &'a Parameters) -> Self {
+        Self {
+            parameters,
+            json: OnceCell::new(),
+            numbers: RefCell::default(),
+            positions: RefCell::default(),
+        }
+    }
+
+    fn json(&self) -> &CString {
+        self.json
+            .get_or_init(|| c_text(&Value::Object(self.parameters.clone()).to_string()))
+    }
+}
+
+/// Reads a parameter and writes it; what is absent stays as it is.
+///
+/// # Safety
+/// As `input::object`, `input::text` and `input::write` ask of `given`, `name` and `value`.
+unsafe fn read<T>(
+    given: *const Given<'_>,
+    name: *const c_char,
+    value: *mut T,
+    find: impl FnOnce(&Given<'_>, ParameterReader<'_>, &str) -> Result<Option<T>, Trouble>,
+) -> i32 {
+    shield(|| {
+        // SAFETY: as the caller promises.
+        let (given, name) = unsafe {
+            (
+                input::object("the parameters", given)?,
+                input::text("the name of a parameter", name)?,
+            )
+        };
+        match find(given, ParameterReader::new(given.parameters), name)? {
+            // SAFETY: as the caller promises.
+            Some(found) => unsafe { input::write(name, value, found) },
+            None => Ok(()),
+        }
+    })
+}
+
+/// Reads parameters from a JSON object, for tests of a simulation; to be given to `swarmwright_parameters_free`.
+///
+/// # Safety
+/// `json` is null or ends with NUL, `given` is null or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameters_new(
+    json: *const c_char,
+    given: *mut *mut Given<'static>,
+) -> i32 {
+    shield(|| {
+        // SAFETY: as the caller promises.
+        let text = unsafe { input::text("the parameters", json)? };
+        let parameters: Parameters = serde_json::from_str(text).map_err(|error| {
+            Trouble::Invalid(format!("the parameters: no JSON object: {error}"))
+        })?;
+        // Leaked here, taken back when it is freed.
+        let parameters: &'static Parameters = Box::leak(Box::new(parameters));
+        let new = Box::into_raw(Box::new(Given::new(parameters)));
+        // SAFETY: as the caller promises.
+        unsafe { input::write("where the parameters are to go", given, new) }
+    })
+}
+
+/// Frees what `swarmwright_parameters_new` made; null is nothing to do.
+///
+/// # Safety
+/// `given` is null or what that function gave, once.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameters_free(given: *mut Given<'static>) {
+    shield(|| {
+        if !given.is_null() {
+            // SAFETY: both were leaked by the function above, and nobody uses them any more.
+            unsafe {
+                let given = Box::from_raw(given);
+                let parameters: *const Parameters = given.parameters;
+                drop(given);
+                drop(Box::from_raw(parameters.cast_mut()));
+            }
+        }
+        Ok(())
+    });
+}
+
+/// The parameters as a JSON object, for what the functions below do not read.
+///
+/// # Safety
+/// `given` is null or the parameters that a callback has.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameters_json(given: *const Given<'_>) -> *const c_char {
+    shield_or(null(), || {
+        // SAFETY: as the caller promises.
+        let given = unsafe { input::object("the parameters", given)? };
+        Ok(given.json().as_ptr())
+    })
+}
+
+/// Whether the experiment sets a parameter.
+///
+/// # Safety
+/// `given` as above, `name` is null or ends with NUL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_given(
+    given: *const Given<'_>,
+    name: *const c_char,
+) -> bool {
+    shield_or(false, || {
+        // SAFETY: as the caller promises.
+        let (given, name) = unsafe {
+            (
+                input::object("the parameters", given)?,
+                input::text("the name of a parameter", name)?,
+            )
+        };
+        Ok(given.parameters.contains_key(name))
+    })
+}
+
+/// A whole number in `low..=high`.
+///
+/// # Safety
+/// `given` and `name` as above, `value` is null or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_integer(
+    given: *const Given<'_>,
+    name: *const c_char,
+    low: i64,
+    high: i64,
+    value: *mut i64,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, value, |_, from, name| {
+            Ok(from.whole(name, low, high)?)
+        })
+    }
+}
+
+/// A finite number in `low..=high`; an infinite bound is none.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_number(
+    given: *const Given<'_>,
+    name: *const c_char,
+    low: f64,
+    high: f64,
+    value: *mut f64,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, value, |_, from, name| {
+            Ok(from.number(name, low, high)?)
+        })
+    }
+}
+
+/// A finite number in `low..=high`, rounded to binary32 before it is compared; an infinite bound is none.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_single(
+    given: *const Given<'_>,
+    name: *const c_char,
+    low: f32,
+    high: f32,
+    value: *mut f32,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, value, |_, from, name| {
+            Ok(from.single(name, low, high)?)
+        })
+    }
+}
+
+/// True or false.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_flag(
+    given: *const Given<'_>,
+    name: *const c_char,
+    value: *mut bool,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe { read(given, name, value, |_, from, name| Ok(from.flag(name)?)) }
+}
+
+/// A seed: any whole number of 64 bits; a negative one stands for its two's complement.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_seed(
+    given: *const Given<'_>,
+    name: *const c_char,
+    value: *mut u64,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe { read(given, name, value, |_, from, name| Ok(from.seed(name)?)) }
+}
+
+/// A text, UTF-8 without a NUL behind it; it stays as long as the parameters do.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`, for `text` and `length`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_text(
+    given: *const Given<'_>,
+    name: *const c_char,
+    text: *mut *const c_char,
+    length: *mut usize,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, text, |_, from, name| {
+            let Some(found) = from.text(name)? else {
+                return Ok(None);
+            };
+            input::write(name, length, found.len())?;
+            Ok(Some(found.as_ptr().cast()))
+        })
+    }
+}
+
+/// One of several texts, as its index.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`; `choices` are `count` texts that end with NUL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_choice(
+    given: *const Given<'_>,
+    name: *const c_char,
+    choices: *const *const c_char,
+    count: usize,
+    index: *mut usize,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, index, |_, from, name| {
+            let choices = input::items(name, choices, count)?;
+            let texts: Vec<&str> = choices
+                .iter()
+                .map(|choice| input::text(name, *choice))
+                .collect::<Result<_, _>>()?;
+            Ok(from.choice(name, &texts)?)
+        })
+    }
+}
+
+/// A list of `least..=most` finite numbers, each in `low..=high`; it stays as long as the parameters do.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`, for `values` and `count`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_numbers(
+    given: *const Given<'_>,
+    name: *const c_char,
+    least: usize,
+    most: usize,
+    low: f64,
+    high: f64,
+    values: *mut *const f64,
+    count: *mut usize,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, values, |given, from, name| {
+            let Some(found) = from.numbers(name, least..=most, low, high)? else {
+                return Ok(None);
+            };
+            input::write(name, count, found.len())?;
+            let kept = found.into_boxed_slice();
+            let first = kept.as_ptr();
+            given.numbers.borrow_mut().push(kept);
+            Ok(Some(first))
+        })
+    }
+}
+
+/// A position in 0..=width and 0..=height, rounded to binary32.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`; `position` has room for two numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_position(
+    given: *const Given<'_>,
+    name: *const c_char,
+    width: f32,
+    height: f32,
+    position: *mut f32,
+) -> i32 {
+    let place: *mut [f32; 2] = position.cast();
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, place, |_, from, name| {
+            Ok(from.position(name, [width, height])?)
+        })
+    }
+}
+
+/// At most `most` positions, x and y of one after another; they stay as long as the parameters do.
+///
+/// # Safety
+/// As `swarmwright_parameter_integer`, for `positions` and `count`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_parameter_positions(
+    given: *const Given<'_>,
+    name: *const c_char,
+    most: u32,
+    width: f32,
+    height: f32,
+    positions: *mut *const f32,
+    count: *mut usize,
+) -> i32 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        read(given, name, positions, |given, from, name| {
+            let Some(found) = from.positions(name, most, [width, height])? else {
+                return Ok(None);
+            };
+            input::write(name, count, found.len())?;
+            let kept = found.into_boxed_slice();
+            let first = kept.as_ptr().cast();
+            given.positions.borrow_mut().push(kept);
+            Ok(Some(first))
+        })
+    }
+}

@@ -1,0 +1,118 @@
+// A server that calls a simulation.
+#pragma once
+
+#include <swarmwright/simulation.hpp>
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+namespace swarmwright {
+
+/// Offers a simulation to optimization tools: everything that messages, brokers and tools ask for.
+///
+/// Throws std::invalid_argument for options that cannot be, Error where no broker answers, it refuses access, or the id
+/// is taken.
+class Server {
+ public:
+  /// Makes a simulation.
+  using Factory = std::function<std::unique_ptr<Simulation>()>;
+
+  /// Offers simulations of one kind; as many are made as run side by side.
+  explicit Server(Factory factory, const Options& options = {})
+      : context_(std::make_unique<Context>(std::move(factory), options)) {
+    context_->first = context_->make();
+    open(options, false);
+  }
+
+  /// Offers a simulation of which there can be only one, as when it drives another program. It must outlive the server.
+  explicit Server(Simulation& only, const Options& options = {})
+      : context_(std::make_unique<Context>(Factory(), options)) {
+    context_->first = std::make_unique<detail::Hosted>(only);
+    open(options, true);
+  }
+
+  /// As of the factory that makes a T.
+  template <class T>
+  static Server offering(const Options& options = {}) {
+    return Server([] { return std::make_unique<T>(); }, options);
+  }
+
+  Server(const Server&) = delete;
+  Server& operator=(const Server&) = delete;
+  Server(Server&&) = delete;
+  Server& operator=(Server&&) = delete;
+
+  /// Gives up what is under way, leaves the broker in good order, and waits for an episode that is evaluated elsewhere.
+  ~Server() { swarmwright_server_close(server_); }
+
+  /// Serves until it is stopped, then leaves the broker.
+  void run() {
+    detail::check(swarmwright_server_run(server_));
+    context_->listener.rethrow();
+  }
+
+  /// One turn, for those who have a loop of their own: waits for at most so long for something to happen and does what
+  /// is due. The simulation is called meanwhile. What is not polled for 45 s loses its connection, until it is polled
+  /// again.
+  void poll(std::chrono::duration<double> patience = std::chrono::seconds(0)) {
+    detail::check(swarmwright_server_poll(server_, patience.count()));
+    context_->listener.rethrow();
+  }
+
+  /// Makes run() return within 0.1 s, once the simulation has returned. From any thread, from the simulation and from
+  /// signal handlers.
+  void stop() noexcept { swarmwright_server_stop(server_); }
+
+  /// For the C interface.
+  const swarmwright_server* handle() const noexcept { return server_; }
+
+ private:
+  struct Context {
+    Context(Factory made, const Options& options) : factory(std::move(made)), listener(options.notice) {}
+
+    std::unique_ptr<detail::Hosted> make() const {
+      std::unique_ptr<Simulation> simulation = factory();
+      if (!simulation) {
+        throw std::invalid_argument("the factory of simulations gave a null pointer");
+      }
+      return std::make_unique<detail::Hosted>(std::move(simulation));
+    }
+
+    Factory factory;
+    detail::Listener listener;
+    /// Made to ask for its description; the first that is wanted.
+    std::unique_ptr<detail::Hosted> first;
+  };
+
+  static swarmwright_status create(void* context, void** object) noexcept {
+    const detail::Turn turn(context);
+    return detail::guarded([&] {
+      auto& self = *static_cast<Context*>(context);
+      std::unique_ptr<detail::Hosted> made = self.first ? std::move(self.first) : self.make();
+      const detail::Turn handed_over(made.get());
+      *object = made.release();
+    });
+  }
+
+  void open(const Options& options, bool only_one) {
+    std::vector<swarmwright_metric> metrics;
+    const Description offers = context_->first->offers;
+    const swarmwright_description description = detail::plain(offers, metrics);
+    const swarmwright_options plain = context_->listener.plain(options);
+    swarmwright_simulation functions = detail::functions();
+    functions.context = context_.get();
+    functions.only_one = only_one ? 1 : 0;
+    functions.create = &Server::create;
+    detail::check(swarmwright_server_open(&plain, &description, &functions, &server_));
+    context_->listener.stops(server_);
+  }
+
+  std::unique_ptr<Context> context_;
+  swarmwright_server* server_ = nullptr;
+};
+
+}  // namespace swarmwright

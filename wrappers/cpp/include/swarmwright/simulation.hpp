@@ -1,0 +1,180 @@
+// A simulation to derive from, and how the C interface calls it.
+#pragma once
+
+#include <swarmwright/description.hpp>
+#include <swarmwright/error.hpp>
+#include <swarmwright/parameters.hpp>
+#include <swarmwright/span.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+// The wrapper hands simulations from thread to thread under locks that ThreadSanitizer does not see.
+#if defined(__SANITIZE_THREAD__)
+#define SWARMWRIGHT_TSAN 1
+#elif defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define SWARMWRIGHT_TSAN 1
+#endif
+#endif
+#ifdef SWARMWRIGHT_TSAN
+extern "C" void __tsan_acquire(void* address);
+extern "C" void __tsan_release(void* address);
+#endif
+
+namespace swarmwright {
+
+/// An environment that can be reset and stepped. One object runs one episode at a time, any number of them in turn.
+///
+/// An episode: reset, then, until it is done, sense for every acting agent and step with what they do; then fitness and
+/// metrics. The same parameters and actuators must give the same sensors and fitness, to the bit.
+///
+/// Whatever a method throws ends the episode, is told to the optimization tool with its type and what(), and leaves the
+/// server usable: the next episode begins with reset as any other. An object is used by one thread at a time, not
+/// always the same.
+class Simulation {
+ public:
+  virtual ~Simulation() = default;
+
+  /// What it offers; the same at any time.
+  virtual Description description() const = 0;
+
+  /// Goes to the start of an episode. `seed` is the parameter "seed": different in each of several episodes, 0 by
+  /// default. Throws ParameterError if a value cannot be used, as `parameters` does by itself.
+  virtual void reset(const Parameters& parameters, std::uint64_t seed) = 0;
+
+  /// The agents whose actuators the next step needs, ascending from 0; none when the episode has ended.
+  virtual const std::vector<std::uint32_t>& acting() = 0;
+
+  /// Whether the episode has ended. A simulation that steers its agents itself lets nobody act before: it is stepped
+  /// without actuators.
+  virtual bool done() { return acting().empty(); }
+
+  /// Writes what an acting agent senses: finite numbers, as many as the description says.
+  virtual void sense(std::uint32_t agent, Span<float> sensors) = 0;
+
+  /// Moves on by one step. A row for each acting agent, in the order of acting(), one behind the other; each number is
+  /// in -1..1.
+  virtual void step(Span<const float> actuators) = 0;
+
+  /// Fitness of the episode so far, a finite number; larger is better.
+  virtual double fitness() = 0;
+
+  /// What else is measured in the episode, in the order of the description: an experiment can make a fitness of it.
+  virtual std::vector<double> metrics() { return {}; }
+
+  /// Shows the episode as it is now, when somebody wants to see it; returns for how long it is to be looked at, 0 if
+  /// there is nothing to see.
+  virtual std::chrono::milliseconds show() { return std::chrono::milliseconds(0); }
+
+ protected:
+  Simulation() = default;
+  Simulation(const Simulation&) = default;
+  Simulation(Simulation&&) = default;
+  Simulation& operator=(const Simulation&) = default;
+  Simulation& operator=(Simulation&&) = default;
+};
+
+namespace detail {
+
+/// For ThreadSanitizer: what this thread does with the object from here on comes after what others did with it before.
+class Turn {
+ public:
+  explicit Turn([[maybe_unused]] void* object) noexcept
+#ifdef SWARMWRIGHT_TSAN
+      : object_(object) {
+    __tsan_acquire(object_);
+  }
+  ~Turn() { __tsan_release(object_); }
+
+ private:
+  void* object_;
+#else
+  {
+  }
+#endif
+
+ public:
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+};
+
+/// A simulation as an object of the C interface.
+struct Hosted {
+  explicit Hosted(Simulation& other) : simulation(&other), offers(other.description()) {}
+  explicit Hosted(std::unique_ptr<Simulation> own)
+      : owned(std::move(own)), simulation(owned.get()), offers(simulation->description()) {}
+
+  std::unique_ptr<Simulation> owned;
+  Simulation* simulation;
+  Description offers;
+};
+
+/// Calls a hosted simulation; what it throws becomes a status.
+template <class Call>
+swarmwright_status hosted(void* object, Call&& call) noexcept {
+  const Turn turn(object);
+  return guarded([&] { call(*static_cast<Hosted*>(object)); });
+}
+
+/// The functions of all simulations. What makes them stands with the server.
+inline swarmwright_simulation functions() noexcept {
+  swarmwright_simulation table = {};
+  table.size = sizeof(table);
+  table.destroy = [](void* object) noexcept {
+    const Turn turn(object);
+    delete static_cast<Hosted*>(object);
+  };
+  table.reset = [](void* object, const swarmwright_parameters* given, std::uint64_t seed) noexcept {
+    return hosted(object, [&](Hosted& host) { host.simulation->reset(Parameters(given), seed); });
+  };
+  table.acting = [](void* object, const std::uint32_t** agents, std::size_t* count) noexcept {
+    return hosted(object, [&](Hosted& host) {
+      const std::vector<std::uint32_t>& acting = host.simulation->acting();
+      *agents = acting.data();
+      *count = acting.size();
+    });
+  };
+  table.done = [](void* object, bool* done) noexcept {
+    return hosted(object, [&](Hosted& host) { *done = host.simulation->done(); });
+  };
+  table.sense = [](void* object, std::uint32_t agent, float* sensors) noexcept {
+    return hosted(object, [&](Hosted& host) { host.simulation->sense(agent, {sensors, host.offers.sensors}); });
+  };
+  table.step = [](void* object, const float* actuators, std::size_t count) noexcept {
+    return hosted(object, [&](Hosted& host) { host.simulation->step({actuators, count}); });
+  };
+  table.fitness = [](void* object, double* fitness) noexcept {
+    return hosted(object, [&](Hosted& host) { *fitness = host.simulation->fitness(); });
+  };
+  table.metrics = [](void* object, double* metrics) noexcept {
+    return hosted(object, [&](Hosted& host) {
+      const std::vector<double> measured = host.simulation->metrics();
+      if (measured.size() != host.offers.metrics.size()) {
+        throw std::logic_error("metrics() gives " + std::to_string(measured.size()) +
+                               " numbers, but the description has " + std::to_string(host.offers.metrics.size()) +
+                               " names");
+      }
+      std::copy(measured.begin(), measured.end(), metrics);
+    });
+  };
+  table.show = [](void* object, std::uint32_t* milliseconds) noexcept {
+    return hosted(object, [&](Hosted& host) {
+      const auto longest = std::chrono::milliseconds(std::numeric_limits<std::uint32_t>::max());
+      const auto shown = std::clamp(host.simulation->show(), std::chrono::milliseconds(0), longest);
+      *milliseconds = static_cast<std::uint32_t>(shown.count());
+    });
+  };
+  return table;
+}
+
+}  // namespace detail
+}  // namespace swarmwright
