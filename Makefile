@@ -1,5 +1,6 @@
 # make demo    set up what is missing and evolve the example
 # make java    the simulation wrapper for Java and its example server
+# make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
 # make lint    every check that needs no run
 # make audit   look for known weaknesses in what we depend on (asks databases in the network)
@@ -12,7 +13,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo java test test-engine test-java test-python lint lint-engine lint-java lint-python lint-protocol audit bench docs clean
+.PHONY: help demo java cpp test test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -25,6 +26,8 @@ CARGO := cargo
 MANIFEST := --manifest-path engine/Cargo.toml
 JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
+CPP := wrappers/cpp/build
+CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
 
@@ -48,7 +51,9 @@ demo: $(VENV)/.engine
 
 java: $(JAVA)
 
-test: test-engine test-java test-python
+cpp: $(CPP)/.built
+
+test: test-engine test-java test-cpp test-python
 
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -57,13 +62,18 @@ test-engine: $(VENV)/.created
 test-java: $(JAVA)
 	$(MAVEN) test
 
-test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA)
+test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
+	for build in $(^D); do
+		ctest --test-dir $$build --output-on-failure --no-label-summary
+	done
+
+test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	# Many tests wait for other processes: three at a time keep two processors busy.
 	$(BIN)/python -m pytest -n 3 --dist worksteal
 
-lint: lint-engine lint-java lint-python lint-protocol
+lint: lint-engine lint-java lint-cpp lint-python lint-protocol
 
 lint-engine: $(VENV)/.created
 	$(CARGO) fmt $(MANIFEST) --all --check
@@ -72,6 +82,10 @@ lint-engine: $(VENV)/.created
 
 lint-java: $(JAVA)
 	$(MAVEN) spotless:check
+
+lint-cpp:
+	@command -v clang-format > /dev/null || { $(call install,clang-format); }
+	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES))
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check
@@ -94,12 +108,12 @@ protocol/node_modules/.package-lock.json: protocol/package.json protocol/package
 	npm ci --prefix protocol --no-audit --no-fund --loglevel=error
 	touch $@
 
-bench: $(VENV)/.engine $(VENV)/.dev $(VENV)/.bench
+bench: $(VENV)/.engine $(VENV)/.dev $(VENV)/.bench $(JAVA) $(CPP)/.built
 	@mkdir -p build
 	$(BIN)/python -m benchmarks build/bench.json
 
 clean:
-	rm -rf build engine/target wrappers/java/target $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build engine/target wrappers/java/target $(CPP) $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
 
@@ -113,6 +127,24 @@ $(JAVA): $(JAVA_SOURCES)
 	@command -v mvn > /dev/null && command -v javac > /dev/null || { $(call install,maven default-jdk-headless); }
 	$(MAVEN) -DskipTests package
 	touch $@
+
+# The library for C++ with all that it needs, and the example servers.
+$(CPP)/.built: $(CPP_SOURCES) $(ENGINE)
+	@command -v cmake > /dev/null && command -v g++ > /dev/null || { $(call install,cmake g++); }
+	cd wrappers/cpp
+	cmake --preset release > /dev/null
+	cmake --build build --parallel > /dev/null
+	touch build/.built
+
+# The example servers and the tests, with a sanitizer.
+$(CPP)/%/.built: $(CPP)/.built
+	@command -v clang++ > /dev/null && [ -e /usr/share/cmake/nlohmann_json/nlohmann_jsonConfig.cmake ] || {
+		$(call install,clang libclang-rt-dev nlohmann-json3-dev)
+	}
+	cd wrappers/cpp
+	cmake --preset $* > /dev/null
+	cmake --build build/$* --parallel > /dev/null
+	touch build/$*/.built
 
 # A virtual environment of the newest Python that is there, 3.11 at least.
 $(VENV)/.created:

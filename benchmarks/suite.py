@@ -95,6 +95,12 @@ def _store(scale: Scale) -> Suite:
     return StoreSuite(scale.smaller)
 
 
+def _wrappers(scale: Scale) -> Suite:
+    from benchmarks.wrappers import WrapperSuite
+
+    return WrapperSuite(scale.smaller)
+
+
 def _frevo(_scale: Scale) -> Suite:
     from benchmarks.whole import WholeSuite
 
@@ -110,12 +116,13 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "tasks": _tasks,
     "methods": _methods,
     "store": _store,
+    "wrappers": _wrappers,
     "frevo": _frevo,
     "program": _program,
 }
 """By name, which `--only` searches."""
-QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods", "store")
-"""Those that take seconds and need no library of their own."""
+QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods", "store", "wrappers")
+"""Those that take seconds and need no library for Python of their own."""
 
 
 def run(scale: Scale, only: str = "") -> Iterator[Samples]:

@@ -1,6 +1,5 @@
-"""The C++ wrapper: library and example servers, built where they are missing or older than their sources."""
+"""The C++ wrapper: library, servers and tests, built where they are missing or older than their sources."""
 
-import os
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
@@ -13,59 +12,46 @@ from tests.system.processes import Program
 
 PROJECT = ROOT / "wrappers" / "cpp"
 BUILD = PROJECT / "build"
-SANITIZED = {"address": ("clang++", "clang", "address,undefined"), "thread": ("g++", "gcc", "thread")}
-"""By sanitizer: the compilers and their option. Each compiler's turn comes, with all warnings."""
+SANITIZED = ("address", "thread")
+"""Builds with sanitizers, in CMakePresets.json; one is clang's, one g++'s, both with all warnings."""
 
 
 def _sources() -> Iterator[Path]:
     for crate in (ROOT / "engine").glob("*/"):
         if crate.name != "target":
             yield from crate.rglob("*.rs")
+            yield from crate.glob("Cargo.*")
     for folder in (PROJECT, ROOT / "engine" / "c"):
-        for pattern in ("CMakeLists.txt", "*.in", "*.toml", "*.h", "*.hpp", "*.cpp"):
-            yield from (path for path in folder.rglob(pattern) if "build" not in path.parts[:-1])
+        for pattern in ("CMake*.*", "*.in", "*.h", "*.hpp", "*.c", "*.cpp"):
+            yield from (path for path in folder.rglob(pattern) if BUILD not in path.parents)
 
 
-def _older(folder: Path) -> bool:
-    """Whether a build is older than what it is made of; if so it is to be made."""
-    stamp = folder / ".tested"
-    return not stamp.exists() or stamp.stat().st_mtime < max(path.stat().st_mtime for path in _sources())
-
-
-def _make(folder: Path, *options: str) -> Path:
-    """Build into a folder, one process at a time."""
+def _make(folder: Path, preset: str) -> Path:
+    """Build into a folder, one process at a time, as the Makefile does."""
     folder.mkdir(parents=True, exist_ok=True)
+    stamp = folder / ".built"
     with (folder / ".lock").open("w") as lock:
         flock(lock, LOCK_EX)
-        if _older(folder):
+        if not stamp.exists() or stamp.stat().st_mtime < max(path.stat().st_mtime for path in _sources()):
             cmake = shutil.which("cmake")
             assert cmake, "CMake is missing; `make test` installs it"
-            run([cmake, "-S", PROJECT, "-B", folder, *options])
+            run([cmake, "--preset", preset], cwd=PROJECT)
             run([cmake, "--build", folder, "--parallel", "2"])
-            (folder / ".tested").touch()
+            stamp.touch()
     return folder
 
 
 @cache
 def build() -> Path:
     """The folder with `libswarmwright.so`, `minisim` and `minisim_plugin`."""
-    return _make(BUILD, "-DCMAKE_BUILD_TYPE=Release")
+    return _make(BUILD, "release")
 
 
 @cache
 def sanitized(name: str) -> Path:
-    """The folder with the example servers, the tests and `fragile`, compiled with a sanitizer."""
-    cpp, c, option = SANITIZED[name]
-    assert shutil.which(cpp), f"{cpp} is missing; `make test` installs it"
-    return _make(
-        BUILD / name,
-        "-DCMAKE_BUILD_TYPE=Debug",
-        f"-DCMAKE_CXX_COMPILER={cpp}",
-        f"-DCMAKE_C_COMPILER={c}",
-        f"-DSWARMWRIGHT_SANITIZE={option}",
-        f"-DSWARMWRIGHT_LIBRARY_DIR={build()}",
-        "-DSWARMWRIGHT_TESTS=ON",
-    )
+    """The folder with the example servers and `fragile`, compiled with a sanitizer."""
+    build()
+    return _make(BUILD / name, name)
 
 
 def run(command: list[str | Path], *, seconds: float = 500, cwd: Path = ROOT) -> str:
@@ -89,20 +75,10 @@ class CppServer(Program):
         main: str | Path = "minisim",
         env: Mapping[str, str] | None = None,
     ) -> None:
-        self.cwd = cwd
-        super().__init__(
-            build() / main, "--broker", url, "--id", server, *options, cwd=cwd, env=env, program=()
-        )
+        program = build() / main
+        super().__init__(program, "--broker", url, "--id", server, *options, cwd=cwd, env=env, program=())
         try:
             self.until_error("ready")
         except BaseException:
             self.stop()
             raise
-
-
-LIBRARY_PATH = "LD_LIBRARY_PATH"
-
-
-def library_path() -> dict[str, str]:
-    """The environment in which programs that were linked elsewhere find the library."""
-    return {LIBRARY_PATH: os.pathsep.join(filter(None, [str(build()), os.environ.get(LIBRARY_PATH, "")]))}

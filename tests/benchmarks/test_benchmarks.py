@@ -9,12 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from tests.cpp import build
+from tests.java import jar
+
 KEYS = {"name", "value", "unit", "against", "ratio"}
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)  # it may build the wrappers for Java and C++
 @pytest.mark.skipif(shutil.which("cargo") is None, reason="the bare client is compiled by cargo")
 def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: Path) -> None:
+    jar()
+    build()
     file = tmp_path / "build" / "bench.json"
     result = subprocess.run(
         [sys.executable, "-m", "benchmarks", str(file), "--quick"],
@@ -49,6 +54,10 @@ def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: 
         # Nothing is faster than what the processor can do, and nothing here is a thousand times slower.
         assert 0.001 < bound["ratio"] < 1
     assert by_name["offloaded, one evaluation there and back"]["value"] > 0
+    for language in ("Python", "Java", "C++"):
+        for measured in ("start-up", "stepwise", "offloaded", "peak memory"):
+            one = by_name[f"{language}: {measured}"]
+            assert one["against"] == f"Rust (built in): {measured}"
     for word in ("ratio", "aim", "<= 1.5", ">= 0.8", str(file)):
         assert word in result.stdout, result.stdout
 

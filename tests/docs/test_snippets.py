@@ -9,7 +9,7 @@ What stands behind the language of a fenced block, which nobody sees on the page
 - `python`: run as a script; any language with `file=NAME`: written to that file;
 - `text output`: what the `bash` or `python` block before it has said; `...` stands for anything.
 
-The experiments, FREVO's files and the Java wrapper are there as in a clone.
+The experiments, FREVO's files and the wrappers for Java and C++ are there as in a clone, and built.
 """
 
 import contextlib
@@ -27,6 +27,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cpp import BUILD, build
 from tests.java import JAR, jar
 
 ROOT = Path(__file__).parents[2]
@@ -146,6 +147,8 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
         (tmp_path / name).symlink_to(ROOT / name)
     if JAR.name in page.read_text(encoding="utf-8"):
         jar()
+    if str(BUILD.relative_to(ROOT)) in page.read_text(encoding="utf-8"):
+        build()
     ports: dict[str, str] = {}
     said = ""
     with ExitStack() as stack:
@@ -209,7 +212,7 @@ def test_links_between_pages_lead_somewhere() -> None:
     broken = [
         f"{page.relative_to(ROOT)}: {target}"
         for page in PAGES
-        for target in links.findall(page.read_text(encoding="utf-8"))
+        for target in links.findall(FENCE.sub("", page.read_text(encoding="utf-8")))
         if "://" not in target and not (page.parent / target).exists()
     ]
     assert not broken

@@ -12,6 +12,7 @@ from tests.java import JavaServer
 from tests.system.brokers import KINDS, BrokerProcess, Kind
 from tests.system.peer import Peer
 from tests.system.processes import Program, Servers
+from tests.system.runs import record
 
 Serve = Callable[..., Servers]
 ServeJava = Callable[..., JavaServer]
@@ -121,3 +122,23 @@ def experiment(tmp_path: Path) -> Experiment:
         return path
 
     return write
+
+
+EXPERIMENT = """\
+simulation: minisim
+parameters: {numAgents: 3, numDefenders: 2, placement: random, speedDefenders: 0.5}
+controller: {kind: fully_meshed, hidden: 2}
+method: {kind: nnga, population: 12, generations: 3}
+ranking: {episodes: 2}
+seed: 11
+"""
+"""What servers in all languages are to evaluate alike."""
+
+
+@pytest.fixture
+def expected(launch: Launch, experiment: Experiment) -> dict[str, Any]:
+    """The record of `EXPERIMENT` that the engine makes without any broker."""
+    path = experiment(EXPERIMENT, "expected.yaml")
+    program = launch("optimize", path, "--servers", "local", "--out", "expected")
+    assert program.wait() == 0, program.stderr
+    return record(path.parent / "expected")

@@ -7,27 +7,17 @@ from typing import Any
 
 import pytest
 
-from tests.cpp import build, run
+from tests.cpp import build
 from tests.system.brokers import BrokerProcess
-from tests.system.conftest import Experiment, Launch, Serve, ServeCpp
+from tests.system.conftest import EXPERIMENT, Experiment, Launch, Serve, ServeCpp
 from tests.system.peer import PRESENCE, Peer
 from tests.system.plain_tool import PlainTool
-from tests.system.runs import attempts, evaluations, record
-from tests.system.test_java import EXPERIMENT
+from tests.system.runs import attempts, record
 from tests.system.test_plain_tool import CONVERSATIONS
 
 pytestmark = pytest.mark.timeout(600)  # the first of them builds the library
 
 MAINS = pytest.mark.parametrize("main", ["minisim", "minisim_plugin"])
-
-
-@pytest.fixture
-def expected(launch: Launch, experiment: Experiment) -> dict[str, Any]:
-    """The record that the engine makes without any broker."""
-    path = experiment(EXPERIMENT, "expected.yaml")
-    program = launch("optimize", path, "--servers", "local", "--out", "expected")
-    assert program.wait() == 0, program.stderr
-    return record(path.parent / "expected")
 
 
 @MAINS
@@ -135,6 +125,7 @@ def test_presence_tells_of_the_server_and_of_its_loss(
     assert (first["server"], first["state"], first["simulations"]) == (5, "ready", ["minisim"])
     announced = first["capabilities"]["swarmwright"]
     assert announced["metrics"] == ["arrived", "caught", "steps", "distance"]
+    assert announced["determinism"] == "bitwise"
     assert announced["batch"] == (256 if main == "minisim" else 1)
     server.signal(signal.SIGKILL)
     assert watcher.inbox.get(timeout=10).json["state"] == "lost"
@@ -161,16 +152,14 @@ def test_an_id_that_is_taken_and_arguments_that_are_wrong(
         (["--broker", embedded.url, "--prefix", "a/#"], 2, "prefix"),
         (["--broker", "mqtt://127.0.0.1:1", "--id", "4"], 1, "no broker answers at"),
     ):
-        command = [build() / main, *options]
+        command = [str(build() / main), *options]
         result = subprocess.run(
             command, capture_output=True, text=True, timeout=30, cwd=tmp_path, check=False
         )
         assert (result.returncode, words in result.stderr) == (status, True), result.stderr
 
 
-def test_an_episode_is_shown(
-    embedded: BrokerProcess, serve_cpp: ServeCpp
-) -> None:
+def test_an_episode_is_shown(embedded: BrokerProcess, serve_cpp: ServeCpp) -> None:
     server = serve_cpp(embedded.url)
     with PlainTool(embedded.url) as tool:
         digest = "e" * 64

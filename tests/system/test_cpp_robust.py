@@ -1,4 +1,4 @@
-"""C++ servers with broken simulations, under sanitizers: what goes wrong reaches the tool, and nothing else breaks."""
+"""C++ servers with broken simulations, under sanitizers: errors reach the tool, and nothing else breaks."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -8,9 +8,8 @@ import pytest
 
 from tests.cpp import SANITIZED, CppServer, sanitized
 from tests.system.brokers import BrokerProcess
-from tests.system.conftest import Experiment, Launch
+from tests.system.conftest import EXPERIMENT, Experiment, Launch
 from tests.system.runs import attempts, evaluations, record
-from tests.system.test_java import EXPERIMENT
 
 pytestmark = pytest.mark.timeout(600)  # the first of them builds the servers
 
@@ -29,7 +28,7 @@ seed: 1
 
 @pytest.fixture
 def serve(tmp_path: Path, cleanup: ExitStack) -> ServeSanitized:
-    """Starts a server that was compiled with a sanitizer; what that says ends it with another status than 0."""
+    """Starts a server that was compiled with a sanitizer, which is to find nothing: the exit status is 0."""
 
     def start(url: str, sanitizer: str, main: str, *options: str, server: int = 1) -> CppServer:
         program = CppServer(
@@ -115,6 +114,7 @@ def test_each_trouble_is_named(
     serve: ServeSanitized,
     launch: Launch,
     experiment: Experiment,
+    tmp_path: Path,
     trouble: str,
     words: str,
 ) -> None:
@@ -122,7 +122,7 @@ def test_each_trouble_is_named(
     text = f"{FRAGILE}parameters: {{trouble: {trouble}}}\nfitness: way\nmode: offloaded\n"
     program = launch("optimize", experiment(text), "--broker", embedded.url, "--out", "run")
     program.wait()
-    errors = {entry["error"] for entry in attempts(server.cwd / "run")} - {None, ""}
+    errors = {entry["error"] for entry in attempts(tmp_path / "run")} - {None, ""}
     assert any(words in error for error in errors), (errors, program.stderr)
     assert server.process.poll() is None
 
@@ -131,8 +131,6 @@ def test_parameters_that_are_refused_end_the_run(
     embedded: BrokerProcess, serve: ServeSanitized, launch: Launch, experiment: Experiment
 ) -> None:
     serve(embedded.url, "address", "fragile")
-    program = launch(
-        "optimize", experiment(f"{FRAGILE}parameters: {{speed: 2}}\n"), "--broker", embedded.url
-    )
+    program = launch("optimize", experiment(f"{FRAGILE}parameters: {{speed: 2}}\n"), "--broker", embedded.url)
     assert program.wait() == 1
     assert "parameter speed: 2 found, expected a number from 0 to 1" in program.stderr

@@ -9,31 +9,13 @@ import pytest
 
 from tests.java import jar
 from tests.system.brokers import BrokerProcess
-from tests.system.conftest import Experiment, Launch, Serve, ServeJava
+from tests.system.conftest import EXPERIMENT, Experiment, Launch, Serve, ServeJava
 from tests.system.peer import PRESENCE, Peer
 from tests.system.plain_tool import PlainTool
 from tests.system.runs import attempts, record
 from tests.system.test_plain_tool import CONVERSATIONS
 
 pytestmark = pytest.mark.timeout(600)  # the first of them builds the jar
-
-EXPERIMENT = """\
-simulation: minisim
-parameters: {numAgents: 3, numDefenders: 2, placement: random, speedDefenders: 0.5}
-controller: {kind: fully_meshed, hidden: 2}
-method: {kind: nnga, population: 12, generations: 3}
-ranking: {episodes: 2}
-seed: 11
-"""
-
-
-@pytest.fixture
-def expected(launch: Launch, experiment: Experiment) -> dict[str, Any]:
-    """The record that the engine makes without any broker."""
-    path = experiment(EXPERIMENT, "expected.yaml")
-    program = launch("optimize", path, "--servers", "local", "--out", "expected")
-    assert program.wait() == 0, program.stderr
-    return record(path.parent / "expected")
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])

@@ -53,10 +53,8 @@ def _rust() -> str:
     return re.sub(r"\s+", " ", re.sub(r"//.*", "", text))
 
 
-ALIASES = {
-    name: value
-    for name, value in re.findall(r"type (\w+) = (unsafe extern \"C\" fn\(.*?\)(?: -> \w+)?);", _rust())
-}
+ALIASES = dict(re.findall(r"type (\w+) = (unsafe extern \"C\" fn\(.*?\)(?: -> \w+)?);", _rust()))
+"""Types of functions, by their names."""
 
 
 def _c_type(rust: str) -> str:
@@ -92,10 +90,11 @@ def _functions_of_header() -> dict[str, str]:
     lines = _without_comments(HEADER.read_text(encoding="utf-8")).splitlines()
     text = re.sub(r"\s+", " ", " ".join(line for line in lines if not line.startswith("#")))
     found = re.findall(r"([\w ]+?[ *]+)(swarmwright_\w+)\(([^()]*)\) SWARMWRIGHT_NOEXCEPT;", text)
-    return {
-        name: f"{_plain(result + 'x')}({', '.join(map(_plain, [] if arguments == 'void' else _split(arguments)))})"
-        for result, name, arguments in found
-    }
+    functions = {}
+    for result, name, arguments in found:
+        types = [] if arguments == "void" else map(_plain, _split(arguments))
+        functions[name] = f"{_plain(result + 'x')}({', '.join(types)})"
+    return functions
 
 
 def test_every_function_is_declared_as_it_is() -> None:
@@ -137,8 +136,16 @@ def test_constants_agree() -> None:
     assert f"pub const ABI: u32 = {constants['ABI']};" in source
     for name in ("OK", "INVALID", "FAILED"):
         assert f"const {name}: i32 = {constants[name]};" in source
-    for name, kind in (("READY", "Ready"), ("BUSY", "Busy(_)"), ("WARNING", "Warning(_)"), ("LOST", "Lost(_)")):
+    for name, kind in (
+        ("READY", "Ready"),
+        ("BUSY", "Busy(_)"),
+        ("WARNING", "Warning(_)"),
+        ("LOST", "Lost(_)"),
+    ):
         assert f"Notice::{kind} => {constants[f'NOTICE_{name}']}," in source
+    for name in ("UNDECLARED", "BITWISE", "NONE"):
+        assert f"{constants[name]} => Determinism::{name.capitalize()}," in source
+    assert f"{constants['STATISTICAL']} if tolerance" in source
     for name, event in (("RESET", "Request::Reset"), ("STEP", "Request::Step")):
         behind = source.split(f"News::Asked({event}(", 1)[1]
         assert re.search(r"event\.kind = (\d)", behind)[1] == constants[name]  # type: ignore[index]

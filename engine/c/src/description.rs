@@ -2,7 +2,7 @@
 
 use std::ffi::c_char;
 
-use swarmwright_worlds::{Description, MetricInfo};
+use swarmwright_worlds::{Description, Determinism, MetricInfo};
 
 use crate::error::Trouble;
 use crate::input::{self, Structure};
@@ -33,6 +33,8 @@ pub struct RawDescription {
     actuators: u32,
     metrics: *const RawMetric,
     metric_count: usize,
+    determinism: i32,
+    tolerance: f64,
 }
 
 // SAFETY: as `Structure` asks.
@@ -81,6 +83,26 @@ pub(crate) unsafe fn read(pointer: *const RawDescription) -> Result<Description,
         sensors: raw.sensors as usize,
         actuators: raw.actuators as usize,
         metrics: metrics.into(),
+        determinism: determinism(title, raw.determinism, raw.tolerance)?,
+    })
+}
+
+fn determinism(title: &str, declared: i32, tolerance: f64) -> Result<Determinism, Trouble> {
+    Ok(match declared {
+        0 => Determinism::Undeclared,
+        1 => Determinism::Bitwise,
+        2 if tolerance.is_finite() && tolerance >= 0.0 => Determinism::Statistical(tolerance),
+        2 => {
+            return Err(Trouble::Invalid(format!(
+                "{title}: the tolerance is {tolerance}, expected a finite number of at least 0"
+            )));
+        }
+        3 => Determinism::None,
+        _ => {
+            return Err(Trouble::Invalid(format!(
+                "{title}: the determinism is {declared}, expected one of SWARMWRIGHT_UNDECLARED, _BITWISE, _STATISTICAL, _NONE"
+            )));
+        }
     })
 }
 

@@ -3,6 +3,8 @@
 
 mod relay;
 mod relayed;
+#[cfg(test)]
+mod tests;
 
 use std::ffi::c_char;
 use std::ptr::null;

@@ -92,6 +92,15 @@ void what_cannot_be_served_says_why() {
   CHECK_EQUAL(refused([](auto& says) { says.metrics = {{"a"}, {"a"}}; }), "line: metric \"a\" is there twice");
   CHECK_EQUAL(refused([](auto& says) { says.metrics = {{"1a"}}; }),
               "line: metric \"1a\": a name is a letter or _, then letters, digits and _, and not fitness");
+  CHECK_EQUAL(refused([](auto& says) {
+                says.determinism = swarmwright::Determinism::statistical;
+                says.tolerance = -1;
+              }),
+              "line: the tolerance is -1, expected a finite number of at least 0");
+  CHECK_EQUAL(refused([](auto& says) {
+                says.determinism = static_cast<swarmwright::Determinism>(4);
+              }).rfind("line: the determinism is 4, expected", 0),
+              0U);
   CHECK_EQUAL(refused([](auto&) {}).find("no broker answers at mqtt://127.0.0.1:1") != std::string::npos, true);
   CHECK_THROWS(std::invalid_argument, "the factory of simulations gave a null pointer",
                swarmwright::Server([] { return std::unique_ptr<swarmwright::Simulation>(); }));

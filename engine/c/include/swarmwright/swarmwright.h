@@ -134,6 +134,15 @@ typedef struct swarmwright_metric {
   const char* description;
 } swarmwright_metric;
 
+/** How far two evaluations of one episode with one controller agree, wherever they were made: nothing is said of it. */
+#define SWARMWRIGHT_UNDECLARED 0
+/** To the bit: all follows from parameters, seed and actuators. */
+#define SWARMWRIGHT_BITWISE 1
+/** Within a tolerance. */
+#define SWARMWRIGHT_STATISTICAL 2
+/** Not at all. */
+#define SWARMWRIGHT_NONE 3
+
 /** What a simulation says of itself. */
 typedef struct swarmwright_description {
   size_t size;
@@ -150,11 +159,16 @@ typedef struct swarmwright_description {
   /** What is measured, in this order; null if nothing is. */
   const swarmwright_metric* metrics;
   size_t metric_count;
+  /** One of the above. */
+  int32_t determinism;
+  /** Of SWARMWRIGHT_STATISTICAL: how far fitness and metrics may differ, as a part of the larger one, absolute below 1.
+   */
+  double tolerance;
 } swarmwright_description;
 
 /** The defaults of a description: two dimensions, no limit. */
 #define SWARMWRIGHT_DESCRIPTION \
-  { sizeof(swarmwright_description), NULL, 2, 0, 0, 0, NULL, 0 }
+  { sizeof(swarmwright_description), NULL, 2, 0, 0, 0, NULL, 0, SWARMWRIGHT_UNDECLARED, 0.0 }
 
 /** What a notice is about. */
 #define SWARMWRIGHT_NOTICE_READY 0

@@ -31,6 +31,7 @@ class Minisim final : public swarmwright::Simulation {
     says.actuators = 1;
     says.max_agents = most_bodies;
     says.metrics = {{"arrived", "agents"}, {"caught", "agents"}, {"steps", "steps"}, {"distance", "metres"}};
+    says.determinism = swarmwright::Determinism::bitwise;
     return says;
   }
 

@@ -24,6 +24,18 @@ struct Metric {
   std::string description = {};
 };
 
+/// How far two evaluations of one episode with one controller agree, wherever they were made.
+enum class Determinism {
+  /// Nothing is said of it.
+  undeclared = SWARMWRIGHT_UNDECLARED,
+  /// To the bit: all follows from parameters, seed and actuators.
+  bitwise = SWARMWRIGHT_BITWISE,
+  /// Within a tolerance.
+  statistical = SWARMWRIGHT_STATISTICAL,
+  /// Not at all.
+  none = SWARMWRIGHT_NONE,
+};
+
 /// What a simulation says of itself; the same at any time.
 struct Description {
   /// The title that experiments name.
@@ -38,6 +50,10 @@ struct Description {
   std::uint32_t max_agents = 0;
   /// What is measured, in the order of Simulation::metrics().
   std::vector<Metric> metrics = {};
+  Determinism determinism = Determinism::undeclared;
+  /// Of a statistical determinism: how far fitness and metrics may differ, as a part of the larger one, absolute
+  /// below 1.
+  double tolerance = 0;
 };
 
 /// What a notice is about.
@@ -86,6 +102,8 @@ inline swarmwright_description plain(const Description& from, std::vector<swarmw
   description.actuators = from.actuators;
   description.metrics = metrics.data();
   description.metric_count = metrics.size();
+  description.determinism = static_cast<std::int32_t>(from.determinism);
+  description.tolerance = from.tolerance;
   return description;
 }
 
