@@ -12,6 +12,7 @@ import pytest
 from swarmwright.conformance import check_server
 from tests.conformance.sound import SoundServer
 from tests.conftest import ROOT
+from tests.cpp import build
 from tests.java import jar
 
 SLOW = "-S6.5,-S6.9,-S11.2"
@@ -43,6 +44,11 @@ def java() -> str:
     return f"java -Xshare:auto -jar {jar()} --broker {{broker}} --id {{id}} --step-timeout 1"
 
 
+def cpp(example: str) -> Callable[[], str]:
+    """An example server of the C++ wrapper."""
+    return lambda: f"{build() / example} --broker {{broker}} --id {{id}} --step-timeout 1"
+
+
 STEERED = frozenset(
     f"S{group}.{number}"
     for group, numbers in {
@@ -63,6 +69,8 @@ EXIT = {"steps": 3, "width": 8, "height": 8, "numAgents": 4, "numExits": 1, "num
 SUBJECTS = {
     "minisim": Subject(served("minisim"), MANY, rules=""),
     "java": Subject(java, MANY, rules=""),
+    "cpp": Subject(cpp("minisim"), MANY),
+    "cpp plug-in": Subject(cpp("minisim_plugin"), MANY),
     "one agent": Subject(
         served("minisim"), {"maxSteps": 6}, skipped=frozenset({"S2.5", "S3.3", "S3.4", "S4.2", "S4.3"})
     ),
@@ -72,7 +80,7 @@ SUBJECTS = {
 }
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)  # it may build the wrappers
 @pytest.mark.parametrize("name", SUBJECTS)
 def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

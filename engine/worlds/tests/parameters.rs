@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use serde_json::{Value, json};
-use swarmwright_worlds::{Minisim, Simulation, create, describe, titles};
+use swarmwright_worlds::{Minisim, ParameterReader, Simulation, create, describe, titles};
 
 fn reset(document: &Value) -> Result<Minisim, String> {
     let mut simulation = Minisim::default();
@@ -228,5 +228,80 @@ fn every_built_in_simulation_describes_itself() {
         left_out.reset(&serde_json::Map::new()).unwrap();
         assert_eq!(given.scene(), left_out.scene(), "{title}");
         assert_eq!(simulation.scene(), left_out.scene(), "{title}");
+    }
+}
+
+#[test]
+fn reads_numbers_of_any_range_for_other_languages() {
+    let document = json!({
+        "n": 13.0, "far": -9_007_199_254_740_993_i64, "x": 0.1, "on": true, "list": [1, 2.5], "word": "a", "big": 1e39
+    });
+    let read = ParameterReader::new(document.as_object().unwrap());
+    assert_eq!(read.whole("n", 0, 20), Ok(Some(13)));
+    assert_eq!(
+        read.whole("far", i64::MIN, 0),
+        Ok(Some(-9_007_199_254_740_993))
+    );
+    assert_eq!(read.number("x", 0.0, 1.0), Ok(Some(0.1)));
+    assert_eq!(read.single("x", 0.0, 1.0), Ok(Some(0.1)));
+    assert_eq!(read.flag("on"), Ok(Some(true)));
+    assert_eq!(
+        read.numbers("list", 0..=2, 0.0, 3.0),
+        Ok(Some(vec![1.0, 2.5]))
+    );
+    assert_eq!(read.whole("absent", 0, 1), Ok(None));
+    assert_eq!(read.number("absent", 0.0, 1.0), Ok(None));
+    assert_eq!(read.numbers("absent", 1..=1, 0.0, 1.0), Ok(None));
+    assert_eq!(read.flag("absent"), Ok(None));
+
+    let infinite = f64::INFINITY;
+    for (refused, words) in [
+        (
+            read.whole("n", 0, 12).map(drop),
+            "13.0 found, expected a whole number from 0 to 12",
+        ),
+        (
+            read.number("x", 0.5, 1.0).map(drop),
+            "0.1 found, expected a number from 0.5 to 1",
+        ),
+        (
+            read.number("word", 0.5, infinite).map(drop),
+            "\"a\" (a string) found, expected a finite number of at least 0.5",
+        ),
+        (
+            read.number("x", -infinite, 0.0).map(drop),
+            "0.1 found, expected a finite number of at most 0",
+        ),
+        (
+            read.single("big", f32::NEG_INFINITY, f32::INFINITY)
+                .map(drop),
+            "1e+39 found, expected a finite number",
+        ),
+        (
+            read.flag("n").map(drop),
+            "13.0 found, expected true or false",
+        ),
+        (
+            read.numbers("list", 3..=usize::MAX, 0.0, 3.0).map(drop),
+            "2 numbers found, expected at least 3",
+        ),
+        (
+            read.numbers("list", 0..=1, 0.0, 3.0).map(drop),
+            "2 numbers found, expected at most 1",
+        ),
+        (
+            read.numbers("list", 3..=4, 0.0, 3.0).map(drop),
+            "2 numbers found, expected 3 to 4",
+        ),
+        (
+            read.numbers("list", 0..=2, 0.0, 2.0).map(drop),
+            "2.5 found, expected a number from 0 to 2",
+        ),
+        (
+            read.numbers("x", 0..=2, 0.0, 2.0).map(drop),
+            "0.1 found, expected a list of numbers",
+        ),
+    ] {
+        assert_eq!(refused.map_err(|error| error.reason), Err(words.to_owned()));
     }
 }

@@ -120,11 +120,13 @@ fn who_waits_in_an_episode_learns_that_it_was_given_up() {
 
 #[test]
 fn a_simulator_that_goes_or_fails_ends_the_episode_with_a_reason() {
-    for (close, reason) in [(true, "the simulator was closed"), (false, "a wheel is lost")] {
+    for (close, reason) in [
+        (true, "the simulator was closed"),
+        (false, "a wheel is lost"),
+    ] {
         let relay = Relay::new();
         let mut server = Relayed::new(Arc::clone(&relay), description());
-        let serving =
-            thread::spawn(move || guarded(|| server.reset(&Parameters::new())).map(drop));
+        let serving = thread::spawn(move || guarded(|| server.reset(&Parameters::new())).map(drop));
         look(&relay);
         if close {
             relay.close();
