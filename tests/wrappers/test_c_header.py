@@ -48,8 +48,9 @@ def _without_comments(text: str) -> str:
 
 
 def _rust() -> str:
-    """All sources, without comments and line ends."""
-    text = "\n".join(path.read_text(encoding="utf-8") for path in sorted((CRATE / "src").rglob("*.rs")))
+    """All sources, without tests, comments and line ends."""
+    sources = [path for path in sorted((CRATE / "src").rglob("*.rs")) if path.name != "tests.rs"]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
     return re.sub(r"\s+", " ", re.sub(r"//.*", "", text))
 
 
