@@ -72,7 +72,7 @@ def test_nothing_is_found_in_any_mode(
 
 
 @SANITIZER
-@pytest.mark.parametrize("mode", ["batched", "offloaded"])
+@pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_what_a_simulation_throws_reaches_the_tool(
     embedded: BrokerProcess,
     serve: ServeSanitized,
