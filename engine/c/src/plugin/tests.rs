@@ -133,7 +133,11 @@ fn a_simulator_that_goes_or_fails_ends_the_episode_with_a_reason() {
         } else {
             relay.answer(Answer::Failed(reason.to_owned())).unwrap();
         }
-        assert_eq!(serving.join().unwrap(), Err(reason.to_owned()));
+        let result = serving.join().unwrap();
+        assert_eq!(
+            result.map_err(|failure| failure.reason),
+            Err(reason.to_owned())
+        );
     }
 }
 
