@@ -50,6 +50,8 @@ struct Link {
     session: Session,
     /// The socket may have more to read; cleared when a read says otherwise.
     readable: bool,
+    /// The broker has closed its side: what comes after the last bytes is the end, of which nothing tells again.
+    closing: bool,
 }
 
 /// A connection to a broker that comes back when it breaks.
@@ -375,6 +377,7 @@ impl Connection {
                     transport,
                     session,
                     readable: true,
+                    closing: false,
                 });
             }
         }
@@ -398,7 +401,8 @@ impl Connection {
             if event.token() == SOCKET
                 && let Some(link) = &mut self.link
             {
-                link.readable |= event.is_readable() || event.is_read_closed() || event.is_error();
+                link.closing |= event.is_read_closed() || event.is_error();
+                link.readable |= event.is_readable() || link.closing;
             }
         }
     }
@@ -441,7 +445,8 @@ impl Connection {
             Err(error) if error.kind() == ErrorKind::Interrupted => return,
             Err(error) => return self.broke(error.to_string(), events),
         };
-        link.readable = count == self.chunk.len() || !link.transport.short_read_is_all();
+        link.readable =
+            count == self.chunk.len() || link.closing || !link.transport.short_read_is_all();
         let mut closed = None;
         link.session.receive(
             &self.chunk[..count],

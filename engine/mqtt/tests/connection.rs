@@ -318,3 +318,42 @@ fn a_broker_of_the_old_standard_is_spoken_to_in_its_language() {
     drop(connection);
     serving.join().unwrap();
 }
+
+#[test]
+fn an_end_that_comes_together_with_a_message_is_noticed() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let url = broker.url();
+    let address = url.trim_start_matches("mqtt://").to_owned();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let relayed = format!("mqtt://{}", listener.local_addr().unwrap());
+    let (cut, wanted) = mpsc::channel();
+    let (done, was_cut) = mpsc::channel();
+    let relay = thread::spawn(move || {
+        let (mut near, _) = listener.accept().unwrap();
+        let mut far = std::net::TcpStream::connect(address).unwrap();
+        let (mut from, mut to) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+        thread::spawn(move || std::io::copy(&mut from, &mut to));
+        let mut chunk = [0; 4096];
+        far.set_read_timeout(Some(Duration::from_millis(5)))
+            .unwrap();
+        while wanted.try_recv().is_err() {
+            if let Ok(count) = far.read(&mut chunk) {
+                near.write_all(&chunk[..count]).unwrap();
+            }
+        }
+        // PUBLISH of "x" on "t", then nothing more.
+        near.write_all(&[0x30, 5, 0, 1, b't', 0, b'x']).unwrap();
+        near.shutdown(std::net::Shutdown::Both).unwrap();
+        done.send(()).unwrap();
+    });
+    let mut connection = open(&relayed, "t");
+    let mut events = Vec::new();
+    connection.poll(Instant::now() + Duration::from_millis(50), &mut events);
+    cut.send(()).unwrap();
+    was_cut.recv().unwrap();
+    assert_eq!(messages(&mut connection, 1)[0].1, b"x");
+    until(&mut connection, |event| {
+        matches!(event, Event::Disconnected { .. })
+    });
+    relay.join().unwrap();
+}
