@@ -19,7 +19,7 @@ SLOW = "-S6.5,-S6.9,-S11.2"
 """Rules that wait for seconds; tried once for each state machine, not for each simulation on it."""
 MANY = {"numAgents": 3, "placement": "random", "maxSteps": 6}
 SERVE = (
-    f"{sys.executable} -m swarmwright serve {{simulation}} --broker {{broker}} --id {{id}} --step-timeout 1"
+    f"{sys.executable} -m swarmwright serve {{simulation}} --broker {{broker}} --id {{id}} --step-timeout 2"
 )
 
 
@@ -31,7 +31,7 @@ class Subject:
     parameters: dict[str, Any] = field(default_factory=dict)
     rules: str = SLOW
     skipped: frozenset[str] = frozenset()
-    step_timeout: float | None = 1.0
+    step_timeout: float | None = 2.0
 
 
 def served(simulation: str) -> str:
@@ -41,12 +41,12 @@ def served(simulation: str) -> str:
 
 def java() -> str:
     """The example server of the Java wrapper."""
-    return f"java -Xshare:auto -jar {jar()} --broker {{broker}} --id {{id}} --step-timeout 1"
+    return f"java -Xshare:auto -jar {jar()} --broker {{broker}} --id {{id}} --step-timeout 2"
 
 
 def cpp(example: str) -> Callable[[], str]:
     """An example server of the C++ wrapper."""
-    return lambda: f"{build() / example} --broker {{broker}} --id {{id}} --step-timeout 1"
+    return lambda: f"{build() / example} --broker {{broker}} --id {{id}} --step-timeout 2"
 
 
 STEERED = frozenset(
@@ -76,6 +76,12 @@ SUBJECTS = {
     ),
     "emergency exit": Subject(served("emergency_exit"), {**EXIT, "update": "simultaneous"}),
     "in turn": Subject(served("emergency_exit"), EXIT, skipped=frozenset({"S2.5", "S4.2", "S4.3"})),
+    "gymnasium": Subject(
+        served("gymnasium:CartPole-v1"), skipped=frozenset({"S1.6", "S2.5", "S4.1", "S4.2", "S4.3"})
+    ),
+    "pettingzoo": Subject(
+        served("pettingzoo:mpe2.simple_spread_v3"), {"max_cycles": 8}, skipped=frozenset({"S9.5"})
+    ),
     "python": Subject(served(f"{ROOT}/tests/python/own/minisim.py:Minisim"), MANY),
 }
 
@@ -110,7 +116,7 @@ def test_the_model_that_broken_servers_are_made_of_is_sound() -> None:
 
 def test_agents_that_steer_themselves() -> None:
     report = check_server(
-        command=served("minisim"), parameters={**MANY, "steering": "rule"}, rules=[SLOW], step_timeout=1.0
+        command=served("minisim"), parameters={**MANY, "steering": "rule"}, rules=[SLOW], step_timeout=2.0
     )
     assert report.ok, str(report)
     assert set(report.of("skipped")) == STEERED

@@ -49,14 +49,6 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
         ),
         click.option("--list", "listing", is_flag=True, help="List the rules and try nothing."),
         click.option(
-            "--timeout",
-            type=click.FloatRange(0.05, 3600.0),
-            default=5.0,
-            show_default=True,
-            metavar="SECONDS",
-            help="How long one answer may take.",
-        ),
-        click.option(
             "--wait",
             type=click.FloatRange(0.1, 86400.0),
             default=30.0,
@@ -104,6 +96,14 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
 )
 @click.option(
     "--actuators", type=WholeNumber(1, 1_000_000), metavar="N", help="Numbers of an agent, if not announced."
+)
+@click.option(
+    "--timeout",
+    type=click.FloatRange(0.05, 3600.0),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long one answer may take.",
 )
 @click.option(
     "--step-timeout",
@@ -159,6 +159,93 @@ def server_command(
         actuators=actuators,
         step_timeout=step_timeout,
         timeout=timeout,
+        wait=wait,
+        rules=rules,
+        tell=reporter.tell,
+        say=reporter.say,
+    )
+    return reporter.finish(report, RULES, junit)
+
+
+@command.command(
+    "optimizer",
+    cls=Command,
+    example='swarmwright conformance optimizer --exec "swarmwright optimize {experiment} --out {folder}/r"\n'
+    "swarmwright conformance optimizer --simulation rovers --sensors 8 --actuators 2",
+)
+@click.option("--simulation", metavar="TITLE", help="Offer this alone. Default: whatever is asked for.")
+@click.option(
+    "--sensors",
+    type=WholeNumber(1, 1000),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Numbers that an agent senses.",
+)
+@click.option(
+    "--actuators",
+    type=WholeNumber(1, 1000),
+    default=2,
+    show_default=True,
+    metavar="N",
+    help="Numbers that an agent is steered by.",
+)
+@click.option(
+    "--episodes",
+    type=WholeNumber(1, 1000),
+    metavar="K",
+    help="In how many episodes the tool evaluates each candidate; with {experiment} it is 2.",
+)
+@click.option(
+    "--lasts",
+    type=click.FloatRange(0.5, 3600.0),
+    default=30.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long one run of the tool may take.",
+)
+@_shared
+def optimizer_command(
+    simulation: str | None,
+    sensors: int,
+    actuators: int,
+    episodes: int | None,
+    lasts: float,
+    start: str | None,
+    broker: str | None,
+    prefix: str,
+    rules: tuple[str, ...],
+    junit: Path | None,
+    listing: bool,
+    wait: float,
+    as_json: bool,
+) -> int:
+    """Try every rule on an optimization tool; the kit plays the simulation servers.
+
+    In COMMAND {broker} and {prefix} stand for the broker's address and the prefix, {experiment} for an
+    experiment file that the kit writes, {folder} for an empty folder. The tool is started anew for each
+    scene: servers that behave, that send junk, fall silent, are taken by others. Without --exec start it
+    once, with the address that is printed; what needs another run is skipped.
+
+    The exit status is 0 when no rule is broken, 1 when one is, 2 when the input is wrong.
+    """
+    from swarmwright.conformance.optimizer import RULES
+
+    output = Output(as_json=as_json)
+    if listing:
+        return _list(output, RULES, rules)
+    from swarmwright.conformance._check_optimizer import check_optimizer
+
+    reporter = _Reporter(output)
+    report = check_optimizer(
+        command=start,
+        broker=broker,
+        prefix=prefix,
+        simulation=simulation,
+        sensors=sensors,
+        actuators=actuators,
+        episodes=episodes,
+        lasts=lasts,
         wait=wait,
         rules=rules,
         tell=reporter.tell,

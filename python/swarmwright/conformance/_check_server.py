@@ -5,12 +5,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
-from urllib.parse import urlsplit
 
 from swarmwright._errors import InputError, RunError
+from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._results import Report, Result
 from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
@@ -66,12 +65,11 @@ def check_server(
     chosen = RULES.chosen(rules)
     tell, say = tell or _nothing, say or _nothing
     with ExitStack() as stack:
-        address, own, door = _broker(broker, stack, stranger=command is None and start is None)
+        address, own, door = open_broker(broker, stack, stranger=command is None and start is None)
         process = None
         if command is not None:
-            process = Process(
-                command, {"broker": door.url if door else address, "id": server, "prefix": prefix}
-            )
+            values = {"broker": door.url if door else address, "id": server, "prefix": prefix}
+            process = Process(command, lambda: values)
             stack.callback(process.close)
         own_presence = f"{PRESENCE}{server}"
         probe = Settings(
@@ -116,28 +114,6 @@ def _connected(address: str, prefix: str, presence: str, token: str = "") -> Cli
     if token:
         topics += [TO_TOOL + token, f"conformance/{token}"]
     return Client(address, prefix, topics)
-
-
-def _broker(broker: str | None, stack: ExitStack, *, stranger: bool) -> tuple[str, str | None, Door | None]:
-    """Address for the kit, that of the embedded broker if there is one, and the door for the server.
-
-    stranger: the server is started by somebody else, who knows the broker's own address.
-    """
-    if broker is None:
-        from swarmwright import _engine
-
-        embedded = _engine.Broker()
-        stack.callback(embedded.stop)
-        address, own = embedded.url, embedded.url
-    else:
-        address, own = broker, None
-    parts = urlsplit(address)
-    if parts.scheme != "mqtt" or (broker is not None and stranger):
-        return address, own, None
-    assert parts.hostname is not None
-    door = Door(parts.hostname, parts.port or 1883)
-    stack.callback(door.close)
-    return address, own, door
 
 
 def _title(peer: ServerPeer, topic: str, wait: float) -> str:

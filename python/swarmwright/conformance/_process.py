@@ -6,7 +6,7 @@ import shlex
 import signal
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from swarmwright._errors import InputError
 
@@ -19,38 +19,43 @@ class Process:
 
     Args:
         command: as typed in a shell; no shell is involved.
-        values: of the placeholders.
+        values: gives the values of the placeholders, asked anew for each start.
 
     Raises InputError when the command cannot be read or started.
 
     """
 
-    def __init__(self, command: str, values: Mapping[str, object]) -> None:
+    def __init__(self, command: str, values: Callable[[], Mapping[str, object]]) -> None:
+        self.command = command
+        self._values = values
+        if not self._words({}):
+            raise InputError("--exec: is empty; write the command that starts the peer")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def _words(self, values: Mapping[str, object]) -> list[str]:
+        command = self.command
         for name, value in values.items():
             command = command.replace(f"{{{name}}}", shlex.quote(str(value)))
         try:
-            self._words = shlex.split(command)
+            return shlex.split(command)
         except ValueError as error:
             raise InputError(f"--exec: {command!r} cannot be read: {error}") from None
-        if not self._words:
-            raise InputError("--exec: is empty; write the command that starts the peer")
-        self.command = command
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
-        self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
         """Start it, anew if it ran before."""
         self.stop()
+        words = self._words(self._values())
         try:
             self._process = subprocess.Popen(
-                self._words,
+                words,
                 stdin=subprocess.DEVNULL,
                 stdout=self._said,
                 stderr=self._said,
                 start_new_session=True,
             )
         except OSError as error:
-            raise InputError(f"--exec: {self._words[0]}: {error.strerror}") from None
+            raise InputError(f"--exec: {words[0]}: {error.strerror}") from None
 
     @property
     def ended(self) -> str:

@@ -1,6 +1,7 @@
 """The reference page of the rules, made of the rules themselves."""
 
 from swarmwright.conformance._rules import Rules
+from swarmwright.conformance.optimizer import RULES as OPTIMIZER
 from swarmwright.conformance.server import RULES as SERVER
 
 INTRODUCTION = """\
@@ -14,7 +15,7 @@ What `swarmwright conformance` tries, and what to do about a rule that is broken
 [003](../decisions/003-mqtt-connection.md) on connections. It is not tried when one that it needs is broken.
 """
 TITLES = {"server": "Simulation servers", "optimizer": "Optimization tools"}
-SIDES = (SERVER,)
+SIDES = (SERVER, OPTIMIZER)
 
 
 def reference() -> str:

@@ -11,9 +11,9 @@
 A check raises AssertionError that says what is violated. The same checks run over everything built in.
 """
 
-from swarmwright.testing._conformance import check_server
+from swarmwright.testing._conformance import check_optimizer, check_server
 from swarmwright.testing._methods import check_method
 from swarmwright.testing._rankings import check_ranking
 from swarmwright.testing._representations import check_representation
 
-__all__ = ["check_method", "check_ranking", "check_representation", "check_server"]
+__all__ = ["check_method", "check_optimizer", "check_ranking", "check_representation", "check_server"]

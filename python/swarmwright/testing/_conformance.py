@@ -19,3 +19,18 @@ def check_server(command: str | None = None, **options: Any) -> "Report":  # noq
     report = check(command=command, **options)
     assert report.ok, str(report)
     return report
+
+
+def check_optimizer(command: str | None = None, **options: Any) -> "Report":  # noqa: ANN401 - see there
+    """Check that an optimization tool keeps every rule of the protocol; return what came of each.
+
+    command: what starts it, with {broker} or {experiment} in it. options: as of
+    `swarmwright.conformance.check_optimizer`.
+
+    Raises AssertionError that names each rule that is broken, what was sent, what came and what was expected.
+    """
+    from swarmwright.conformance import check_optimizer as check
+
+    report = check(command=command, **options)
+    assert report.ok, str(report)
+    return report

@@ -1,5 +1,7 @@
 """S2: from parameters to fitness."""
 
+import statistics
+import time
 from contextlib import suppress
 
 from swarmwright.conformance._course import Always
@@ -90,23 +92,21 @@ def sensors(server: Server) -> str | None:
 )
 def ends(server: Server) -> str:
     """A whole episode, each message answered at once; its course is what others are compared with."""
-    import time
-
     episode = server.episode()
     sent = episode.configure()
     episode.start()
-    start = last = time.monotonic()
-    slowest = 0.0
+    start = time.monotonic()
+    waits = []
     while not episode.over:
         for agent, turn, numbers in list(episode.pending):
             sent = episode.answer(agent, server.policy(agent, turn, numbers))
         last = time.monotonic()
         episode.hear(sent)
-        slowest = max(slowest, time.monotonic() - last)
+        waits.append(time.monotonic() - last)
     course = episode.course
     course.seconds = time.monotonic() - start
     server.course = course
-    server.quiet = min(server.settings.timeout, max(server.quiet, 4 * slowest))
+    server.listen_for(3 * statistics.median(waits))
     agents = len(course.readings)
     messages = f"{course.messages} sensor messages of {agents} agents in {course.seconds:.3f} s"
     return f"fitness {course.fitness}; {messages}"

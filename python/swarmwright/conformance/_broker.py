@@ -1,0 +1,30 @@
+"""Where the kit and its peer meet."""
+
+from contextlib import ExitStack
+from urllib.parse import urlsplit
+
+from swarmwright.conformance._proxy import Door
+
+
+def open_broker(
+    broker: str | None, stack: ExitStack, *, stranger: bool
+) -> tuple[str, str | None, Door | None]:
+    """Address for the kit, that of the embedded broker if there is one, and the door for the peer.
+
+    stranger: the peer is started by somebody else, who knows the broker's own address.
+    """
+    if broker is None:
+        from swarmwright import _engine
+
+        embedded = _engine.Broker()
+        stack.callback(embedded.stop)
+        address, own = embedded.url, embedded.url
+    else:
+        address, own = broker, None
+    parts = urlsplit(address)
+    if parts.scheme != "mqtt" or (broker is not None and stranger):
+        return address, own, None
+    assert parts.hostname is not None
+    door = Door(parts.hostname, parts.port or 1883)
+    stack.callback(door.close)
+    return address, own, door

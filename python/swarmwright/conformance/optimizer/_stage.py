@@ -1,0 +1,258 @@
+"""Simulation servers as the kit plays them, for an optimization tool to find."""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from swarmwright.conformance._client import TO_SERVER, Client, Message
+from swarmwright.conformance._rules import Failure
+
+Json = dict[str, Any]
+AGENTS, STEPS = 2, 3
+TOOL_TOPICS = ("discovery", "parameters", "control", "actuator")
+
+
+def sensed(turn: int, count: int) -> list[float]:
+    """What every agent senses in its turn: the same in all episodes, so that states that are left show."""
+    return [((turn * 37 + index * 61 + 17) % 129 - 64) / 64 for index in range(count)]
+
+
+@dataclass
+class Played:
+    """An episode of a played server.
+
+    asked: (agent, turn) in order. answers: what came for them, by agent and turn. ended: how, `fitness` or
+    `stopped`, empty while it lasts.
+    """
+
+    server: int
+    hash: str
+    asked: list[tuple[int, int]] = field(default_factory=list)
+    answers: dict[tuple[int, int], list[Any]] = field(default_factory=dict)
+    ended: str = ""
+
+    def course(self) -> str:
+        """All answers in order, as text to be compared."""
+        return json.dumps([self.answers.get(key) for key in sorted(self.asked)])
+
+
+@dataclass
+class Record:
+    """All that a tool sent: messages with their topic, what could not be read, what nobody asked for.
+
+    requests: of extensions. evaluated: episodes that were evaluated with them. together: most episodes at a
+    time.
+    """
+
+    messages: list[tuple[str, Json]] = field(default_factory=list)
+    wrong: list[Failure] = field(default_factory=list)
+    unasked: list[str] = field(default_factory=list)
+    episodes: list[Played] = field(default_factory=list)
+    notes: dict[str, str] = field(default_factory=dict)
+    requests: list[Json] = field(default_factory=list)
+    evaluated: int = 0
+    together: int = 0
+    seconds: float = 0.0
+    ended: str = ""
+    status: int | None = None
+
+    def on(self, topic: str) -> list[Json]:
+        """The contents on a topic."""
+        return [content for name, content in self.messages if name == topic]
+
+    @property
+    def finished(self) -> list[Played]:
+        """Episodes that went to their fitness."""
+        return [episode for episode in self.episodes if episode.ended == "fitness"]
+
+
+class Actor:
+    """A simulation server that behaves; what misbehaves derives from it.
+
+    in_turn: it asks one agent after the other. drops: each agent is out a step earlier than the one before.
+    """
+
+    def __init__(self, server: int, *, in_turn: bool = False, drops: bool = False) -> None:
+        self.server = server
+        self.in_turn = in_turn
+        self.drops = drops
+        self.parameters: dict[str, Json] = {}
+        self.episode: Played | None = None
+        self.waiting: list[int] = []
+        self.turns = [0] * AGENTS
+        self.answered: set[str] = set()
+        self.stage: Stage
+
+    def says(self, topic: str, **fields: Any) -> None:  # noqa: ANN401 - JSON
+        """Publish."""
+        self.stage.client.send(topic, **fields)
+
+    def answers(self, content: Json) -> bool:
+        """Whether to answer a discovery."""
+        return self.episode is None and content.get("simulation") == self.stage.title_for(content)
+
+    def discovery(self, content: Json) -> None:
+        """Somebody asks."""
+        if self.answers(content):
+            self.offer(content)
+
+    def offer(self, content: Json) -> None:
+        """Answer a discovery."""
+        self.answered.add(str(content.get("simulation_hash")))
+        needs = content.get("requirements")
+        dimensions = needs.get("dimensions", 2) if isinstance(needs, dict) else 2
+        extension = {"version": 1, "sensors": self.stage.sensors, "actuators": self.stage.actuators}
+        extension |= self.announced()
+        self.says(
+            "server",
+            server=self.server,
+            simulation_hash=content.get("simulation_hash"),
+            simulations=[content.get("simulation")],
+            capabilities={"dimensions": dimensions, "swarmwright": extension},
+        )
+
+    def announced(self) -> Json:
+        """More of what it offers beyond D6.1."""
+        return {"modes": ["stepwise"]}
+
+    def control(self, content: Json) -> None:
+        """Control for this server."""
+        hash_ = str(content.get("simulation_hash"))
+        if content.get("run", True) is False:
+            if self.episode is not None and self.episode.hash == hash_:
+                self.episode.ended = "stopped"
+                self.episode = None
+        elif self.episode is None and hash_ in self.parameters:
+            self.begin(hash_)
+
+    def begin(self, hash_: str) -> None:
+        """Start an episode."""
+        self.episode = Played(self.server, hash_)
+        self.stage.record.episodes.append(self.episode)
+        self.turns = [0] * AGENTS
+        self.ask()
+
+    def next(self) -> list[int]:
+        """Who acts next: all, or the first of those with the fewest turns."""
+        acting = [agent for agent in range(AGENTS) if self.turns[agent] < STEPS - agent * self.drops]
+        if not self.in_turn:
+            return acting
+        return sorted(acting, key=lambda agent: (self.turns[agent], agent))[:1]
+
+    def ask(self) -> None:
+        """Begin a step, or end the episode."""
+        assert self.episode is not None
+        self.waiting = self.next()
+        if not self.waiting:
+            self.finish()
+            return
+        for agent in self.waiting:
+            self.episode.asked.append((agent, self.turns[agent]))
+            self.sense(agent)
+
+    def sense(self, agent: int) -> None:
+        """Publish a sensor message."""
+        assert self.episode is not None
+        values = sensed(self.turns[agent], self.stage.sensors)
+        self.says("sensor", simulation_hash=self.episode.hash, agent=agent, sensor=values)
+
+    def actuator(self, content: Json) -> None:
+        """An answer for the episode under way."""
+        assert self.episode is not None
+        agent, values = content.get("agent"), content.get("actuator")
+        if agent not in self.waiting or not isinstance(agent, int):
+            self.stage.record.unasked.append(f"actuator {json.dumps(content)}")
+            return
+        self.waiting.remove(agent)
+        self.episode.answers[agent, self.turns[agent]] = values if isinstance(values, list) else [values]
+        self.turns[agent] += 1
+        if not self.waiting:
+            self.ask()
+
+    def finish(self) -> None:
+        """Publish the fitness."""
+        assert self.episode is not None
+        episode, self.episode = self.episode, None
+        episode.ended = "fitness"
+        self.says("fitness", simulation_hash=episode.hash, fitness=fitness_of(episode))
+
+    def requested(self, message: Message) -> None:
+        """A request of an extension came, though none is announced."""
+        self.stage.record.unasked.append(str(message))
+
+    def tick(self) -> None:
+        """Time has passed."""
+
+
+def fitness_of(episode: Played) -> float:
+    """Something to be optimized: the mean of all actuators."""
+    values = [
+        value for answer in episode.answers.values() for value in answer if isinstance(value, int | float)
+    ]
+    return sum(values) / max(1, len(values))
+
+
+class Stage:
+    """Played servers on a broker, and the record of what a tool does with them."""
+
+    def __init__(
+        self, client: Client, actors: Sequence[Actor], *, title: str | None, sensors: int, actuators: int
+    ) -> None:
+        self.client = client
+        self.actors = list(actors)
+        self.title = title
+        self.sensors = sensors
+        self.actuators = actuators
+        self.record = Record()
+        for actor in self.actors:
+            actor.stage = self
+
+    def title_for(self, content: Json) -> object:
+        """What is offered: the title that was given, or whatever is asked for."""
+        return content.get("simulation") if self.title is None else self.title
+
+    def play(self, over: Callable[[], bool], seconds: float) -> Record:
+        """Play until `over`, or for so many seconds at most."""
+        start = time.monotonic()
+        while not over() and time.monotonic() < start + seconds:
+            message = self.client.next(lambda _: True, 0.02)
+            if message is not None:
+                self.hear(message)
+            for actor in self.actors:
+                actor.tick()
+        for message in self.client.drain(0.05):
+            self.hear(message)
+        self.record.seconds = time.monotonic() - start
+        return self.record
+
+    def hear(self, message: Message) -> None:
+        """Note a message, and let the actors have it."""
+        if message.topic.startswith(TO_SERVER):
+            for actor in self.actors:
+                if message.topic == f"{TO_SERVER}{actor.server}":
+                    actor.requested(message)
+            return
+        if message.topic not in TOOL_TOPICS or message.retained:
+            return
+        try:
+            content = message.json
+        except Failure as failure:
+            self.record.wrong.append(failure)
+            return
+        self.record.messages.append((message.topic, content))
+        hash_, server = content.get("simulation_hash"), content.get("server")
+        for actor in self.actors:
+            if message.topic == "discovery":
+                actor.discovery(content)
+            elif message.topic == "parameters" and server == actor.server:
+                actor.parameters[str(hash_)] = content
+            elif message.topic == "control" and server == actor.server:
+                actor.control(content)
+            elif message.topic == "actuator" and actor.episode is not None and actor.episode.hash == hash_:
+                actor.actuator(content)
+        running = [actor.episode.hash for actor in self.actors if actor.episode is not None]
+        self.record.together = max(self.record.together, len(running))
+        if len(set(running)) < len(running):
+            self.record.notes["same hash"] = f"{running[0]} at {len(running)} servers at once"

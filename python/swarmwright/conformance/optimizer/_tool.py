@@ -1,0 +1,181 @@
+"""The optimization tool under test: started anew for each scene, or once by somebody else."""
+
+import signal
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmwright.conformance._client import TO_SERVER, TOPICS, Client
+from swarmwright.conformance._process import Process
+from swarmwright.conformance._proxy import Door
+from swarmwright.conformance._rules import Failure, Rule, Skip
+from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
+
+SILENT = 3.0
+"""Seconds of silence after which a tool that somebody else started has ended its run."""
+
+
+@dataclass
+class ToolSettings:
+    """episodes: in how many each candidate is evaluated, if known. lasts: seconds of a run at most."""
+
+    title: str | None
+    sensors: int
+    actuators: int
+    episodes: int | None
+    lasts: float
+    wait: float
+    mode: str = "stepwise"
+
+
+class Tool:
+    """A tool as the rules see it: the records of scenes, each played once."""
+
+    def __init__(
+        self, address: str, prefix: str, settings: ToolSettings, *, door: Door | None, process: Process | None
+    ) -> None:
+        self.address = address
+        self.prefix = prefix
+        self.settings = settings
+        self.door = door
+        self.process = process
+        self._scenes: dict[str, Record] = {}
+
+    def plain(self) -> Record:
+        """Two servers that behave; one asks all agents at once, one in turn. A third is taken and silent."""
+        return self.scene("plain", [Actor(1), Actor(2, in_turn=True)])
+
+    def scene(
+        self,
+        name: str,
+        actors: Sequence[Actor],
+        *,
+        interrupt: bool = False,
+        cut: bool = False,
+        mode: str = "stepwise",
+    ) -> Record:
+        """Play a scene, or recall it.
+
+        interrupt: with SIGINT in the middle. cut: the connection, in the middle. mode: in experiments that
+        the kit writes.
+        """
+        self.settings.mode = mode
+        if name not in self._scenes:
+            if self.process is None and self._scenes:
+                raise Skip("the tool has to be started anew for this: let the kit do it (--exec)")
+            if interrupt and self.process is None:
+                raise Skip("the kit did not start the tool (--exec)")
+            if cut and self.door is None:
+                raise Skip("the kit does not stand between tool and broker")
+            self._scenes[name] = self._played(actors, interrupt=interrupt, cut=cut)
+        return self._scenes[name]
+
+    def _played(self, actors: Sequence[Actor], *, interrupt: bool, cut: bool) -> Record:
+        topics = [*TOOL_TOPICS, *(f"{TO_SERVER}{actor.server}" for actor in actors)]
+        with Client(self.address, self.prefix, topics) as client:
+            stage = Stage(
+                client,
+                actors,
+                title=self.settings.title,
+                sensors=self.settings.sensors,
+                actuators=self.settings.actuators,
+            )
+            if self.process is not None:
+                self.process.start()
+            if interrupt or cut:
+                stage.play(lambda: self._ended() or self._in_the_middle(stage), self.settings.lasts)
+                if interrupt and self.process is not None:
+                    self.process.signal(signal.SIGINT)
+                elif self.door is not None:
+                    self.door.shut()
+                    self.door.open()
+            last = time.monotonic() + self.settings.wait
+            heard = 0
+
+            def over() -> bool:
+                nonlocal last, heard
+                count = len(stage.record.messages) + len(stage.record.requests)
+                if count > heard:
+                    heard, last = count, time.monotonic() + SILENT
+                return self._ended() if self.process is not None else time.monotonic() > last
+
+            stage.play(over, self.settings.lasts)
+            record = stage.record
+            if self.process is not None:
+                record.ended, record.status = self.process.ended, self.process.status
+                self.process.stop()
+        return record
+
+    @staticmethod
+    def _in_the_middle(stage: Stage) -> bool:
+        return bool(stage.record.finished) and any(actor.episode is not None for actor in stage.actors)
+
+    def _ended(self) -> bool:
+        return self.process is not None and bool(self.process.ended)
+
+    def retained(self) -> list[str]:
+        """What the broker keeps on the seven topics."""
+        with Client(self.address, self.prefix, TOPICS) as client:
+            return [str(message) for message in client.drain(0.1) if message.retained and message.payload]
+
+    # What a run needs of a peer: nothing is left between two rules.
+
+    def ready(self, rule: Rule) -> None:
+        """Each scene begins from nothing."""
+
+    def recover(self) -> str:
+        """Each scene begins from nothing."""
+        return ""
+
+    def revive(self) -> bool:
+        """Each scene starts it anyway."""
+        return True
+
+    def gone(self) -> str:
+        """It may end as it likes; how it ended is in the record."""
+        return ""
+
+
+def must_go_on(tool: Tool, name: str, actors: Sequence[Actor], sent: str) -> Record:
+    """Play a scene; Failure unless as many episodes come to their end as without trouble."""
+    wanted = len(tool.plain().finished)
+    record = tool.scene(name, actors)
+    if len(record.finished) < wanted:
+        came = (
+            f"{len(record.finished)} of {wanted} episodes came to their end; {record.ended or 'no more came'}"
+        )
+        raise Failure(came, "a run as if nothing had come between", sent)
+    if record.unasked:
+        raise Failure(f"{record.unasked[0]} came", "answers to sound messages only", sent)
+    return record
+
+
+EXPERIMENT = """\
+# What the conformance kit gives to a Swarmwright tool. Each candidate, which has a state, plays two episodes.
+simulation: {title}
+requirements: {{dimensions: 2}}
+parameters: {{note: conformance}}
+sensors: {sensors}
+actuators: {actuators}
+controller: {{kind: fully_meshed, hidden: 1, activation: tanh}}
+method: {{kind: nnga, population: 6, generations: 2}}
+ranking: {{episodes: 2}}
+mode: {mode}
+broker: {broker}
+seed: 1
+timeouts: {{discovery: 8, step: 1}}
+"""
+
+
+def write_experiment(folder: Path, broker: str, settings: ToolSettings) -> Path:
+    """Write an experiment file for tools that read Swarmwright's."""
+    path = folder / "experiment.yaml"
+    title = settings.title or "conformance"
+    text = EXPERIMENT.format(
+        title=title, mode=settings.mode, sensors=settings.sensors, actuators=settings.actuators, broker=broker
+    )
+    with suppress(OSError):
+        path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,128 @@
+"""O3: what a tool answers to sensors."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import is_number
+from swarmwright.conformance.optimizer._rules import rule
+from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played
+from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+
+
+def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
+    """Every answer of finished episodes: episode, agent, turn, actuators."""
+    for episode in tool.plain().finished:
+        for (agent, turn), values in episode.answers.items():
+            yield episode, agent, turn, values
+
+
+@rule(
+    "O3.1",
+    "It answers each sensor message with one actuator message, for its agent and hash.",
+    where="protocol.md, An episode, 4",
+    mend="publish actuators when sensors come, once, with the agent and hash of the sensor message",
+    needs=["O2.1"],
+    seconds=600,
+)
+def one_each(tool: Tool) -> str:
+    """Nothing is missing, nothing comes twice; agents at once and in turn."""
+    record = tool.plain()
+    if record.unasked:
+        raise Failure(f"{record.unasked[0]} came", "one answer for each agent that was asked")
+    count = sum(len(episode.answers) for episode in record.finished)
+    return f"{count} answers"
+
+
+@rule(
+    "O3.2",
+    "It sends as many actuators as the server announces.",
+    where="protocol.md, Presence",
+    mend="make the controller's outputs as many as capabilities.swarmwright.actuators says",
+    needs=["O2.1"],
+    seconds=600,
+)
+def as_many(tool: Tool) -> None:
+    """The length of every answer."""
+    wanted = tool.settings.actuators
+    for _, agent, _, values in answers(tool):
+        if len(values) != wanted:
+            raise Failure(
+                f"{len(values)} actuators {json.dumps(values)} for agent {agent}", f"{wanted} actuators"
+            )
+
+
+@rule(
+    "O3.3",
+    "Actuators are finite numbers from -1 to +1.",
+    where="protocol.md, Topics",
+    mend="limit what the controller puts out to -1..+1 before it is sent",
+    needs=["O2.1"],
+    seconds=600,
+)
+def in_range(tool: Tool) -> None:
+    """Every number of every answer."""
+    for _, agent, _, values in answers(tool):
+        for value in values:
+            if not is_number(value) or abs(value) > 1:
+                raise Failure(
+                    f"actuators {json.dumps(values)} for agent {agent}", "finite numbers from -1 to +1"
+                )
+
+
+@rule(
+    "O3.4",
+    "Every agent has a state of its own: agents that have sensed the same act the same.",
+    where="protocol.md, Controllers; decision 002",
+    mend="keep a controller with its state for each agent of an episode",
+    needs=["O3.1"],
+    seconds=600,
+)
+def own_states(tool: Tool) -> None:
+    """Two agents that sense the same in every turn."""
+    for episode in tool.plain().finished:
+        for turn in range(STEPS):
+            found = [episode.answers.get((agent, turn)) for agent in range(AGENTS)]
+            told = [json.dumps(values) for values in found if values is not None]
+            if len(set(told)) > 1:
+                came = f"in turn {turn} the agents do {' and '.join(told)}"
+                raise Failure(came, "the same: they have sensed the same since the episode began")
+
+
+@rule(
+    "O3.5",
+    "Controllers are reset when an episode starts: the same candidate does the same in each of its episodes.",
+    where="protocol.md, Controllers; decision 002",
+    mend="make or reset the controllers of all agents when an episode starts",
+    needs=["O2.3", "O3.4"],
+    seconds=600,
+)
+def reset(tool: Tool) -> str:
+    """Every candidate senses the same in all of its episodes, so its courses must be the same."""
+    episodes = tool.settings.episodes
+    if episodes is None or episodes < 2:
+        raise Skip("give --episodes K, in how many episodes the tool evaluates each candidate, 2 at least")
+    courses = Counter(episode.course() for episode in tool.plain().finished)
+    odd = [course for course, count in courses.items() if count % episodes]
+    if odd:
+        total = sum(courses.values())
+        came = (
+            f"{total} episodes with {len(courses)} different courses; {odd[0]} came {courses[odd[0]]} times"
+        )
+        raise Failure(came, f"each course {episodes} times, or a multiple of it")
+    return f"{len(courses)} different courses in {sum(courses.values())} episodes"
+
+
+@rule(
+    "O3.6",
+    "It goes on when agents drop out.",
+    where="protocol.md, An episode, 4",
+    mend="answer the sensor messages that come; do not wait for those of all agents",
+    needs=["O3.1"],
+    seconds=600,
+)
+def drop_outs(tool: Tool) -> None:
+    """Two servers whose agents are out one after the other, asked at once and in turn."""
+    actors = [Actor(1, drops=True), Actor(2, in_turn=True, drops=True)]
+    must_go_on(tool, "drop-outs", actors, "no more sensor messages of agent 1 in the last step")

@@ -1,0 +1,80 @@
+"""O7: how a tool leaves its servers."""
+
+import json
+import time
+
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance.optimizer._rules import rule
+from swarmwright.conformance.optimizer._stage import Actor, Record
+from swarmwright.conformance.optimizer._tool import Tool
+
+TAKEN = "protocol.md, Who is taken, and when"
+
+
+def named(record: Record) -> str:
+    """The name of the tool; skips the rule when it has none."""
+    names = {str(content["tool"]) for _, content in record.messages if "tool" in content}
+    if not names:
+        raise Skip("the tool does not name itself: its servers are free after each episode")
+    if len(names) > 1:
+        raise Failure(f"it calls itself {' and '.join(sorted(names))}", "one name in all its messages")
+    return names.pop()
+
+
+def must_give_back(record: Record) -> None:
+    """Failure unless each server that was used got run: false after its last episode."""
+    for server in sorted({episode.server for episode in record.episodes}):
+        mine = [content for content in record.on("control") if content.get("server") == server]
+        if not mine or mine[-1].get("run", True) is not False:
+            came = f"the last control for server {server} was {json.dumps(mine[-1]) if mine else 'none'}"
+            raise Failure(came, f'control with "run": false; {record.ended}')
+
+
+@rule(
+    "O7.1",
+    "A tool that names itself gives its servers back when its run is over: control with run: false.",
+    where=TAKEN,
+    mend="publish control with run: false, tool and the last hash for each server that you have used",
+    needs=["O2.1"],
+    seconds=600,
+)
+def gives_back(tool: Tool) -> str:
+    """The last control for each server."""
+    record = tool.plain()
+    name = named(record)
+    must_give_back(record)
+    return f'it calls itself "{name}"'
+
+
+@rule(
+    "O7.2",
+    "Interrupted (SIGINT), it ends the episodes under way with run: false, and ends.",
+    where=TAKEN,
+    mend="on SIGINT publish control with run: false for every server that runs an episode for you",
+    needs=["O2.1"],
+    seconds=600,
+)
+def interrupted(tool: Tool) -> str:
+    """SIGINT in the middle of an episode."""
+    tool.plain()
+    record = tool.scene("interrupt", [Slow(1), Slow(2)], interrupt=True)
+    if not record.ended:
+        raise Failure(f"it went on for {record.seconds:.0f} s", "its end", "SIGINT")
+    must_give_back(record)
+    return f"exit status {record.status}"
+
+
+class Slow(Actor):
+    """Takes its time, so that there is a middle of an episode."""
+
+    at = 0.0
+
+    def ask(self) -> None:
+        """Later."""
+        self.at = time.monotonic() + 0.05
+
+    def tick(self) -> None:
+        """Now."""
+        if self.episode is not None and 0 < self.at < time.monotonic():
+            self.at = 0.0
+            super().ask()

@@ -1,0 +1,102 @@
+"""O5: servers that are taken by others, fall silent, or cannot be heard for a while."""
+
+import time
+
+from swarmwright.conformance._rules import Failure
+from swarmwright.conformance.optimizer._rules import rule
+from swarmwright.conformance.optimizer._stage import Actor
+from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+
+
+class TakenByOthers(Actor):
+    """Answers discovery, but another tool's control is a little earlier, and keeps it."""
+
+    gone = False
+
+    def answers(self, content: dict[str, object]) -> bool:
+        """Until it is taken."""
+        return not self.gone and super().answers(content)
+
+    def begin(self, hash_: str) -> None:
+        """Nothing happens for this tool."""
+        self.gone = True
+        self.stage.record.notes["tried"] = hash_
+
+
+@rule(
+    "O5.1",
+    "A server that answered but does not begin is given up: another one gets the episode.",
+    where="protocol.md, Who is taken, and when",
+    mend="watch the time since control; without a sensor message look for another server",
+    needs=["O3.1"],
+    seconds=600,
+)
+def taken(tool: Tool) -> str:
+    """One server that never begins, one that does."""
+    record = must_go_on(tool, "taken", [TakenByOthers(1), Actor(2)], "no sensor message from server 1")
+    return f"in {record.seconds:.1f} s" if "tried" in record.notes else "the tool never tried the server"
+
+
+class FallsSilent(Actor):
+    """Says nothing more after the first step of its second episode."""
+
+    def ask(self) -> None:
+        """Not any more."""
+        mine = [episode for episode in self.stage.record.episodes if episode.server == self.server]
+        if len(mine) < 2 or not mine[-1].answers:
+            super().ask()
+
+    def answers(self, content: dict[str, object]) -> bool:
+        """Not any more, either."""
+        mine = [episode for episode in self.stage.record.episodes if episode.server == self.server]
+        return len(mine) < 2 and super().answers(content)
+
+
+@rule(
+    "O5.2",
+    "When a server falls silent in the middle of an episode, another one gets the episode.",
+    where="protocol.md, Who is taken, and when",
+    mend="watch the time since the last answer; evaluate the candidate elsewhere",
+    needs=["O3.1"],
+    seconds=600,
+)
+def lost(tool: Tool) -> str:
+    """One server that falls silent in its second episode, one that does not."""
+    record = must_go_on(tool, "lost", [FallsSilent(1), Actor(2)], "nothing after the first step")
+    return f"in {record.seconds:.1f} s"
+
+
+@rule(
+    "O5.3",
+    "It connects again when the connection to the broker broke, and the run goes on.",
+    where="decision 003",
+    mend="let the MQTT client connect again and subscribe again; evaluate once more what was under way",
+    needs=["O3.1"],
+    seconds=600,
+)
+def cut(tool: Tool) -> str:
+    """The connection is cut in the middle of an episode."""
+    wanted = len(tool.plain().finished)
+    record = tool.scene("cut", [Patient(1), Patient(2)], cut=True)
+    if len(record.finished) < wanted:
+        came = (
+            f"{len(record.finished)} of {wanted} episodes came to their end; {record.ended or 'no more came'}"
+        )
+        raise Failure(came, "a whole run all the same", "the connection was cut")
+    return f"in {record.seconds:.1f} s"
+
+
+class Patient(Actor):
+    """Gives up an episode whose actuators do not come for a second."""
+
+    since = 0.0
+
+    def ask(self) -> None:
+        """Note when."""
+        self.since = time.monotonic()
+        super().ask()
+
+    def tick(self) -> None:
+        """Look at the time."""
+        if self.episode is not None and time.monotonic() > self.since + 1:
+            self.episode = None
