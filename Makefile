@@ -133,17 +133,18 @@ $(CPP)/.built: $(CPP_SOURCES) $(ENGINE)
 	@command -v cmake > /dev/null && command -v g++ > /dev/null || { $(call install,cmake g++); }
 	cd wrappers/cpp
 	cmake --preset release > /dev/null
-	cmake --build build --parallel > /dev/null
+	cmake --build build --parallel 4 > /dev/null
 	touch build/.built
 
 # The example servers and the tests, with a sanitizer.
 $(CPP)/%/.built: $(CPP)/.built
-	@command -v clang++ > /dev/null && [ -e /usr/share/cmake/nlohmann_json/nlohmann_jsonConfig.cmake ] || {
-		$(call install,clang libclang-rt-dev nlohmann-json3-dev)
+	@command -v clang++ > /dev/null && command -v pkg-config > /dev/null \
+		&& [ -e /usr/share/cmake/nlohmann_json/nlohmann_jsonConfig.cmake ] || {
+		$(call install,clang libclang-rt-dev nlohmann-json3-dev pkg-config)
 	}
 	cd wrappers/cpp
 	cmake --preset $* > /dev/null
-	cmake --build build/$* --parallel > /dev/null
+	cmake --build build/$* --parallel 4 > /dev/null
 	touch build/$*/.built
 
 # A virtual environment of the newest Python that is there, 3.11 at least.
