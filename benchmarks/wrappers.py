@@ -116,7 +116,7 @@ def _evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], fl
     errors = [attempt["error"] for attempt in attempts if attempt.get("error")]
     if errors:
         raise SystemExit(f"an evaluation failed: {errors[0]}")
-    return fitness[:, 0], seconds, sum(int(attempt["steps"] or 0) for attempt in attempts)
+    return fitness[:, 0], seconds, sum(int(attempt.get("steps") or 0) for attempt in attempts)
 
 
 class WrapperSuite:
