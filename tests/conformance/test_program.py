@@ -82,6 +82,14 @@ def test_wrong_input(program: Run, options: tuple[str, ...], words: str) -> None
     assert words in result.stderr
 
 
+def test_a_tool_that_ends_at_once_is_said_to_have_sent_nothing(program: Run) -> None:
+    start = f"{sys.executable} -c 'print(7); exit(3)'"
+    result = program("conformance", "optimizer", "--exec", start, "--rules", "O1.1,O1.2")
+    assert result.returncode == 1
+    assert "came: no discovery came; the process ended with 3; it said last:" in result.stdout
+    assert "not run  O1.2" in result.stdout
+
+
 def test_the_rules_are_listed(program: Run) -> None:
     result = program("conformance", "server", "--list", "--rules", "S2,-S2.3")
     assert result.returncode == 0

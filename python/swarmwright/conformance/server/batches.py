@@ -28,9 +28,12 @@ BATCHED = "protocol.md, Batched stepwise"
 
 
 class Batch:
-    """A batch under way: the rows that wait for actuators, and the fitness of what has ended."""
+    """A batch under way: the rows that wait for actuators, and the fitness of what has ended.
 
-    def __init__(self, server: Server, seeds: Sequence[int], **changes: Any) -> None:  # noqa: ANN401 - JSON
+    patience: how many times longer than others the first answer may take.
+    """
+
+    def __init__(self, server: Server, seeds: Sequence[int], patience: int = 1, **changes: Any) -> None:  # noqa: ANN401 - JSON
         self.server = server
         self.request = batch(server, seeds, **changes)
         self.fitness: dict[int, float] = {}
@@ -38,11 +41,11 @@ class Batch:
         self.step = -1
         self.rows: list[tuple[int, int, NDArray[np.float32]]] = []
         self.sent = server.request(self.request)
-        self.hear()
+        self.hear(patience)
 
-    def hear(self) -> None:
+    def hear(self, patience: int = 1) -> None:
         """The next sensors message."""
-        answer = answer_to(self.server, self.request, self.sent)
+        answer = answer_to(self.server, self.request, self.sent, patience * self.server.settings.timeout)
         kind, reason = error_of(answer)
         if kind:
             raise Failure(f'the error "{kind}" came: {reason}', "the sensors of the next step", self.sent)
@@ -122,7 +125,8 @@ def equal(server: Server) -> str:
         return crews[episode](agent, turn, sensors)
 
     wanted = list(server.announced.get("metrics") or [])
-    one = Batch(server, seeds, **({"metrics": wanted} if wanted else {}))
+    more: Json = {"metrics": wanted} if wanted else {}
+    one = Batch(server, seeds, **more)
     one.play(act)
     free_again(server)
     for episode, seed in enumerate(seeds):
@@ -234,6 +238,7 @@ def taken(server: Server) -> None:
     where="protocol.md, Presence",
     mend="announce in capabilities.swarmwright.batch no more than you can step side by side",
     needs=["S10.1"],
+    seconds=90,
 )
 def full(server: Server) -> str:
     """A batch of the largest size, begun and ended."""
@@ -241,7 +246,7 @@ def full(server: Server) -> str:
     most = server.announced.get("batch")
     if not isinstance(most, int):
         raise Skip("not announced: no capabilities.swarmwright.batch")
-    one = Batch(server, range(min(most, 1000)))
+    one = Batch(server, range(min(most, 1000)), patience=12)
     found = {episode for episode, _, _ in one.rows} | set(one.fitness)
     if len(found) != min(most, 1000):
         raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", one.sent)

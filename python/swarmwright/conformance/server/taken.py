@@ -2,11 +2,14 @@
 
 import time
 
+from swarmwright.conformance._blocks import decoded
+from swarmwright.conformance._client import TO_TOOL
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._subject import Episode, Server
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 
+LONGEST_REASON = 2000
 TAKEN = "protocol.md, Who is taken, and when"
 HOLD = 5.0
 """Seconds for which parameters without control, and a tool that named itself, keep a server."""
@@ -140,11 +143,7 @@ def parameters_time_out(server: Server) -> str:
 )
 def gives_up(server: Server) -> str:
     """No actuators for as long as the time-out."""
-    patience = server.settings.step_timeout
-    if patience is None:
-        raise Skip("give --step-timeout SECONDS, what the server was started with, 10 at most")
-    if patience > 10:
-        raise Skip(f"the server waits for {patience:g} s; start it with a shorter time-out, 10 s at most")
+    patience = short_patience(server)
     episode = begun(server)
     episode.over = True
     seconds = must_be_free_within(
@@ -152,6 +151,53 @@ def gives_up(server: Server) -> str:
     )
     server.must_be_silent("an episode that was given up has no fitness")
     return f"free after {seconds:.1f} s"
+
+
+@rule(
+    "S6.10",
+    "A tool that names a topic for answers is told there of an episode that failed: kind, version, "
+    "server, hash, reason.",
+    where="protocol.md, Failures; protocol/schemas/failed.schema.json",
+    mend="publish failed, a MessagePack map, on the topic in reply of control when an episode has no fitness",
+    needs=["S6.6"],
+    seconds=60,
+)
+def tells_of_failures(server: Server) -> str:
+    """An episode with reply, given up for want of actuators."""
+    server.announces()
+    patience = short_patience(server)
+    if server.course is not None and not server.course.messages:
+        raise Skip("the simulation steers its agents itself, nobody is waited for")
+    episode = server.episode()
+    episode.configure()
+    sent = episode.start(reply=TO_TOOL + server.token)
+    episode.over = True
+    message = server.client.next(
+        lambda message: message.topic == TO_TOOL + server.token, patience + server.settings.timeout
+    )
+    if message is None:
+        came = f"no message came on the topic in reply within {patience + server.settings.timeout:g} s"
+        raise Failure(came, "the message failed", f"{sent}, then no actuators")
+    found = decoded(message)
+    wanted = {"kind": "failed", "version": 1, "server": server.id, "simulation_hash": episode.hash}
+    for key, value in wanted.items():
+        if found.get(key) != value:
+            raise Failure(f'"{key}" is {found.get(key)!r}', f"{value!r}", sent)
+    if not isinstance(found.get("reason"), str) or not 0 < len(found["reason"]) <= LONGEST_REASON:
+        raise Failure(
+            f'"reason" is {found.get("reason")!r}', f"text of 1 to {LONGEST_REASON} characters", sent
+        )
+    return str(found["reason"]).partition("\n")[0]
+
+
+def short_patience(server: Server) -> float:
+    """After how many seconds it gives up an episode; skips the rule when that is not known, or long."""
+    patience = server.settings.step_timeout
+    if patience is None:
+        raise Skip("give --step-timeout SECONDS, what the server was started with, 10 at most")
+    if patience > 10:
+        raise Skip(f"the server waits for {patience:g} s; start it with a shorter time-out, 10 s at most")
+    return patience
 
 
 def named(server: Server, tool: str) -> Episode:
