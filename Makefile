@@ -2,6 +2,7 @@
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
+# make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make lint    every check that needs no run
 # make audit   look for known weaknesses in what we depend on (asks databases in the network)
 # make bench   measure, into build/bench.json
@@ -13,7 +14,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo java cpp test test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean
+.PHONY: help demo java cpp test test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -72,6 +73,13 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/t
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	# Many tests wait for other processes: three at a time keep two processors busy.
 	$(BIN)/python -m pytest -n 3 --dist worksteal
+
+INPUTS ?= 1000000
+
+fuzz: $(VENV)/.engine $(VENV)/.dev
+	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-protocol -p swarmwright-controllers --test fuzz
+	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-broker --lib fuzz
+	SWARMWRIGHT_FUZZ=$$(($(INPUTS) / 500)) $(BIN)/python -m pytest tests/python/fuzz -n 2 --timeout 7200
 
 lint: lint-engine lint-java lint-cpp lint-python lint-protocol
 

@@ -306,13 +306,13 @@ pub fn shortened(mut text: String, most: usize) -> String {
 
 fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
     if payload.len() > MAX_BLOCK {
-        return Err(DecodeError::Value(format!(
+        return Err(DecodeError::value(format!(
             "{} bytes are more than the {MAX_BLOCK} that a block may have",
             payload.len()
         )));
     }
     rmp_serde::from_slice(payload)
-        .map_err(|error| DecodeError::Value(format!("no message of this extension: {error}")))
+        .map_err(|error| DecodeError::value(format!("no message of this extension: {error}")))
 }
 
 /// The kind alone: the rest is then read once, straight into its place.
@@ -322,7 +322,7 @@ struct Kind {
 }
 
 fn unknown(kind: &str, expected: &str) -> DecodeError {
-    DecodeError::Value(format!("\"kind\" is {kind:?}, expected {expected}"))
+    DecodeError::value(format!("\"kind\" is {kind:?}, expected {expected}"))
 }
 
 /// `numbers`: bytes that the message's arrays will take, so that a block is not moved about while it is written.
@@ -339,7 +339,7 @@ fn check(version: u64) -> Result<(), DecodeError> {
     if version == EXTENSION_VERSION {
         Ok(())
     } else {
-        Err(DecodeError::Value(format!(
+        Err(DecodeError::value(format!(
             "\"version\" is {version}, expected {EXTENSION_VERSION}"
         )))
     }
@@ -349,7 +349,7 @@ fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
     if found == expected {
         Ok(())
     } else {
-        Err(DecodeError::Value(format!(
+        Err(DecodeError::value(format!(
             "\"{what}\" has {found} numbers, expected {expected}"
         )))
     }
@@ -357,7 +357,7 @@ fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
 
 fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
     match numbers.iter().position(|number| !number.is_finite()) {
-        Some(index) => Err(DecodeError::Value(format!(
+        Some(index) => Err(DecodeError::value(format!(
             "\"{what}\"[{index}] is NaN or infinite"
         ))),
         None => Ok(()),
@@ -401,7 +401,7 @@ impl ToServer {
                 check(m.version)?;
                 finite("genomes", &m.genomes.0)?;
                 if m.seeds.0.is_empty() || !m.lease.is_finite() {
-                    return Err(DecodeError::Value(
+                    return Err(DecodeError::value(
                         "\"seeds\" is empty or \"lease\" is no number".to_owned(),
                     ));
                 }
@@ -409,7 +409,7 @@ impl ToServer {
             Self::Start(m) => {
                 check(m.version)?;
                 if m.seeds.0.is_empty() {
-                    return Err(DecodeError::Value("\"seeds\" is empty".to_owned()));
+                    return Err(DecodeError::value("\"seeds\" is empty".to_owned()));
                 }
             }
             Self::Actuators(m) => {
@@ -459,7 +459,7 @@ impl ToTool {
                     .filter(|fitness| !fitness.is_finite())
                     .count();
                 if bad != m.failed.len() {
-                    return Err(DecodeError::Value(format!(
+                    return Err(DecodeError::value(format!(
                         "{bad} fitness values are not finite, {} failed",
                         m.failed.len()
                     )));
@@ -474,7 +474,7 @@ impl ToTool {
                 }
                 finite("sensors", &m.sensors.0)?;
                 if m.fitness.0.iter().any(|fitness| !fitness.is_finite()) {
-                    return Err(DecodeError::Value("\"fitness\" is not finite".to_owned()));
+                    return Err(DecodeError::value("\"fitness\" is not finite".to_owned()));
                 }
             }
             Self::Failed(m) => check(m.version)?,

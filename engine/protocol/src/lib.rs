@@ -46,8 +46,19 @@ pub enum DecodeError {
     Value(String),
 }
 
+/// Characters of what is said about a payload, at most: some of it is quoted, and a peer may send a mebibyte in the place
+/// of a number.
+const MOST_WORDS: usize = 400;
+
+impl DecodeError {
+    /// A value that cannot be; what is wrong with it.
+    pub(crate) fn value(words: impl Into<String>) -> Self {
+        Self::Value(shortened(words.into(), MOST_WORDS))
+    }
+}
+
 impl From<serde_json::Error> for DecodeError {
     fn from(error: serde_json::Error) -> Self {
-        Self::Json(error.to_string())
+        Self::Json(shortened(error.to_string(), MOST_WORDS))
     }
 }

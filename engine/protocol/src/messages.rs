@@ -174,7 +174,7 @@ impl Keys {
         };
         serde_json::from_value(value)
             .map(Some)
-            .map_err(|error| DecodeError::Value(format!("\"{key}\": {error}")))
+            .map_err(|error| DecodeError::value(format!("\"{key}\": {error}")))
     }
 
     fn required<T: DeserializeOwned>(&mut self, key: &'static str) -> Result<T, DecodeError> {
@@ -349,7 +349,7 @@ impl ServerMessage {
         let mut keys = Keys::read(payload)?;
         let simulations: Vec<String> = keys.required("simulations")?;
         if simulations.is_empty() {
-            return Err(DecodeError::Value("\"simulations\" is empty".to_owned()));
+            return Err(DecodeError::value("\"simulations\" is empty".to_owned()));
         }
         Ok(Self {
             server: keys.id("server")?,

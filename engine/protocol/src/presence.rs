@@ -60,7 +60,7 @@ impl Presence {
         }
         let wire: Wire = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;
         if wire.version != Id(1) {
-            return Err(DecodeError::Value(format!(
+            return Err(DecodeError::value(format!(
                 "\"version\" is {}, expected 1",
                 wire.version.0
             )));

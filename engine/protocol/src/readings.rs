@@ -195,7 +195,7 @@ fn metrics(value: Option<&RawValue>) -> BTreeMap<String, f64> {
 fn filled(values: Option<Vec<f32>>, key: &'static str) -> Result<Vec<f32>, DecodeError> {
     let values = values.ok_or(DecodeError::Missing(key))?;
     if values.is_empty() {
-        Err(DecodeError::Value(format!("\"{key}\" is empty")))
+        Err(DecodeError::value(format!("\"{key}\" is empty")))
     } else {
         Ok(values)
     }

@@ -222,7 +222,7 @@ impl Status {
             .chain(alone)
             .find(|number| *number < 0.0)
         {
-            Some(number) => Err(DecodeError::Value(format!(
+            Some(number) => Err(DecodeError::value(format!(
                 "{number} is negative, where seconds or a speed are expected"
             ))),
             None => Ok(status),

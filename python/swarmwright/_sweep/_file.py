@@ -89,7 +89,10 @@ def _experiment(source: Source, file: Path) -> Experiment:
     name = source.values.get("experiment")
     if not isinstance(name, str):
         raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
-    return Experiment.load(file.parent / name)
+    path = file.parent / name
+    if not path.is_file():
+        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file")
+    return Experiment.load(path)
 
 
 def _seeds(source: Source) -> tuple[int, ...]:
