@@ -101,6 +101,12 @@ def _wrappers(scale: Scale) -> Suite:
     return WrapperSuite(scale.smaller)
 
 
+def _busy(_scale: Scale) -> Suite:
+    from benchmarks.busy import BusySuite
+
+    return BusySuite()
+
+
 def _frevo(_scale: Scale) -> Suite:
     from benchmarks.whole import WholeSuite
 
@@ -117,6 +123,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "methods": _methods,
     "store": _store,
     "wrappers": _wrappers,
+    "busy": _busy,
     "frevo": _frevo,
     "program": _program,
 }

@@ -27,14 +27,24 @@ def reachable(port: int) -> bool:
 
 
 class BrokerProcess:
-    """A broker on a port of its own; `users` are let in by password, everybody when there are none."""
+    """A broker on a port of its own; `users` are let in by password, everybody when there are none.
 
-    def __init__(self, kind: Kind, folder: Path, users: Mapping[str, str] | None = None) -> None:
+    persistent: it keeps sessions and retained messages in a file (Mosquitto).
+    """
+
+    def __init__(
+        self, kind: Kind, folder: Path, users: Mapping[str, str] | None = None, *, persistent: bool = False
+    ) -> None:
         self.port = free_port()
         self.url = f"mqtt://127.0.0.1:{self.port}"
         folder.mkdir(parents=True, exist_ok=True)
         prepare = _embedded if kind == "embedded" else _mosquitto
         self._command = prepare(self.port, folder, users or {})
+        if persistent:
+            with (folder / "mosquitto.conf").open("a") as configuration:
+                configuration.write(
+                    f"persistence true\npersistence_location {folder}/\nautosave_interval 1\n"
+                )
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> "BrokerProcess":
