@@ -231,13 +231,13 @@ impl Requirements {
     }
 }
 
-/// Whole numbers without a trailing `.0`, as the published examples write them.
+/// Whole numbers without a trailing `.0`, as the published examples write them; -0.0 is none.
 fn number(value: f64) -> Value {
     #[expect(
         clippy::cast_possible_truncation,
         reason = "only integers that binary64 holds exactly"
     )]
-    if value.fract() == 0.0 && value.abs() < 9e15 {
+    if value.fract() == 0.0 && value.abs() < 9e15 && (value != 0.0 || value.is_sign_positive()) {
         Value::from(value as i64)
     } else {
         Value::from(value)

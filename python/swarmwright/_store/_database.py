@@ -95,6 +95,8 @@ def reading(file: Path) -> Iterator[sqlite3.Connection]:
             # One snapshot for all that is read here, whatever is committed meanwhile.
             connection.execute("BEGIN")
             yield connection
+        except (ValueError, TypeError, OverflowError) as error:  # SQLite takes text in a column of numbers
+            raise InputError(f"{file}: is damaged: {error}") from error
         finally:
             connection.close()
 

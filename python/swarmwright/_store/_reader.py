@@ -152,6 +152,7 @@ class StoreReader:
                 "WHERE number BETWEEN ? AND ? ORDER BY number",
                 (first, summary.evaluations - 1),
             ).fetchall()
+            first, leader = int(first), int(leader)
         if len(rows) != summary.evaluations - first:
             missing = summary.evaluations - first - len(rows)
             raise InputError(
@@ -341,13 +342,13 @@ def _summary(row: tuple[Any, ...]) -> Summary:
         math.nan if value is None else float(value) for value in figures
     )
     return Summary(
-        generation=generation,
-        evaluations=evaluations,
+        generation=int(generation),
+        evaluations=int(evaluations),
         best=best,
         mean=mean,
         best_so_far=best_so_far,
         lower_quartile=lower,
         median=median,
         upper_quartile=upper,
-        failed=failed,
+        failed=int(failed),
     )

@@ -55,7 +55,7 @@ JAVA = [
     b"x",
     b"\x7f\xff\xff\xff",
 ]
-SWEEP = b"experiment: fuzzed-base.yaml\nseeds: 3\ngrid: {method.population: [4, 6], seed: [1]}\n"
+SWEEP = b"experiment: fuzzed-base.yaml\nseeds: 3\ngrid: {method.population: [4, 6], sensors: [4]}\n"
 LARGEST = 64 << 20
 """Bytes that a small file may take while it is read."""
 

@@ -211,3 +211,12 @@ def test_what_a_killed_process_left_of_a_store_is_in_nobody_s_way(copy: Path) ->
     shutil.copy(copy / FILE, folder / "run.sqlite.new")
     shutil.copy(copy / "experiment.yaml", folder)
     assert optimize(EXPERIMENT, lambda _: False, out=folder).generations == 1
+
+
+def test_text_where_a_number_should_stand_is_damage(copy: Path) -> None:
+    store = sqlite3.connect(copy / FILE)
+    store.execute("UPDATE generation SET best = CAST('' AS BLOB) WHERE generation = 1")
+    store.commit()
+    store.close()
+    with pytest.raises(InputError, match="is damaged: could not convert"):
+        _ = Run.open(copy).history
