@@ -11,6 +11,12 @@ use ring::rand::{SecureRandom, SystemRandom};
 use std::io;
 use std::num::NonZeroU32;
 
+/// Parameters of argon2 and iterations of PBKDF2 beyond these are a mistake: looking at one password would take all memory,
+/// or the broker's only thread for minutes.
+const MOST_MEMORY: u32 = 1 << 20; // KiB
+const MOST_PASSES: u32 = 100;
+const MOST_ITERATIONS: u32 = 10_000_000;
+
 const HINT: &str =
     "write the line again with `swarmwright broker --add-user FILE NAME` or mosquitto_passwd";
 
@@ -32,6 +38,15 @@ impl Secret {
         if text.starts_with("$argon2") {
             return match PasswordHash::new(text) {
                 Ok(hash) if hash.salt.is_some() && hash.hash.is_some() => {
+                    let most = |name, most| {
+                        let given = hash.params.get_decimal(name);
+                        given.is_none_or(|given| given <= most)
+                    };
+                    if !most("m", MOST_MEMORY) || !most("t", MOST_PASSES) {
+                        return Err(format!(
+                            "the argon2 hash takes more than 1 GiB or {MOST_PASSES} passes; {HINT}"
+                        ));
+                    }
                     Ok(Self::Argon2(text.into()))
                 }
                 _ => Err(format!("the argon2 hash is damaged; {HINT}")),
@@ -48,7 +63,11 @@ impl Secret {
         };
         let iterations = iterations
             .parse()
-            .map_err(|_| format!("the number of iterations is wrong; {HINT}"))?;
+            .ok()
+            .filter(|count: &NonZeroU32| count.get() <= MOST_ITERATIONS)
+            .ok_or_else(|| {
+                format!("the number of iterations is not one from 1 to {MOST_ITERATIONS}; {HINT}")
+            })?;
         let bytes = |text: &str| {
             STANDARD
                 .decode(text)
