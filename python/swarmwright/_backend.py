@@ -14,8 +14,9 @@ from typing import Any, Literal, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright import _engine, _simulations
+from swarmwright import _engine, _reports, _simulations
 from swarmwright._address import broker_problem
+from swarmwright._credentials import from_keyring
 from swarmwright._errors import InputError, RunError, engine_errors
 from swarmwright._experiment import Experiment
 from swarmwright._fitness import FitnessExpression
@@ -184,6 +185,8 @@ def open_servers(
     Returns:
         The broker's address, and the servers; None when none were started.
     """
+    if broker is not None:
+        from_keyring(broker)
     if broker is not None and not isinstance(started, int):
         return broker, None
     _require_here(experiment.simulation)
@@ -317,6 +320,8 @@ class BrokerBackend:
     ) -> None:
         self._pool = pool
         self._servers = servers
+        if _reports.wanted():
+            pool.listen(lambda text: _reports.tell(json.loads(text)))
         self._expression = experiment.fitness_expression
         self.metrics = _metrics(self._expression)
         self.description = (

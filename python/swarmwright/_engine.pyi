@@ -31,6 +31,7 @@ __all__ = [
     "hash_for_mosquitto",
     "hash_password",
     "levels",
+    "log_to",
     "serve",
     "servers",
     "simulations",
@@ -233,8 +234,11 @@ class Broker:
         access: str | None = None,
         certificate: str | None = None,
         key: str | None = None,
+        rate: int | None = None,
     ) -> Broker:
         """port 0: any free one. users, access: paths of a password file and of an access file, Mosquitto's formats.
+
+        rate: packets a second that are taken of one client; None for the default.
 
         Raises EngineError when the address cannot be bound or a file cannot be used.
         """
@@ -243,6 +247,12 @@ class Broker:
     @property
     def port(self) -> int: ...
     def stop(self) -> None: ...
+
+def log_to(path: str | None, level: str = "info") -> None:
+    """Append what the engine logs, the embedded broker's refusals above all, to a file as JSON lines; None: standard error.
+
+    level: error, warning, info, debug or trace. Raises OSError when the file cannot be written, InputError for another level.
+    """
 
 def evaluate_own(
     simulation: Host,
@@ -357,6 +367,14 @@ class Pool:
         "server", "attempt", "steps" (unless offloaded), "started", "seconds", "error"}, or {"warning"}.
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
+        """
+    def listen(self, on_report: Callable[[str], object]) -> None:
+        """Have `on_report` told what happens, as it happens: JSON objects with an `event`.
+
+        {"event": "server", "server", "state": "ready"|"busy"|"lost"|"left"}; "attempt": as a line of the journal; "benched":
+        {"server", "failures", "reason", "seconds"}; "warning": {"message"}; "broker_lost": {"reason"}; "broker_back"; "status",
+        once a second and when work has ended: {"status": protocol/schemas/status.schema.json, "traffic": {"sent_bytes",
+        "received_bytes", "sent_messages", "received_messages"}}. What it raises is dropped.
         """
     def about(
         self, run: str | None = None, generation: int | None = None, generations: int | None = None

@@ -99,10 +99,22 @@ def test_a_whole_run_over_tls_with_two_servers(
     experiment: Experiment,
 ) -> None:
     broker = make(kind)
-    server = launch("serve", "minisim", "--id", 1, "--count", 2, "--json", env=broker.variables("server"))
+    server = launch(
+        "serve",
+        "minisim",
+        "--id",
+        1,
+        "--count",
+        2,
+        "--json",
+        *logged("server.log"),
+        env=broker.variables("server"),
+    )
     server.until_event("ready", 2)
     path = experiment()
-    tool = launch("optimize", path, "--out", "secured", env=broker.variables("tool"))
+    # Whatever is logged, passwords are not.
+    watching = launch("servers", "--watch", "--json", env=broker.variables("watcher"))
+    tool = launch("optimize", path, "--out", "secured", *logged("tool.log"), env=broker.variables("tool"))
     watcher = launch("servers", "--json", env=broker.variables("watcher"))
     processes = _process_list()
     assert tool.wait() == 0, tool.stderr
@@ -116,13 +128,30 @@ def test_a_whole_run_over_tls_with_two_servers(
 
     server.stop()
     broker.stop()
-    outputs = [*server.lines, server.stderr, *tool.lines, tool.stderr, *watcher.lines, watcher.stderr]
+    watching.stop()
+    outputs = [
+        *watching.lines,
+        watching.stderr,
+        *server.lines,
+        server.stderr,
+        *tool.lines,
+        tool.stderr,
+        *watcher.lines,
+        watcher.stderr,
+    ]
     everything = "\n".join([*outputs, broker.log.read_text()]).encode() + processes
     assert str(broker.folder).encode() in processes, "the broker is in the list"
-    for file in sorted((path.parent / "secured").rglob("*")):
+    logs = [path.parent / "server.log", path.parent / "tool.log"]
+    assert all(b'"event"' in log.read_bytes() for log in logs)
+    for file in [*logs, *sorted((path.parent / "secured").rglob("*"))]:
         everything += file.read_bytes() if file.is_file() else b""
     for user in ("tool", "server", "watcher"):
         assert broker.password(user).encode() not in everything, user
+
+
+def logged(name: str) -> tuple[str, ...]:
+    """Options that have everything logged."""
+    return ("--log", name, "--log-level", "debug")
 
 
 def _process_list() -> bytes:

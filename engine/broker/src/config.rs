@@ -38,6 +38,9 @@ pub struct Limits {
     pub session: Duration,
     /// Clients connected at a time.
     pub clients: usize,
+    /// Packets taken of one client in a second; a client that sends more is read later. Once a second's worth may come at
+    /// once.
+    pub rate: u32,
 }
 
 impl Default for Config {
@@ -58,11 +61,14 @@ impl Default for Config {
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            packet: 16 << 20,
-            backlog: 64 << 20,
+            // The protocol's largest message, its topic and properties: what its peers take, too.
+            packet: (64 << 20) + (1 << 20),
+            backlog: 128 << 20,
             retained: 64 << 20,
             session: Duration::from_secs(3600),
             clients: 4096,
+            // More than twice what the fastest client sends in a run (docs/explanation/performance.md).
+            rate: 500_000,
         }
     }
 }

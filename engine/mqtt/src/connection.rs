@@ -32,6 +32,28 @@ pub enum Event {
     Message(Incoming),
 }
 
+/// A message that the broker would not take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TooLarge {
+    /// How large its packet would be, bytes.
+    pub bytes: usize,
+    /// What the broker takes.
+    pub most: usize,
+}
+
+/// What went through a connection since it was opened first.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Bytes sent, without those of TLS.
+    pub sent_bytes: u64,
+    /// Bytes received, without those of TLS.
+    pub received_bytes: u64,
+    /// Messages published.
+    pub sent_messages: u64,
+    /// Messages received.
+    pub received_messages: u64,
+}
+
 /// Ends a `poll` of another thread.
 #[derive(Clone)]
 pub struct Waker(Arc<mio::Waker>);
@@ -69,6 +91,7 @@ pub struct Connection {
     chunk: Box<[u8]>,
     /// What came while the connection was being established: retained messages follow the subscription at once.
     early: Vec<Event>,
+    traffic: Traffic,
 }
 
 impl Connection {
@@ -101,6 +124,7 @@ impl Connection {
             pause: FIRST_PAUSE,
             chunk: vec![0; CHUNK].into_boxed_slice(),
             early: Vec::new(),
+            traffic: Traffic::default(),
         };
         connection.establish()?;
         Ok(connection)
@@ -124,6 +148,20 @@ impl Connection {
         self.settings.url.to_string()
     }
 
+    /// What went through it.
+    #[must_use]
+    pub fn traffic(&self) -> Traffic {
+        self.traffic
+    }
+
+    /// Bytes of the largest packet that the broker takes; `usize::MAX` when it does not say (MQTT 3.1.1), or is gone.
+    #[must_use]
+    pub fn largest_packet(&self) -> usize {
+        self.link
+            .as_ref()
+            .map_or(usize::MAX, |link| link.session.largest())
+    }
+
     /// Replaces the last will, from the next connection on.
     pub fn set_will(&mut self, will: crate::Will) {
         self.settings.will = Some(will);
@@ -145,18 +183,36 @@ impl Connection {
             expiry,
             ..PublishOptions::default()
         };
-        self.publish_with(topic, payload, &options);
+        if let Err(TooLarge { bytes, most }) = self.publish_with(topic, payload, &options) {
+            log::error!("{topic:?}: {bytes} bytes are more than the {most} that the broker takes");
+        }
     }
 
     /// As [`publish`](Self::publish), with all that MQTT 5 has to say of a message.
-    pub fn publish_with(&mut self, topic: &str, payload: &[u8], options: &PublishOptions<'_>) {
-        let Some(link) = &mut self.link else { return };
+    ///
+    /// # Errors
+    /// The broker would not take it: it is not sent.
+    pub fn publish_with(
+        &mut self,
+        topic: &str,
+        payload: &[u8],
+        options: &PublishOptions<'_>,
+    ) -> Result<(), TooLarge> {
+        let Some(link) = &mut self.link else {
+            return Ok(());
+        };
+        let (bytes, most) = (options.room(topic) + payload.len(), link.session.largest());
+        if bytes > most {
+            return Err(TooLarge { bytes, most });
+        }
+        self.traffic.sent_messages += 1;
         if let Err(error) = link.session.publish(topic, payload, options, &mut self.out) {
             log::error!(
                 "cannot publish {} bytes on {topic:?}: {error:?}",
                 payload.len()
             );
         }
+        Ok(())
     }
 
     /// Sends what is queued and waits for messages until `until` or a wake-up, whichever comes first.
@@ -420,6 +476,7 @@ impl Connection {
             }
         };
         self.out.drain(..sent);
+        self.traffic.sent_bytes += sent as u64;
         match result {
             // Full: the socket's becoming writable ends the next wait.
             Err(error)
@@ -445,6 +502,8 @@ impl Connection {
             Err(error) if error.kind() == ErrorKind::Interrupted => return,
             Err(error) => return self.broke(error.to_string(), events),
         };
+        self.traffic.received_bytes += count as u64;
+        let before = events.len();
         link.readable =
             count == self.chunk.len() || link.closing || !link.transport.short_read_is_all();
         let mut closed = None;
@@ -457,6 +516,7 @@ impl Connection {
                 Received::Accepted | Received::Subscribed(_) => {}
             },
         );
+        self.traffic.received_messages += (events.len() - before) as u64;
         if let Some(reason) = closed {
             self.broke(reason, events);
         }

@@ -13,7 +13,7 @@ mod settings;
 mod tls;
 mod transport;
 
-pub use connection::{Connection, Event, Waker};
+pub use connection::{Connection, Event, TooLarge, Traffic, Waker};
 pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
 pub use settings::{BrokerUrl, Scheme, Settings, SettingsError, Will};

@@ -26,6 +26,17 @@ pub struct PublishOptions<'a> {
     pub correlation: Option<&'a [u8]>,
 }
 
+impl PublishOptions<'_> {
+    /// Bytes of a packet beside the payload, at most: headers, topic and properties.
+    pub(crate) fn room(&self, topic: &str) -> usize {
+        let texts = [self.content_type, self.response_topic];
+        let texts: usize = texts.iter().flatten().map(|text| text.len() + 3).sum();
+        let correlation = self.correlation.map_or(0, |data| data.len() + 3);
+        // Fixed header 5, length of the topic 2, identifier 2, length of the properties 4, expiry 5.
+        18 + topic.len() + texts + correlation
+    }
+}
+
 impl Default for PublishOptions<'_> {
     fn default() -> Self {
         Self {
@@ -35,6 +46,37 @@ impl Default for PublishOptions<'_> {
             content_type: None,
             response_topic: None,
             correlation: None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_room_beside_a_payload_is_never_underrated() {
+        let options = PublishOptions {
+            content_type: Some("application/msgpack"),
+            response_topic: Some("swarmwright/v1/tool/7f3a"),
+            correlation: Some(&[1; 8]),
+            expiry: Some(7),
+            ..PublishOptions::default()
+        };
+        for options in [options, PublishOptions::default()] {
+            let mut packet = Vec::new();
+            let topic = "swarmwright/v1/server/1";
+            let written = crate::plain::write(
+                topic,
+                &[0; 70_000],
+                &options,
+                crate::session::Version::V5,
+                usize::MAX,
+                &mut packet,
+            );
+            assert!(written);
+            let room = packet.len() - 70_000;
+            assert!((room..room + 20).contains(&options.room(topic)), "{room}");
         }
     }
 }

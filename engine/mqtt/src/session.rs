@@ -158,6 +158,11 @@ impl Session {
         }
     }
 
+    /// Bytes of the largest packet that the broker takes; `usize::MAX` when it does not say.
+    pub fn largest(&self) -> usize {
+        self.largest
+    }
+
     pub fn version(&self) -> Version {
         self.version
     }

@@ -16,6 +16,10 @@ const WHOLE: f64 = 0.004;
 /// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
 /// the speed of 4 MiB and more).
 const NUMBERS: usize = 1 << 17;
+/// Bytes of a message beside its numbers and the parameters.
+const ROOM: usize = 8192;
+/// Numbers of a batch's row beside its sensors: episode and agent.
+const ROW: usize = 2;
 /// Blocks in flight to one server: one is computed, one waits.
 const IN_FLIGHT: usize = 2;
 /// A server is passed over when it would need this many times as long as all others for all that is left, and
@@ -107,10 +111,35 @@ impl Machine {
             Way::Batched(_) if !work.architecture().steers() => most.min(work.episodes()),
             _ => most,
         };
-        let candidates = (NUMBERS / work.architecture().weight_count()).max(1);
+        let numbers = self.numbers();
+        // All agents of a batch are in one message a step.
+        let most = match (slot.way, self.agents, self.sizes()) {
+            (Way::Batched(_), Some(agents), Some((sensors, actuators))) => {
+                let row = sensors.max(actuators).saturating_add(ROW);
+                let agents = usize::try_from(agents).unwrap_or(usize::MAX);
+                most.min((numbers / row.saturating_mul(agents).max(1)).max(1))
+            }
+            _ => most,
+        };
+        let candidates = (numbers / work.architecture().weight_count()).max(1);
         most.min(candidates.saturating_mul(work.episodes()))
-            .min(NUMBERS / 2 / (1 + self.config.demand.metrics.len()))
+            .min((numbers / 2 / (1 + self.config.demand.metrics.len())).max(1))
             .min(self.config.largest)
+    }
+
+    /// Numbers in a message, at most: what is fast, and what the broker takes.
+    fn numbers(&self) -> usize {
+        if self.packet >= 2 * size_of::<f32>() * NUMBERS {
+            return NUMBERS;
+        }
+        let parameters: usize = self
+            .config
+            .parameters
+            .iter()
+            .map(|(name, value)| name.len() + value.to_string().len())
+            .sum();
+        let room = self.packet.saturating_sub(ROOM + parameters);
+        (room / size_of::<f32>()).clamp(1, NUMBERS)
     }
 
     /// A server's part of the evaluations that are queued, by the speeds of all.

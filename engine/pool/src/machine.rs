@@ -98,6 +98,8 @@ pub struct Machine {
     pub(crate) actions: Vec<Action>,
     /// Since when there is work and no server for it.
     pub(crate) lonely_since: Option<Instant>,
+    /// Bytes of the largest packet that the broker takes.
+    pub(crate) packet: usize,
 }
 
 /// The number of agents that the parameters tell.
@@ -145,8 +147,14 @@ impl Machine {
             troubles: HashMap::new(),
             actions: Vec::new(),
             lonely_since: None,
+            packet: usize::MAX,
             config,
         }
+    }
+
+    /// The broker takes no larger packets than of so many bytes: requests are kept below.
+    pub fn set_largest_packet(&mut self, bytes: usize) {
+        self.packet = bytes;
     }
 
     /// What is to be done now; empties the list.

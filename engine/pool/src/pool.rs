@@ -5,6 +5,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde_json::{Map, Value};
 use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
+    TooLarge,
 };
 use swarmwright_protocol::{Activity, Topic, TopicError, Topics};
 
@@ -13,6 +14,7 @@ use crate::discovery::PROBATION;
 use crate::ledger::{Results, Settled};
 use crate::machine::{Action, Config, Machine};
 use crate::mode::Mode;
+use crate::report::{Listener, Report, Reporter};
 use crate::work::{Attempt, Work, WorkError};
 
 /// How often the caller is asked whether to go on.
@@ -115,6 +117,7 @@ pub struct Pool {
     probation: Duration,
     events: Vec<Event>,
     warnings: Vec<String>,
+    reporter: Reporter,
     wall: (Instant, f64),
 }
 
@@ -178,8 +181,10 @@ impl Pool {
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default()
             .as_secs_f64();
+        let mut machine = Machine::new(config, now);
+        machine.set_largest_packet(connection.largest_packet());
         Ok(Self {
-            machine: Machine::new(config, now),
+            machine,
             connection,
             reply: topics.to_tool(&token),
             status: topics.status(&token),
@@ -191,6 +196,7 @@ impl Pool {
             step_timeout: options.step_timeout,
             events: Vec::new(),
             warnings: Vec::new(),
+            reporter: Reporter::default(),
             wall: (now, since_1970),
         })
     }
@@ -317,6 +323,9 @@ impl Pool {
             let now = Instant::now();
             if self.machine.finished() {
                 on_progress(self, self.machine.done(), "");
+                let status = self.machine.status(now);
+                self.reporter
+                    .tell(&Report::Status(&status, self.connection.traffic()));
                 return Ok(());
             }
             if now.duration_since(asked) >= ASK {
@@ -345,6 +354,11 @@ impl Pool {
         self.about = about;
     }
 
+    /// Has somebody told what happens, as it happens.
+    pub fn listen(&mut self, listener: Listener) {
+        self.reporter = Reporter::new(listener);
+    }
+
     /// Tells those who watch how it stands.
     fn tell(&mut self, left: bool, now: Instant) {
         self.tell_at = now + TELL;
@@ -354,6 +368,8 @@ impl Pool {
         if left {
             status.state = Activity::Left;
         }
+        self.reporter
+            .tell(&Report::Status(&status, self.connection.traffic()));
         self.connection
             .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
     }
@@ -380,6 +396,8 @@ impl Pool {
         for event in self.events.drain(..) {
             match event {
                 Event::Message(message) => {
+                    self.reporter
+                        .heard(&self.machine, message.topic(), message.payload());
                     self.machine.receive(
                         message.topic(),
                         message.payload(),
@@ -389,9 +407,13 @@ impl Pool {
                 }
                 Event::Connected => {
                     self.warnings.push("the broker is back".to_owned());
+                    self.reporter.tell(&Report::BrokerBack);
+                    self.machine
+                        .set_largest_packet(self.connection.largest_packet());
                     self.machine.connected(now);
                 }
                 Event::Disconnected { reason } => {
+                    self.reporter.tell(&Report::BrokerLost(&reason));
                     self.warnings
                         .push(format!("lost the broker ({reason}); trying again"));
                     self.machine.disconnected(now);
@@ -399,9 +421,11 @@ impl Pool {
             }
         }
         self.act();
+        self.reporter.look(&self.machine, now);
     }
 
     fn act(&mut self) {
+        let mut unsent = Vec::new();
         for action in self.machine.actions() {
             match action {
                 Action::Publish(topic, payload) => {
@@ -424,14 +448,21 @@ impl Pool {
                         correlation: Some(&request.to_be_bytes()),
                         ..PublishOptions::default()
                     };
-                    self.connection.publish_with(
-                        &self.topics.to_server(server),
-                        &payload,
-                        &options,
-                    );
+                    let topic = self.topics.to_server(server);
+                    if let Err(TooLarge { bytes, most }) =
+                        self.connection.publish_with(&topic, &payload, &options)
+                    {
+                        unsent.push((request, format!("a request of {bytes} bytes is larger than the {most} that the broker takes")));
+                    }
                 }
-                Action::Warn(text) => self.warnings.push(text),
+                Action::Warn(text) => {
+                    self.reporter.tell(&Report::Warning(&text));
+                    self.warnings.push(text);
+                }
             }
+        }
+        for (request, reason) in unsent {
+            self.machine.unsent(request, &reason, Instant::now());
         }
     }
 
@@ -444,6 +475,7 @@ impl Pool {
     pub fn take_journal(&mut self) -> Vec<Attempt> {
         let (zero, since_1970) = self.wall;
         let journal = self.machine.take_journal();
+        self.reporter.taken();
         journal
             .into_iter()
             .map(|(mut attempt, started)| {

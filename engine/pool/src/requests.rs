@@ -176,6 +176,12 @@ impl Machine {
         }
     }
 
+    /// A request was not sent: a broker that takes so little takes it from no server.
+    pub(crate) fn unsent(&mut self, number: u64, reason: &str, now: Instant) {
+        self.fail_request(number, reason, true, now);
+        self.dispatch(now);
+    }
+
     fn ask(&mut self, server: u64, request: u64, message: &ToServer) {
         self.actions.push(Action::Request {
             server,

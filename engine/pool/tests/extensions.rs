@@ -575,3 +575,22 @@ fn an_evaluation_without_a_metric_that_is_needed_has_failed_and_it_is_said_why()
         }
     }
 }
+
+#[test]
+fn requests_are_kept_below_what_the_broker_takes() {
+    for packet in [10_000, 16_384, 65_536] {
+        let mut net = Net::new(3);
+        net.add(Party::Extended(Box::new(offloaded(1))));
+        net.add(Party::Extended(Box::new(Extended {
+            batch: 1_000_000,
+            ..batched(2)
+        })));
+        let mut tool = tool_in_mode(Mode::Auto, "a", 0, net.now);
+        tool.set_largest_packet(packet);
+        let index = net.add(Party::Tool(Box::new(tool)));
+        net.submit(index, work(3000, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(3000));
+        let largest = net.log.iter().map(|message| message.payload.len()).max();
+        assert!(largest < Some(packet), "{largest:?} {packet}");
+    }
+}

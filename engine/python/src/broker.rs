@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use swarmwright_broker::{Broker, Config, certify};
+use swarmwright_broker::{Broker, Config, Limits, certify};
 
 use crate::errors::engine;
 
@@ -19,7 +19,7 @@ pub struct PyBroker {
 impl PyBroker {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
-    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None, rate=None))]
     fn new(
         py: Python<'_>,
         host: &str,
@@ -29,6 +29,7 @@ impl PyBroker {
         access: Option<PathBuf>,
         certificate: Option<PathBuf>,
         key: Option<PathBuf>,
+        rate: Option<u32>,
     ) -> PyResult<Self> {
         let config = Config {
             host: host.to_owned(),
@@ -38,7 +39,10 @@ impl PyBroker {
             access,
             certificate,
             key,
-            ..Config::default()
+            limits: Limits {
+                rate: rate.unwrap_or(Limits::default().rate),
+                ..Limits::default()
+            },
         };
         let broker = py.detach(|| Broker::start(&config)).map_err(engine)?;
         Ok(Self {

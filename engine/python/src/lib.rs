@@ -6,6 +6,7 @@ mod errors;
 mod evolution;
 mod genomes;
 mod local;
+mod log;
 mod pool;
 mod results;
 mod server;
@@ -28,6 +29,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(broker::hash_for_mosquitto, module)?)?;
     module.add_function(wrap_pyfunction!(broker::certificates, module)?)?;
     module.add_class::<pool::PyPool>()?;
+    module.add_function(wrap_pyfunction!(log::log_to, module)?)?;
     module.add_class::<watch::PyWatcher>()?;
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;

@@ -2,9 +2,9 @@
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use serde_json::json;
+use serde_json::{Value, json};
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError};
+use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report};
 use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, object};
@@ -102,6 +102,19 @@ impl PyPool {
         });
         raised.map_or(Ok(()), Err)?;
         result.map_err(|failed| error(&failed))
+    }
+
+    /// Has somebody told what happens, a JSON object each; what the callback raises is dropped.
+    fn listen(&mut self, on_report: Py<PyAny>) -> PyResult<()> {
+        self.pool()?.listen(Box::new(move |told: &Report<'_>| {
+            let text = report(told).to_string();
+            Python::attach(|py| {
+                if let Err(error) = on_report.call1(py, (text,)) {
+                    error.write_unraisable(py, None);
+                }
+            });
+        }));
+        Ok(())
     }
 
     #[pyo3(signature = (run=None, generation=None, generations=None))]
@@ -218,6 +231,35 @@ impl PyPool {
         if let Some(pool) = self.pool.take() {
             py.detach(|| pool.close());
         }
+    }
+}
+
+/// Something that happened, as JSON.
+fn report(told: &Report<'_>) -> Value {
+    match told {
+        Report::Server(server, state) => {
+            let state = state.map_or(json!("left"), |state| json!(state));
+            json!({"event": "server", "server": server, "state": state})
+        }
+        Report::Attempt(attempt) => {
+            let mut value = json!(attempt);
+            value["event"] = "attempt".into();
+            value
+        }
+        Report::Benched {
+            server,
+            failures,
+            reason,
+            seconds,
+        } => {
+            json!({"event": "benched", "server": server, "failures": failures, "reason": reason, "seconds": seconds})
+        }
+        Report::Warning(text) => json!({"event": "warning", "message": text}),
+        Report::BrokerLost(reason) => json!({"event": "broker_lost", "reason": reason}),
+        Report::BrokerBack => json!({"event": "broker_back"}),
+        Report::Status(status, traffic) => json!({"event": "status", "status": status, "traffic": {
+            "sent_bytes": traffic.sent_bytes, "received_bytes": traffic.received_bytes,
+            "sent_messages": traffic.sent_messages, "received_messages": traffic.received_messages}}),
     }
 }
 

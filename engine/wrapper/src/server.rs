@@ -1,12 +1,16 @@
 //! The server's shell: connection, clock, the machine's actions carried out.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant, SystemTime};
 
 use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
-    Will,
+    TooLarge, Will,
 };
-use swarmwright_protocol::{MEDIA_TYPE, Message, State, Topic, TopicError, Topics};
+use swarmwright_protocol::{
+    BatchSensors, Evaluated, F32s, F64s, MEDIA_TYPE, Message, Refusal, RefusalKind, State, ToTool,
+    Topic, TopicError, Topics, U32s,
+};
 use swarmwright_worlds::{Scene, Simulation};
 
 use crate::Identity;
@@ -290,15 +294,21 @@ impl SimulationServer {
                     payload,
                 } => {
                     let correlation = request.map(u64::to_be_bytes);
-                    self.connection.publish_with(
-                        &self.topics.under(&topic),
-                        &payload,
-                        &PublishOptions {
-                            content_type: Some(MEDIA_TYPE),
-                            correlation: correlation.as_ref().map(<[u8; 8]>::as_slice),
-                            ..PublishOptions::default()
-                        },
-                    );
+                    let options = PublishOptions {
+                        content_type: Some(MEDIA_TYPE),
+                        correlation: correlation.as_ref().map(<[u8; 8]>::as_slice),
+                        ..PublishOptions::default()
+                    };
+                    let topic = self.topics.under(&topic);
+                    let sent = self.connection.publish_with(&topic, &payload, &options);
+                    if let Err(TooLarge { bytes, most }) = sent {
+                        let reason = format!(
+                            "its answer of {bytes} bytes is larger than the {most} that the broker takes"
+                        );
+                        on_notice(&Notice::Warning(reason.clone()));
+                        let instead = refusal(&payload, reason);
+                        let _ = self.connection.publish_with(&topic, &instead, &options);
+                    }
                 }
                 Action::Evaluate(job) => self.pending = Some(job),
                 Action::Notice(notice) => on_notice(&notice),
@@ -309,6 +319,38 @@ impl SimulationServer {
                 }
             }
         }
+    }
+}
+
+/// What is said in the place of an answer that the broker does not take.
+fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
+    let error = Some(Refusal {
+        kind: RefusalKind::Failed,
+        reason,
+    });
+    match ToTool::decode(answer) {
+        Ok(ToTool::Evaluated(answer)) => ToTool::Evaluated(Evaluated {
+            fitness: F64s::default(),
+            metrics: BTreeMap::new(),
+            failed: Vec::new(),
+            error,
+            ..answer
+        })
+        .encode(),
+        Ok(ToTool::Sensors(answer)) => ToTool::Sensors(BatchSensors {
+            episodes: U32s::default(),
+            agents: U32s::default(),
+            sensors: F32s::default(),
+            ended: U32s::default(),
+            fitness: F64s::default(),
+            metrics: BTreeMap::new(),
+            failed: Vec::new(),
+            error,
+            ..answer
+        })
+        .encode(),
+        // A reason is short: only a broker that takes next to nothing refuses it.
+        Ok(ToTool::Failed(_)) | Err(_) => Vec::new(),
     }
 }
 
@@ -357,4 +399,34 @@ fn find_rival(
         }
     }
     Ok(early)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_that_is_too_large_becomes_an_error() {
+        let answer = ToTool::Evaluated(Evaluated {
+            version: 1,
+            request: 7,
+            server: 3,
+            fitness: F64s(vec![1.0; 1000]),
+            metrics: BTreeMap::from([("steps".to_owned(), F64s(vec![2.0; 1000]))]),
+            failed: Vec::new(),
+            error: None,
+            seconds: 0.5,
+        });
+        let instead = refusal(&answer.encode(), "too large".to_owned());
+        assert!(instead.len() < 300);
+        let Ok(ToTool::Evaluated(instead)) = ToTool::decode(&instead) else {
+            panic!("another kind of answer");
+        };
+        assert_eq!((instead.request, instead.server), (7, 3));
+        let error = instead.error.unwrap();
+        assert_eq!(
+            (error.kind, error.reason.as_str()),
+            (RefusalKind::Failed, "too large")
+        );
+    }
 }

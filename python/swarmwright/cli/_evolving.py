@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from swarmwright._own._names import is_own
+from swarmwright.cli._observing import Observing, observed
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import Progress, duration, progress
 from swarmwright.cli._signals import INTERRUPTED, check
@@ -52,6 +53,7 @@ def evolve(
     *,
     tensorboard: Path | None,
     mlflow: str | None,
+    observing: Observing,
 ) -> int:
     """Do the work, show how it goes and what came out; the exit status.
 
@@ -61,15 +63,19 @@ def evolve(
         work: gets what is called after each generation, and what is called within.
         tensorboard: folder for TensorBoard, if wanted.
         mlflow: MLflow's tracking server, if wanted.
+        observing: log and figures for programs, if wanted.
     """
     from swarmwright._optimize import InterruptedAtEnd
 
     reader = Reader()
     with ExitStack() as stack:
+        observer = stack.enter_context(observed(output, observing))
+        observer.started(experiment)
         watchers = [stack.enter_context(one) for one in _watchers(experiment, tensorboard, mlflow)]
         shown = stack.enter_context(progress(output, experiment.generations))
 
         def tell(generation: "Generation") -> bool:
+            observer.generation(generation)
             for watcher in watchers:
                 watcher(generation)
             return reader.show(shown, generation)
@@ -79,6 +85,7 @@ def evolve(
             run = work(tell, shown.evaluating)
         except InterruptedAtEnd as interrupt:
             run, undrawn = interrupt.run, True
+        observer.ended(run)
         for watcher in watchers:
             watcher.conclude(run)
     if not reader.gone:

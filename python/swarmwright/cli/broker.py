@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
@@ -71,6 +72,15 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     metavar="P",
     help="With --init: topic prefix that gets accounts of its own, as many times as there are.",
 )
+@click.option(
+    "--rate",
+    type=WholeNumber(min=1, max=2**32 - 1),
+    default=500_000,
+    show_default=True,
+    metavar="N",
+    help="Packets a second that are taken of one client; one that sends more is read later.",
+)
+@log_options
 @json_option
 def command(
     port: int | None,
@@ -83,6 +93,9 @@ def command(
     add_user: tuple[str, str] | None,
     folder: Path | None,
     prefixes: tuple[str, ...],
+    rate: int,
+    log: Path | None,
+    log_level: str,
     as_json: bool,
 ) -> int:
     """Run the MQTT broker until Ctrl-C, or write the files that a broker needs.
@@ -118,23 +131,26 @@ def command(
     _check_exposure(host, users=users, certificate=certificate)
     from swarmwright import _engine
 
-    broker = _engine.Broker(
-        host,
-        port if port is not None else 8883 if certificate else 1883,
-        websocket_port=websocket_port,
-        users=str(users) if users else None,
-        access=str(access) if access else None,
-        certificate=str(certificate) if certificate else None,
-        key=str(key) if key else None,
-    )
-    try:
-        output.text(f"The broker listens on {broker.url} (Ctrl-C stops it)")
-        output.json({"event": "listening", "url": broker.url, "port": broker.port})
-        threading.Event().wait()
-    except Terminated:
-        return 0  # SIGTERM is how a service is asked to end
-    finally:
-        broker.stop()
+    with Log(log, log_level) as lines:
+        broker = _engine.Broker(
+            host,
+            port if port is not None else 8883 if certificate else 1883,
+            websocket_port=websocket_port,
+            users=str(users) if users else None,
+            access=str(access) if access else None,
+            certificate=str(certificate) if certificate else None,
+            key=str(key) if key else None,
+            rate=rate,
+        )
+        try:
+            output.text(f"The broker listens on {broker.url} (Ctrl-C stops it)")
+            output.json({"event": "listening", "url": broker.url, "port": broker.port})
+            lines.write("info", "listening", url=broker.url)
+            threading.Event().wait()
+        except Terminated:
+            lines.write("info", "stopped")  # SIGTERM is how a service is asked to end
+        finally:
+            broker.stop()
     return 0
 
 

@@ -6,6 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
+from swarmwright.cli._observing import Observing, observe_options
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
@@ -35,6 +36,7 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @servers_option
 @watch_options
+@observe_options
 @json_option
 def command(
     file: Path,
@@ -44,6 +46,9 @@ def command(
     servers: Servers | None,
     tensorboard: Path | None,
     mlflow: str | None,
+    log: Path | None,
+    log_level: str,
+    metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
     """Evolve a controller as the experiment FILE says.
@@ -71,4 +76,5 @@ def command(
         ),
         tensorboard=tensorboard,
         mlflow=mlflow,
+        observing=Observing(log, log_level, metrics),
     )

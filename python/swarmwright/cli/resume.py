@@ -6,6 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
+from swarmwright.cli._observing import Observing, observe_options
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
@@ -36,6 +37,7 @@ from swarmwright.cli._output import Output, show_warnings
     help="A larger budget than the experiment's; prolongs finished runs, too.",
 )
 @watch_options
+@observe_options
 @json_option
 def command(
     run: Path,
@@ -44,6 +46,9 @@ def command(
     generations: int | None,
     tensorboard: Path | None,
     mlflow: str | None,
+    log: Path | None,
+    log_level: str,
+    metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
     """Go on with RUN where it was interrupted, killed, or failed.
@@ -78,4 +83,5 @@ def command(
         ),
         tensorboard=tensorboard,
         mlflow=mlflow,
+        observing=Observing(log, log_level, metrics),
     )

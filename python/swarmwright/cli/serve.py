@@ -4,16 +4,23 @@ import json
 import secrets
 import signal
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright._credentials import from_keyring
 from swarmwright._suggest import unknown
 from swarmwright.cli._commands import Command
+from swarmwright.cli._log import Log
+from swarmwright.cli._observing import Observing, observe_options, observed_servers
 from swarmwright.cli._options import DEFAULT_BROKER, WholeNumber, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
 from swarmwright.cli._supervisor import Ended, Event, Supervisor
+
+if TYPE_CHECKING:
+    from swarmwright._prometheus import ServeFigures
 
 LARGEST_ID = 2**31 - 1
 
@@ -44,6 +51,7 @@ LARGEST_ID = 2**31 - 1
     metavar="SECONDS",
     help="How long an episode may wait for an agent's actuators before it is given up.",
 )
+@observe_options
 @json_option
 def command(
     simulation: str,
@@ -52,6 +60,9 @@ def command(
     count: int,
     prefix: str,
     step_timeout: float,
+    log: Path | None,
+    log_level: str,
+    metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
     """Offer a SIMULATION on a broker until Ctrl-C.
@@ -69,13 +80,16 @@ def command(
         raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
     shared = {"simulation": simulation, "broker": broker, "prefix": prefix, "step_timeout": step_timeout}
     settings = [{**shared, "id": first + i} for i in range(count)]
-    reporter = Reporter(Output(as_json=as_json), title, broker)
-    try:
-        with Supervisor(settings) as servers:
-            for item in servers.news():
-                reporter.tell(item)
-    except Terminated:
-        pass  # SIGTERM is how a service is asked to end
+    from_keyring(broker)
+    output = Output(as_json=as_json)
+    with observed_servers(output, Observing(log, log_level, metrics)) as (lines, figures):
+        reporter = Reporter(output, title, broker, lines, figures)
+        try:
+            with Supervisor(settings) as servers:
+                for item in servers.news():
+                    reporter.tell(item)
+        except Terminated:
+            pass  # SIGTERM is how a service is asked to end
     return reporter.status
 
 
@@ -100,15 +114,25 @@ class Reporter:
     status: the exit status that what happened so far amounts to.
     """
 
-    def __init__(self, output: Output, simulation: str, broker: str) -> None:
+    def __init__(
+        self,
+        output: Output,
+        simulation: str,
+        broker: str,
+        log: Log | None = None,
+        figures: "ServeFigures | None" = None,
+    ) -> None:
         self.status = 0
         self._output = output
+        self._log = Log(None) if log is None else log
+        self._figures = figures
         self._offer = f"{simulation} on {broker}"
         self._last: dict[int, str] = {}
         self._errors: dict[int, str] = {}
 
     def tell(self, item: Event | Ended) -> None:
         """Report one piece of news."""
+        self._note(item)
         if isinstance(item, Ended):
             self._ended(item)
             return
@@ -124,6 +148,19 @@ class Reporter:
         if line != self._last.get(item.server):
             self._output.text(line)
             self._last[item.server] = line
+
+    def _note(self, item: Event | Ended) -> None:
+        """Tell programs."""
+        if isinstance(item, Ended):
+            event, level = "ended", "error" if item.status else "info"
+            fields: dict[str, Any] = {"status": item.status, "message": item.last_words or None}
+        else:
+            event = str(item.report.get("event"))
+            level = {"ready": "info", "busy": "info", "error": "error"}.get(event, "warning")
+            fields = {key: value for key, value in item.report.items() if key not in {"event", "server"}}
+        self._log.write(level, f"server_{event}", server=item.server, pid=item.pid, **fields)
+        if self._figures is not None:
+            self._figures.event(item.server, event)
 
     def _sentence(self, server: int, pid: int, report: Mapping[str, Any]) -> str:
         event = report.get("event")

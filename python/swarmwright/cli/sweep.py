@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._observing import Observing, ToolObserver, observe_options, observed
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
@@ -41,8 +42,18 @@ FAILED = 1
     help="Folder for the runs. Default: the file's, else runs/ and the file's name.",
 )
 @servers_option
+@observe_options
 @json_option
-def command(file: Path, broker: str | None, out: Path | None, servers: Servers | None, as_json: bool) -> int:
+def command(
+    file: Path,
+    broker: str | None,
+    out: Path | None,
+    servers: Servers | None,
+    log: Path | None,
+    log_level: str,
+    metrics: tuple[str, int] | None,
+    as_json: bool,
+) -> int:
     """Run an experiment in every variant and with every seed that FILE names, and compare them.
 
     All runs share one broker and its servers. A run that is finished is not run again, one that was
@@ -63,16 +74,17 @@ def command(file: Path, broker: str | None, out: Path | None, servers: Servers |
         f"{_count(len(sweep.variants), 'variant')} with {_count(len(sweep.seeds), 'seed')} each: "
         f"{_count(len(todo), 'run')} in {sweep.out}"
     )
-    progress = _Progress(output, len(todo))
     interrupted = False
-    try:
-        with Crew(sweep, broker=broker, servers=servers) as crew:
-            for task in todo:
-                if not progress.do(crew, task):
-                    interrupted = True
-                    break
-    except KeyboardInterrupt:
-        interrupted = True
+    with observed(output, Observing(log, log_level, metrics)) as observer:
+        progress = _Progress(output, observer, len(todo))
+        try:
+            with Crew(sweep, broker=broker, servers=servers) as crew:
+                for task in todo:
+                    if not progress.do(crew, task):
+                        interrupted = True
+                        break
+        except KeyboardInterrupt:
+            interrupted = True
     if progress.done:
         _conclude(output, progress.done, sweep.out)
     if interrupted:
@@ -88,8 +100,9 @@ def _count(number: int, noun: str) -> str:
 class _Progress:
     """Does tasks and says how each ended."""
 
-    def __init__(self, output: Output, total: int) -> None:
+    def __init__(self, output: Output, observer: ToolObserver, total: int) -> None:
         self._output = output
+        self._observer = observer
         self._total = total
         self._count = 0
         self.done: list[Run] = []
@@ -104,21 +117,24 @@ class _Progress:
         if before is not None and not before.interrupted:
             self._say(task, before, "was finished before")
             return True
+        self._observer.started(task.experiment)
         try:
             run = crew.run(task, self._generation)
         except RunError as error:
+            self._observer.log.write("error", "run_failed", seed=task.seed, message=str(error))
             self.failed += 1
             self._output.text(f"{self._where(task)}: failed: {error}")
             self._output.json({"variant": task.variant.label, "seed": task.seed, "error": str(error)})
             return True
+        self._observer.ended(run)
         if run.interrupted:
             return False
         self._say(task, run, f"{run.seconds:.1f} s")
         return True
 
-    @staticmethod
-    def _generation(_: "Generation") -> bool:
+    def _generation(self, generation: "Generation") -> bool:
         check()
+        self._observer.generation(generation)
         return True
 
     def _where(self, task: "Task") -> str:

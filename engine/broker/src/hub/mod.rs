@@ -58,6 +58,9 @@ pub struct Link {
     progress: Instant,
     /// The reader whose backlog this publisher waits for.
     held_by: Option<usize>,
+    /// Packets that may come now, and when that was reckoned; below 0 while the client has to wait.
+    allowance: f64,
+    allowed_at: Instant,
     dirty: bool,
     closing: bool,
 }
@@ -104,6 +107,8 @@ impl Hub {
             heard: now,
             progress: now,
             held_by: None,
+            allowance: f64::from(self.limits.rate),
+            allowed_at: now,
             dirty: false,
             closing: false,
         }))
@@ -128,6 +133,7 @@ impl Hub {
             };
             let start = done + head;
             done = start + body;
+            self.links[id].allowance -= 1.0;
             let version = self.links[id].terms.version;
             let outcome = codec::decode(first, &bytes[start..done], version)
                 .and_then(|packet| self.handle(id, packet, now));
@@ -223,8 +229,23 @@ impl Hub {
         self.links[id].closing
     }
 
-    /// Should this publisher not be read for now, because a reader that does read is far behind?
+    /// Has this client sent more than it may, so that it is read later?
+    fn is_too_fast(&mut self, id: usize, now: Instant) -> bool {
+        let Some(link) = self.links.get_mut(id).filter(|link| link.allowance < 0.0) else {
+            return false;
+        };
+        let rate = f64::from(self.limits.rate);
+        let passed = now.saturating_duration_since(link.allowed_at).as_secs_f64();
+        link.allowance = (link.allowance + rate * passed).min(rate);
+        link.allowed_at = now;
+        link.allowance < 0.0
+    }
+
+    /// Should this publisher not be read for now, because it is too fast, or a reader that does read is far behind?
     pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
+        if self.is_too_fast(id, now) {
+            return true;
+        }
         // The connection may have ended since it was noted as readable.
         let Some(reader) = self.links.get(id).and_then(|link| link.held_by) else {
             return false;

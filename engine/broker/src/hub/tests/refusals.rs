@@ -101,3 +101,43 @@ proptest! {
         prop_assert!(stage.hub.sessions.is_empty() && stage.hub.by_client.is_empty());
     }
 }
+
+#[test]
+fn a_client_that_sends_too_fast_is_read_later_and_loses_nothing() {
+    let mut stage = Stage::new(Limits {
+        rate: 100,
+        ..Limits::default()
+    });
+    let reader = stage.reader("reader", "t", 0);
+    let (writer, _) = stage.join(&connect("writer", true, 0, 0, None));
+    let burst = publish("t", 0, 0, &[], b"x").repeat(300);
+    // What has come is taken; only the next read waits.
+    assert!(!stage.hub.is_held(writer, stage.now));
+    stage.say(writer, &burst);
+    assert_eq!(stage.payloads(reader).len(), 300);
+    assert!(stage.hub.is_held(writer, stage.now));
+    assert!(!stage.hub.is_held(reader, stage.now));
+    stage.now += Duration::from_secs(1);
+    assert!(
+        stage.hub.is_held(writer, stage.now),
+        "100 of 200 too many are due"
+    );
+    stage.now += Duration::from_millis(1100);
+    assert!(!stage.hub.is_held(writer, stage.now));
+    // At its pace a client is never held.
+    for _ in 0..50 {
+        stage.now += Duration::from_millis(500);
+        stage.say(writer, &publish("t", 0, 0, &[], b"x").repeat(50));
+        assert!(!stage.hub.is_held(writer, stage.now));
+    }
+}
+
+#[test]
+fn the_protocols_largest_message_is_taken_and_the_limit_is_announced() {
+    let limits = Limits::default();
+    assert!(
+        limits.packet >= (64 << 20) + (1 << 16),
+        "the protocol's largest message and its topic"
+    );
+    assert!(limits.backlog >= limits.packet, "it can be on its way");
+}

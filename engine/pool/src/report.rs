@@ -1,0 +1,123 @@
+//! What happens, told as it happens: to logs and to those who count.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use swarmwright_mqtt::Traffic;
+use swarmwright_protocol::{Message, State, Status, Topic};
+
+use crate::machine::Machine;
+use crate::work::Attempt;
+
+/// Something that happened.
+#[derive(Debug)]
+pub enum Report<'a> {
+    /// A server that offers the simulation is ready, busy or lost; none: it left.
+    Server(u64, Option<State>),
+    /// An attempt at evaluations ended, with or without results.
+    Attempt(&'a Attempt),
+    /// A server failed and gets no work for so many seconds.
+    Benched {
+        /// The server.
+        server: u64,
+        /// Failures in a row.
+        failures: u32,
+        /// Why it failed last.
+        reason: &'a str,
+        /// How long it pauses.
+        seconds: f64,
+    },
+    /// Worth telling the user.
+    Warning(&'a str),
+    /// The connection to the broker broke.
+    BrokerLost(&'a str),
+    /// It is there again.
+    BrokerBack,
+    /// How it stands, once a second and at the end of each piece of work.
+    Status(&'a Status, Traffic),
+}
+
+/// Who is told.
+pub type Listener = Box<dyn FnMut(&Report<'_>) + Send + Sync>;
+
+/// Notices what the machine does not say by itself.
+#[derive(Default)]
+pub(crate) struct Reporter {
+    listener: Option<Listener>,
+    /// Lines of the machine's journal that have been told.
+    told: usize,
+    states: BTreeMap<u64, State>,
+    failures: BTreeMap<u64, u32>,
+}
+
+impl Reporter {
+    pub fn new(listener: Listener) -> Self {
+        Self {
+            listener: Some(listener),
+            ..Self::default()
+        }
+    }
+
+    pub fn tell(&mut self, report: &Report<'_>) {
+        if let Some(listener) = &mut self.listener {
+            listener(report);
+        }
+    }
+
+    /// A message came; presence is news.
+    pub fn heard(&mut self, machine: &Machine, topic: &str, payload: &[u8]) {
+        if self.listener.is_none() || machine.config.topics.parse(topic) != Some(Topic::Presence) {
+            return;
+        }
+        if payload.is_empty() {
+            let server = topic.rsplit('/').next().and_then(|id| id.parse().ok());
+            if let Some(server) = server
+                && self.states.remove(&server).is_some()
+            {
+                self.tell(&Report::Server(server, None));
+            }
+            return;
+        }
+        if let Ok(Message::Presence(presence)) = Message::decode(Topic::Presence, payload)
+            && presence
+                .simulations
+                .contains(&machine.config.demand.simulation)
+            && self.states.insert(presence.server, presence.state) != Some(presence.state)
+        {
+            self.tell(&Report::Server(presence.server, Some(presence.state)));
+        }
+    }
+
+    /// The machine has worked on: attempts that ended since, and servers that got a pause for it.
+    pub fn look(&mut self, machine: &Machine, now: Instant) {
+        if self.listener.is_none() || self.told == machine.journal.len() {
+            return;
+        }
+        let news = machine.journal.get(self.told..).unwrap_or_default();
+        self.told = machine.journal.len();
+        for (attempt, _) in news {
+            self.tell(&Report::Attempt(attempt));
+        }
+        if news.iter().all(|(attempt, _)| attempt.error.is_none()) {
+            return;
+        }
+        for (server, slot) in &machine.offers.slots {
+            let before = self.failures.insert(*server, slot.failures).unwrap_or(0);
+            if slot.failures > before
+                && let Some(until) = slot.benched
+            {
+                self.tell(&Report::Benched {
+                    server: *server,
+                    failures: slot.failures,
+                    reason: &slot.failure,
+                    seconds: until.saturating_duration_since(now).as_secs_f64(),
+                });
+            }
+        }
+    }
+
+    /// The machine's journal was taken away.
+    pub fn taken(&mut self) {
+        self.told = 0;
+    }
+}

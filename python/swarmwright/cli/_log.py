@@ -1,0 +1,143 @@
+"""`--log FILE`: what happens, one JSON object a line, for programs that collect logs."""
+
+import datetime as dt
+import json
+import logging
+import sys
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TextIO
+
+import click
+
+from swarmwright._errors import InputError
+from swarmwright.cli._output import finite
+
+if TYPE_CHECKING:
+    from swarmwright._reports import Report
+
+LEVELS = ("debug", "info", "warning", "error")
+_NAMES = {logging.WARNING: "warning", logging.ERROR: "error", logging.CRITICAL: "error"}
+
+
+def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    """`--log FILE` and `--log-level LEVEL`."""
+    file = click.option(
+        "--log",
+        type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
+        metavar="FILE",
+        help="Append what happens to a file, a JSON object a line; - for standard error.",
+    )
+    level = click.option(
+        "--log-level",
+        type=click.Choice(LEVELS),
+        default="info",
+        show_default=True,
+        help="With --log: the least that is written.",
+    )
+    return file(level(command))
+
+
+class Log:
+    """Writes lines; a context manager that notes what ends the command. Without a file it writes nothing.
+
+    Args:
+        file: where to; `-` for standard error.
+        level: the least that is written.
+        engine: whether the engine's own lines (the embedded broker's above all) are written, too.
+    """
+
+    def __init__(self, file: Path | None, level: str = "info", *, engine: bool = True) -> None:
+        self._least = LEVELS.index(level)
+        self._lock = threading.Lock()
+        self._stream: TextIO | None = None
+        self._owned = False
+        self._handler: logging.Handler | None = None
+        if file is None:
+            return
+        dash = str(file) == "-"
+        try:
+            # Line by line: what a killed process has written is there.
+            self._stream = sys.stderr if dash else file.open("a", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise InputError(f"--log {file}: {error.strerror}") from error
+        self._owned = not dash
+        if engine:
+            from swarmwright import _engine
+
+            _engine.log_to(None if dash else str(file), level)
+
+    def __bool__(self) -> bool:
+        return self._stream is not None
+
+    def __enter__(self) -> Self:
+        if self:
+            self._handler = _Handler(self)
+            logging.getLogger("swarmwright").addHandler(self._handler)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            self.write("info", "interrupted")
+        elif error is not None:
+            self.write("error", "failed", message=str(error), kind=type(error).__name__)
+        if self._handler is not None:
+            logging.getLogger("swarmwright").removeHandler(self._handler)
+        if self._owned and self._stream is not None:
+            self._stream.close()
+        self._stream = None
+
+    def write(self, level: str, event: str, /, **fields: object) -> None:
+        """Write a line, unless its level is below the least; what is None is left out."""
+        stream = self._stream
+        if stream is None or LEVELS.index(level) < self._least:
+            return
+        moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        line = {"time": moment, "level": level, "event": event, **_there(fields)}
+        try:
+            with self._lock:
+                stream.write(json.dumps(finite(line), default=str) + "\n")
+                stream.flush()
+        except OSError:
+            self._stream = None  # nobody reads, or the disk is full: no reason to end a run
+
+    def report(self, report: "Report") -> None:
+        """Write what a pool told, see `_engine.Pool.listen`."""
+        fields = {key: value for key, value in report.items() if key != "event"}
+        event = str(report["event"])
+        match event:
+            case "status":
+                status = fields["status"]
+                keys = ("run", "generation", "done", "total", "no_server")
+                waits = status["waiting_for"][:1]
+                self.write("debug", event, **{key: status.get(key) for key in keys}, waiting_for=waits)
+            case "server":
+                state = fields.pop("state")
+                self.write("warning" if state == "lost" else "info", f"server_{state}", **fields)
+            case "attempt" if fields.get("error") is None:
+                self.write("debug", event, **fields)
+            case "attempt":
+                self.write("warning", "attempt_failed", **fields)
+            case "broker_back":
+                self.write("info", event, **fields)
+            case _:
+                self.write("warning", event, **fields)
+
+
+def _there(fields: Mapping[str, object]) -> dict[str, object]:
+    return {key: value for key, value in fields.items() if value is not None}
+
+
+class _Handler(logging.Handler):
+    """What the library warns of."""
+
+    def __init__(self, log: Log) -> None:
+        super().__init__(logging.WARNING)
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._log.write(_NAMES.get(record.levelno, "warning"), "warning", message=record.getMessage())
