@@ -13,7 +13,12 @@ from swarmwright import InputError
 from swarmwright._prometheus import ServeFigures, ToolFigures, offered
 from tests.python.cli.test_services import events
 
-LONG = "simulation: minisim\nmode: {}\nmethod: {{kind: random_search, population: 12, generations: 100000}}\nseed: 3\n"
+LONG = """\
+simulation: minisim
+mode: {}
+method: {{kind: random_search, population: 12, generations: 100000}}
+seed: 3
+"""
 
 
 def scraped(url: str) -> dict[str, dict[tuple[str, ...], float]]:

@@ -73,7 +73,9 @@ def test_what_ends_a_command_is_logged(program: Any, tmp_path: Path, unused_port
 
 def test_a_sweep_logs_each_run(program: Any, tmp_path: Path) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
-    (tmp_path / "s.yaml").write_text("experiment: e.yaml\ngrid: {method.population: [12, 14]}\nseeds: 1\nout: all\n")
+    (tmp_path / "s.yaml").write_text(
+        "experiment: e.yaml\ngrid: {method.population: [12, 14]}\nseeds: 1\nout: all\n"
+    )
     done = program("sweep", "s.yaml", "--servers", "local", "--log", "log")
     assert done.returncode == 0, done.stderr
     assert names(tmp_path / "log").count("run_ended") == 2
