@@ -142,6 +142,11 @@ impl Machine {
             return;
         }
         if topic == Topic::Presence && payload.is_empty() {
+            // Somebody has cleared what is known of this server: one that had its id, or its operator.
+            if name == self.topics.presence(self.identity.id) {
+                self.published = None;
+                self.changed_at.get_or_insert(now);
+            }
             return;
         }
         if retained && topic != Topic::Presence {
