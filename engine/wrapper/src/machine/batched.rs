@@ -19,6 +19,12 @@ impl Machine {
         }
         let (request, reply) = (message.request, message.reply.clone());
         let tool = message.tool.clone();
+        if let State::Stepping(batch) = &self.state
+            && (&batch.tool, batch.request) == (&tool, request)
+        {
+            // It came twice.
+            return;
+        }
         let started = match self.taken(&tool) {
             Some(refusal) => Err(refusal),
             None => self.prepare_batch(message, now).inspect_err(|refusal| {

@@ -41,6 +41,14 @@ impl Work {
         (!self.released).then(|| self.tool.clone())
     }
 
+    /// Whether a request is being computed, or waits.
+    fn has(&self, tool: &str, request: u64) -> bool {
+        let mut waiting = self.waiting.iter();
+        !self.released
+            && self.tool == tool
+            && (self.request == request || waiting.any(|other| other.number == request))
+    }
+
     pub fn release(&mut self) {
         self.released = true;
         self.abort.store(true, Ordering::Relaxed);
@@ -72,6 +80,12 @@ impl Machine {
         }
         let (number, reply) = (message.request, message.reply.clone());
         let tool = message.tool.clone();
+        if let State::Working(work) = &self.state
+            && work.has(&tool, number)
+        {
+            // It came twice.
+            return;
+        }
         let accepted = match self.taken(&tool) {
             Some(refusal) => Err(refusal),
             None => self.check(message, now).inspect_err(|refusal| {
