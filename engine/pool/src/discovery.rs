@@ -59,7 +59,11 @@ impl Machine {
             }
             if !ended.jobs.is_empty() {
                 self.offers.remove(ended.server);
-                self.fail_jobs(ended.jobs, &ended.reason, ended.own_fault, now);
+                // A server works on one thing at a time: only the oldest can have brought it down.
+                for (index, job) in ended.jobs.into_iter().enumerate() {
+                    let counted = ended.own_fault && index == 0;
+                    self.fail_jobs(vec![job], &ended.reason, counted, now);
+                }
             }
         }
         if discover {

@@ -313,7 +313,7 @@ impl Machine {
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
             let jobs = self.offers.left(id);
-            return self.fail_jobs(jobs, &format!("server {id} left"), true, now);
+            return self.fail_jobs(jobs, &format!("server {id} left"), false, now);
         }
         if kind == Topic::Sensor {
             match SensorReading::decode(payload) {
