@@ -95,6 +95,11 @@ impl Machine {
 
     /// The connection is back.
     pub fn connected(&mut self, now: Instant) {
+        // Servers whose own connection held know nothing of it, and wait for the next step.
+        for (server, hash) in std::mem::take(&mut self.left_behind) {
+            let hash = hash.unwrap_or_else(|| self.new_hash());
+            self.end_run(server, &hash);
+        }
         self.round_pause = FIRST_ROUND;
         self.next_round = now;
     }

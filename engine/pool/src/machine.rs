@@ -4,7 +4,7 @@
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
 //! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
 
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
@@ -92,6 +92,8 @@ pub struct Machine {
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
     pub(crate) journal: Vec<(Attempt, Instant)>,
+    /// Servers that may still wait for this tool since its connection broke, each with its last hash.
+    pub(crate) left_behind: BTreeMap<u64, Option<String>>,
     pub(crate) complaints: HashSet<String>,
     /// Reasons for which episodes failed in simulations, and whether a stack was told.
     pub(crate) troubles: HashMap<String, bool>,
@@ -143,6 +145,7 @@ impl Machine {
             requests: HashMap::new(),
             refused_at: None,
             journal: Vec::new(),
+            left_behind: BTreeMap::new(),
             complaints: HashSet::new(),
             troubles: HashMap::new(),
             actions: Vec::new(),
@@ -422,6 +425,10 @@ impl Machine {
 
     /// The connection broke: the work under way on it is lost, and nobody's fault.
     pub fn disconnected(&mut self, now: Instant) {
+        let slots = self.offers.slots.iter();
+        let held = slots.filter(|(_, slot)| slot.held);
+        let held = held.map(|(id, slot)| (*id, slot.last_hash.clone()));
+        self.left_behind.extend(held);
         self.offers.clear();
         let mut hashes: Vec<String> = self.runs.keys().cloned().collect();
         hashes.sort();
