@@ -22,6 +22,8 @@ const LEASE: f64 = 10.0;
 pub(crate) struct Request {
     pub server: u64,
     piece: Piece,
+    /// Evaluations of it that failed by themselves, and are tried again apart from it.
+    apart: Vec<usize>,
     started: Instant,
     /// When the server last said something of use, or could begin with this.
     pub heard: Instant,
@@ -33,6 +35,21 @@ pub(crate) struct Request {
 impl Request {
     pub fn deadline(&self) -> Instant {
         self.heard + self.lease
+    }
+
+    /// What is to be tried again when it fails as a whole: all but what went its own way before.
+    fn rest(&self) -> Vec<Piece> {
+        let mut rest = Vec::new();
+        let mut start = self.piece.first();
+        let mut apart = self.apart.clone();
+        apart.sort_unstable();
+        for end in apart.into_iter().chain([self.piece.evaluations.end]) {
+            if start < end {
+                rest.push(self.piece.part(start..end));
+            }
+            start = end + 1;
+        }
+        rest
     }
 
     fn attempt(&self, error: Option<String>) -> Attempt {
@@ -164,6 +181,7 @@ impl Machine {
         let request = Request {
             server,
             piece,
+            apart: Vec::new(),
             started: now,
             heard: now,
             lease,
@@ -206,6 +224,7 @@ impl Machine {
                 match (self.is_batch(number, message.server), &message.error) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
                     (Some(true), None) => self.stepped(number, message, now),
+                    (None, None) => return self.end_ghost(&message),
                     _ => return,
                 }
             }
@@ -218,6 +237,19 @@ impl Machine {
     fn is_batch(&self, number: u64, server: u64) -> Option<bool> {
         let request = self.requests.get(&number)?;
         (request.server == server).then_some(request.batch.is_some())
+    }
+
+    /// A server steps a batch that nobody waits for: its start came late or twice.
+    fn end_ghost(&mut self, message: &BatchSensors) {
+        if !message.episodes.0.is_empty() {
+            let end = ToServer::Actuators(BatchActuators {
+                version: EXTENSION_VERSION,
+                request: message.request,
+                step: message.step,
+                actuators: F32s(Vec::new()),
+            });
+            self.ask(message.server, message.request, &end);
+        }
     }
 
     fn evaluated(&mut self, number: u64, message: Evaluated, now: Instant) {
@@ -309,6 +341,7 @@ impl Machine {
         }
         for (index, reason, stack) in progress.failed {
             self.fail_one(&request, index, reason, stack, now);
+            request.apart.push(request.piece.first() + index);
         }
         if let Some((step, actuators)) = progress.answer {
             let answer = ToServer::Actuators(BatchActuators {
@@ -376,7 +409,9 @@ impl Machine {
         let server = request.server;
         self.offers.finished(server, &Job::Request(number));
         self.record_request(&request, Some(reason.to_owned()), now);
-        self.retry(request.piece, server, reason, counted);
+        for piece in request.rest() {
+            self.retry(piece, server, reason, counted);
+        }
     }
 
     fn record_request(&mut self, request: &Request, error: Option<String>, now: Instant) {
