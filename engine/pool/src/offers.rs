@@ -95,8 +95,9 @@ impl Offers {
             return Answer::Unfit(None);
         }
         if let Some(slot) = self.slots.get_mut(&id) {
-            // A server answers a round once; a second answer comes from a second server.
-            if slot.round == round || rival {
+            // A server answers a round once; a second answer comes from a second server, unless it says that it does not.
+            let same = instance.is_some() && slot.instance == instance;
+            if (slot.round == round && !same) || rival {
                 let news = self
                     .unfit
                     .insert(id, TWINS.to_owned())
