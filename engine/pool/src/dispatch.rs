@@ -72,11 +72,17 @@ impl Machine {
         let Some(slot) = self.offers.slots.get(&server) else {
             return;
         };
-        if !self.is_worth_while(server, slot) {
+        let most = self.most(slot);
+        let alone = slot.rate.map_or(0.0, |rate| number(most) / rate);
+        if !self.is_worth_while(server, alone) && !self.has_waited(server, alone, now) {
             return;
         }
-        let (way, most) = (slot.way, self.most(slot));
-        let servers: Vec<u64> = self.offers.slots.keys().copied().collect();
+        let Some(slot) = self.offers.slots.get_mut(&server) else {
+            return;
+        };
+        slot.passed_over = None;
+        let way = slot.way;
+        let servers = self.usable_servers();
         let Some(piece) = self.ledger.take(server, &servers, most) else {
             return;
         };
@@ -85,6 +91,13 @@ impl Machine {
             Way::Batched(_) => self.start_batch(piece, server, now),
             Way::Offloaded => self.send_block(piece, server, now),
         }
+    }
+
+    /// What failed on one server waits for another one of these; not for one that has a pause after failures.
+    pub(crate) fn usable_servers(&self) -> Vec<u64> {
+        let slots = self.offers.slots.iter();
+        let usable = slots.filter(|(_, slot)| slot.usable());
+        usable.map(|(id, _)| *id).collect()
     }
 
     /// How many evaluations a server gets at once.
@@ -153,21 +166,31 @@ impl Machine {
         }
     }
 
-    /// Whether the work is done earlier with this server's help than without.
-    fn is_worth_while(&self, server: u64, slot: &Slot) -> bool {
-        let Some(rate) = slot.rate else { return true };
-        let others: f64 = self
-            .offers
-            .slots
-            .iter()
+    /// Whether a server has been passed over for so long that it could have done the work itself: the others are not as
+    /// fast as they were.
+    fn has_waited(&mut self, server: u64, alone: f64, now: Instant) -> bool {
+        let Some(slot) = self.offers.slots.get_mut(&server) else {
+            return false;
+        };
+        let since = *slot.passed_over.get_or_insert(now);
+        now.saturating_duration_since(since).as_secs_f64() > alone
+    }
+
+    /// Whether the work is done earlier with this server's help than without. `alone`: how long it would take, in seconds.
+    fn is_worth_while(&self, server: u64, alone: f64) -> bool {
+        let slots = self.offers.slots.iter();
+        let rates = slots
             .filter(|(id, slot)| **id != server && slot.usable())
-            .filter_map(|(_, slot)| slot.rate)
-            .sum();
+            .filter_map(|(_, slot)| slot.rate);
+        let (others, fastest) = rates.fold((0.0, 0.0), |(sum, fastest): (f64, f64), rate| {
+            (sum + rate, fastest.max(rate))
+        });
         // What failed somewhere may need just this server.
         if others <= 0.0 || self.ledger.has_failures() {
             return true;
         }
-        let alone = number(self.most(slot)) / rate;
-        alone <= PATIENCE * number(self.ledger.queued()) / others + GRACE
+        // However many the others are, one evaluation takes the fastest of them its time.
+        let without = (number(self.ledger.queued()) / others).max(1.0 / fastest);
+        alone <= PATIENCE * without + GRACE
     }
 }

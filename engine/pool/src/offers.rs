@@ -133,6 +133,7 @@ impl Offers {
                 failures,
                 failure,
                 beaten: 0,
+                passed_over: None,
                 round,
                 last_hash: None,
             },

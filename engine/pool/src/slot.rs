@@ -32,6 +32,8 @@ pub(crate) struct Slot {
     pub failure: String,
     /// How often in a row another tool was faster.
     pub beaten: u32,
+    /// Since when there is work for it that others should have done before it could.
+    pub passed_over: Option<Instant>,
     /// The last round of discovery that it answered.
     pub round: u64,
     /// Last hash that it ran for this tool.
