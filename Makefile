@@ -3,6 +3,7 @@
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
+# make schedules  100,000 seeded schedules of mishaps for pools and servers, in virtual time (minutes)
 # make lint    every check that needs no run
 # make audit   look for known weaknesses in what we depend on (asks databases in the network)
 # make bench   measure, into build/bench.json
@@ -14,7 +15,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo java cpp test test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean fuzz
+.PHONY: help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -79,6 +80,11 @@ INPUTS ?= 1000000
 fuzz: $(VENV)/.engine $(VENV)/.dev
 	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-protocol -p swarmwright-controllers --test fuzz
 	SWARMWRIGHT_FUZZ=$$(($(INPUTS) / 500)) $(BIN)/python -m pytest tests/python/fuzz -n 2 --timeout 7200
+
+# SWARMWRIGHT_FIRST_SEED=200001 make schedules: others.
+schedules:
+	$(CARGO) run $(MANIFEST) --release --quiet -p swarmwright-schedules -- --jobs "$$(nproc)" \
+		--first "$${SWARMWRIGHT_FIRST_SEED:-1}" --count "$${SWARMWRIGHT_SCHEDULES:-100000}"
 
 lint: lint-engine lint-java lint-cpp lint-python lint-protocol
 

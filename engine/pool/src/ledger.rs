@@ -215,13 +215,22 @@ impl Ledger {
         self.done == self.forgotten + self.settled.len()
     }
 
-    /// A rectangle of at most `most` evaluations that this server has not failed, or which all of `servers` have.
-    pub fn take(&mut self, server: u64, servers: &[u64], most: usize) -> Option<Piece> {
-        let usable = |piece: &Piece| {
+    /// Which piece is next for a server.
+    fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
+        self.queue.iter().position(|piece| {
             !piece.failed_on.contains(&server)
                 || servers.iter().all(|other| piece.failed_on.contains(other))
-        };
-        let position = self.queue.iter().position(usable)?;
+        })
+    }
+
+    /// Whether [`take`](Self::take) would give a server something.
+    pub fn has_for(&self, server: u64, servers: &[u64]) -> bool {
+        self.position(server, servers).is_some()
+    }
+
+    /// A rectangle of at most `most` evaluations that this server has not failed, or which all of `servers` have.
+    pub fn take(&mut self, server: u64, servers: &[u64], most: usize) -> Option<Piece> {
+        let position = self.position(server, servers)?;
         let episodes = self.episodes();
         let piece = &mut self.queue[position];
         let count = rectangle(&piece.evaluations, episodes, most.min(piece.largest));

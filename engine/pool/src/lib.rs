@@ -6,6 +6,7 @@ mod batch;
 mod demand;
 mod discovery;
 mod dispatch;
+mod holdings;
 mod ledger;
 pub mod machine;
 mod metrics;
@@ -22,6 +23,7 @@ mod watch;
 mod work;
 
 pub use demand::Demand;
+pub use holdings::Holdings;
 pub use ledger::{Results, Settled, rectangle};
 pub use machine::{Action, Config, Machine};
 pub use mode::Mode;

@@ -74,6 +74,17 @@ pub struct Done {
     pub(crate) seconds: f64,
 }
 
+impl Done {
+    /// Says that it took so long: where the time is not this computer's, as in a simulation of many servers.
+    #[must_use]
+    pub fn took(self, time: Duration) -> Self {
+        Self {
+            seconds: time.as_secs_f64(),
+            ..self
+        }
+    }
+}
+
 /// Fitness of candidates x episodes, row-major, NaN where `failed` says why.
 #[derive(Debug, Default)]
 pub(crate) struct Evaluation {

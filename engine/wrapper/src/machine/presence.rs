@@ -32,7 +32,15 @@ impl Machine {
         self.identity.capabilities(&offer.description, offer.batch)
     }
 
-    pub(super) fn holder(&self) -> Option<String> {
+    /// Whether nobody has the server.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        matches!(self.state, State::Free)
+    }
+
+    /// The optimization tool that has the server, if it gave its name.
+    #[must_use]
+    pub fn holder(&self) -> Option<String> {
         match &self.state {
             State::Running(run) => run.tool.clone(),
             State::Stepping(batch) => Some(batch.tool.clone()),

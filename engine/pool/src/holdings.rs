@@ -1,0 +1,54 @@
+//! What the machine remembers: that it does not grow without bound can be seen.
+
+use crate::machine::Machine;
+
+/// How much a machine holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Holdings {
+    /// Evaluations that wait for a server.
+    pub queued: usize,
+    /// Stepwise episodes under way.
+    pub episodes: usize,
+    /// Blocks and batches under way.
+    pub requests: usize,
+    /// Rounds of discovery whose answers are understood.
+    pub rounds: usize,
+    /// Servers that may be used.
+    pub servers: usize,
+    /// Warnings that are not made again.
+    pub complaints: usize,
+}
+
+impl Machine {
+    /// How much it holds now.
+    #[must_use]
+    pub fn holdings(&self) -> Holdings {
+        Holdings {
+            queued: self.ledger.queued(),
+            episodes: self.runs.len(),
+            requests: self.requests.len(),
+            rounds: self.rounds.len(),
+            servers: self.offers.slots.len(),
+            complaints: self.complaints.len(),
+        }
+    }
+
+    /// Whether a server has no work of this tool.
+    #[must_use]
+    pub fn has_nothing_on(&self, server: u64) -> bool {
+        let slot = self.offers.slots.get(&server);
+        slot.is_none_or(|slot| slot.jobs.is_empty())
+    }
+
+    /// Whether a server has no work of this tool although there is some for it: it has no pause after failures, and what
+    /// waits need not wait for another server. True of a server that is not known.
+    #[must_use]
+    pub fn is_idle(&self, server: u64) -> bool {
+        let slots = &self.offers.slots;
+        slots.get(&server).is_none_or(|slot| {
+            let usable = slots.iter().filter(|(_, other)| other.usable());
+            let servers: Vec<u64> = usable.map(|(id, _)| *id).collect();
+            slot.jobs.is_empty() && slot.usable() && self.ledger.has_for(server, &servers)
+        })
+    }
+}

@@ -1,0 +1,580 @@
+//! A process and its connection: it starts, connects, hears, thinks, speaks, and dies.
+
+use std::rc::Rc;
+
+use crate::network::{Packet, Will};
+use crate::random::mix;
+use crate::schedule::{MILLI, SECOND, Time, What};
+use crate::server::{Outgoing, Server};
+use crate::simulator::{Event, Simulator};
+use crate::tool::{Stage, Tool};
+
+/// Pause before a broken connection is tried again; it doubles.
+const FIRST_PAUSE: Time = 100 * MILLI;
+const LONGEST_PAUSE: Time = 10 * SECOND;
+/// How long it takes until a server that its simulation has brought down is started again.
+const REVIVAL: Time = SECOND;
+/// Why a tool does not listen while it thinks: stands among the numbers of disturbances.
+pub(crate) const THINKS: usize = usize::MAX;
+
+/// A process, living or dead, and its end of a connection.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Client {
+    pub alive: bool,
+    /// Which start it is.
+    pub incarnation: u64,
+    pub connection: Option<usize>,
+    /// Whether the broker has accepted it.
+    pub ready: bool,
+    /// Whether it was ever accepted since it started.
+    begun: bool,
+    /// It does nothing because of these.
+    pub frozen: Vec<usize>,
+    /// What it has yet to hear of.
+    backlog: Vec<Event>,
+    /// Nothing goes through because of these.
+    pub cut_off: Vec<usize>,
+    /// What is on its way meanwhile.
+    held: Vec<Event>,
+    /// When its timer is set.
+    armed: Option<Time>,
+    pause: Time,
+    tries: u64,
+}
+
+impl Simulator<'_> {
+    fn server_of(&self, who: usize) -> Option<usize> {
+        who.checked_sub(self.tools.len())
+    }
+
+    /// A process starts, unless it runs or has done all it had to do.
+    pub(crate) fn start(&mut self, who: usize) {
+        let finished = self
+            .tools
+            .get(who)
+            .is_some_and(|tool| tool.stage == Stage::Finished);
+        let client = &mut self.clients[who];
+        if client.alive || finished {
+            return;
+        }
+        *client = Client {
+            alive: true,
+            incarnation: client.incarnation + 1,
+            cut_off: std::mem::take(&mut client.cut_off),
+            held: std::mem::take(&mut client.held),
+            pause: FIRST_PAUSE,
+            ..Client::default()
+        };
+        let incarnation = client.incarnation;
+        if let Some(server) = self.server_of(who) {
+            let plan = &self.schedule.servers[server];
+            self.servers[server] = Some(Server::new(plan, server as u64 + 1, incarnation));
+        }
+        self.note(|| format!("{} starts", self.schedule.name(who)));
+        self.plan(self.now, Event::Connect { who, incarnation });
+    }
+
+    /// A process ends at once. `power`: so does its computer, and nobody is told.
+    pub(crate) fn kill(&mut self, who: usize, power: bool, cause: usize) {
+        let client = &mut self.clients[who];
+        client.alive = false;
+        client.ready = false;
+        client.frozen.clear();
+        client.backlog.clear();
+        client.armed = None;
+        let connection = client.connection.take();
+        match self.server_of(who) {
+            Some(server) => self.servers[server] = None,
+            None => {
+                self.tools[who].machine = None;
+                if self.tools[who].stage == Stage::Working {
+                    self.tools[who].stage = Stage::Thinking;
+                }
+            }
+        }
+        if let Some(connection) = connection {
+            self.network.connections[connection].client_open = false;
+            if power {
+                self.plan(
+                    self.now + crate::schedule::BROKER_PATIENCE,
+                    Event::Silence { connection, cause },
+                );
+            } else {
+                self.send(connection, true, &Packet::Closed, 0);
+            }
+        }
+    }
+
+    /// Puts a packet on its way.
+    pub(crate) fn send(&mut self, connection: usize, up: bool, packet: &Packet, after: Time) {
+        let who = self.network.connections[connection].who;
+        let hits = |disturbance: &crate::schedule::Disturbance| {
+            disturbance
+                .who()
+                .is_some_and(|party| self.schedule.index(party) == who)
+        };
+        let active: Vec<_> = self
+            .active
+            .iter()
+            .filter(|(_, one)| hits(one))
+            .cloned()
+            .collect();
+        for transfer in self
+            .network
+            .transmit(connection, up, packet, self.now + after, &active)
+        {
+            let event = Event::Arrive {
+                connection: transfer.connection,
+                up: transfer.up,
+                packet: transfer.packet,
+            };
+            self.plan(transfer.at, event);
+        }
+    }
+
+    pub(crate) fn arrive(&mut self, connection: usize, up: bool, packet: Packet) {
+        let link = &self.network.connections[connection];
+        let who = link.who;
+        if !self.clients[who].cut_off.is_empty() {
+            return self.clients[who].held.push(Event::Arrive {
+                connection,
+                up,
+                packet,
+            });
+        }
+        if up {
+            if self.network.up && link.broker_open {
+                self.broker_hears(connection, packet);
+            }
+            return;
+        }
+        let client = &mut self.clients[who];
+        if !link.client_open || client.connection != Some(connection) {
+            return;
+        }
+        if client.frozen.is_empty() {
+            self.client_hears(who, connection, packet);
+        } else {
+            client.backlog.push(Event::Arrive {
+                connection,
+                up,
+                packet,
+            });
+        }
+    }
+
+    fn broker_hears(&mut self, connection: usize, packet: Packet) {
+        match packet {
+            Packet::Publish {
+                topic,
+                payload,
+                retained,
+            } => self.distribute(&topic, &payload, retained),
+            Packet::Closed => self.broker_closes(connection, false),
+            Packet::Goodbye => {
+                self.network.connections[connection].will = None;
+                self.broker_closes(connection, false);
+            }
+            Packet::Accepted => {}
+        }
+    }
+
+    fn distribute(&mut self, topic: &Rc<str>, payload: &Rc<[u8]>, retain: bool) {
+        let packet = Packet::Publish {
+            topic: Rc::clone(topic),
+            payload: Rc::clone(payload),
+            retained: false,
+        };
+        for connection in self.network.route(topic, payload, retain) {
+            self.send(connection, false, &packet, 0);
+        }
+    }
+
+    /// The broker is through with a connection, and says the last will. `tells`: whether the client gets to know.
+    pub(crate) fn broker_closes(&mut self, connection: usize, tells: bool) {
+        let link = &mut self.network.connections[connection];
+        if !std::mem::take(&mut link.broker_open) {
+            return;
+        }
+        let will: Option<Will> = link.will.take();
+        if tells {
+            self.send(connection, false, &Packet::Closed, 0);
+        }
+        if let Some((topic, payload)) = will {
+            self.note(|| format!("the broker says the last will of connection {connection}"));
+            self.distribute(&topic, &payload, true);
+        }
+    }
+
+    fn client_hears(&mut self, who: usize, connection: usize, packet: Packet) {
+        let now = self.instant();
+        let server = self.server_of(who);
+        match packet {
+            Packet::Publish {
+                topic,
+                payload,
+                retained,
+            } => {
+                self.note(|| {
+                    let text =
+                        String::from_utf8_lossy(&payload[..payload.len().min(220)]).into_owned();
+                    format!(
+                        "{} hears on {topic}{}: {text:?}",
+                        self.schedule.name(who),
+                        if retained { " (retained)" } else { "" }
+                    )
+                });
+                if let Some(server) = server {
+                    if let Some(process) = &mut self.servers[server] {
+                        process.receive(&topic, &payload, retained, now);
+                    }
+                } else if let Some(machine) = &mut self.tools[who].machine {
+                    machine.receive(&topic, &payload, retained, now);
+                }
+            }
+            Packet::Closed => {
+                self.network.connections[connection].client_open = false;
+                return self.lose_connection(who);
+            }
+            Packet::Accepted => {
+                let client = &mut self.clients[who];
+                client.ready = true;
+                client.pause = FIRST_PAUSE;
+                let (begun, incarnation) = (
+                    std::mem::replace(&mut client.begun, true),
+                    client.incarnation,
+                );
+                if let Some(server) = server {
+                    if let Some(process) = &mut self.servers[server] {
+                        process.machine.connected(String::new());
+                    }
+                } else if let Some(machine) = &mut self.tools[who].machine {
+                    machine.connected(now);
+                }
+                if server.is_none() && !begun {
+                    self.tools[who].start(incarnation, now);
+                    self.plan(self.now, Event::Submit { who, incarnation });
+                }
+            }
+            Packet::Goodbye => {}
+        }
+        self.after(who);
+    }
+
+    /// A client sees that its connection is gone.
+    pub(crate) fn lose_connection(&mut self, who: usize) {
+        let now = self.instant();
+        let client = &mut self.clients[who];
+        let Some(connection) = client.connection.take() else {
+            return;
+        };
+        client.ready = false;
+        let (begun, incarnation) = (client.begun, client.incarnation);
+        self.network.connections[connection].client_open = false;
+        self.note(|| format!("{} loses its connection", self.schedule.name(who)));
+        if begun {
+            if let Some(server) = self.server_of(who) {
+                if let Some(process) = &mut self.servers[server] {
+                    process.machine.disconnected("the connection was lost", now);
+                }
+            } else if let Some(machine) = &mut self.tools[who].machine {
+                machine.disconnected(now);
+            }
+        }
+        self.connect_later(who, incarnation);
+        self.after(who);
+    }
+
+    fn connect_later(&mut self, who: usize, incarnation: u64) {
+        let client = &mut self.clients[who];
+        client.tries += 1;
+        let jitter = mix(&[self.schedule.seed, who as u64, incarnation, client.tries]) % 1000;
+        let pause = client.pause * (500 + jitter) / 1000;
+        client.pause = (client.pause * 2).min(LONGEST_PAUSE);
+        self.plan(self.now + pause, Event::Connect { who, incarnation });
+    }
+
+    /// An event inside a process.
+    pub(crate) fn client_event(&mut self, event: Event) {
+        let (Event::Done {
+            who, incarnation, ..
+        }
+        | Event::Submit { who, incarnation }
+        | Event::Connect { who, incarnation }) = event
+        else {
+            return;
+        };
+        let client = &mut self.clients[who];
+        if !client.alive || client.incarnation != incarnation {
+            return;
+        }
+        if let Event::Submit { .. } = event {
+            // What comes meanwhile is heard afterwards.
+            client.frozen.retain(|cause| *cause != THINKS);
+        }
+        if !client.frozen.is_empty() {
+            return client.backlog.push(event);
+        }
+        match event {
+            Event::Connect { .. } => self.connect(who, incarnation),
+            Event::Submit { .. } => {
+                let now = self.instant();
+                if let Err(error) = self.tools[who].submit(now) {
+                    self.violate(error.to_string());
+                }
+                self.after(who);
+                self.catch_up(who, false);
+            }
+            Event::Done { job, took, .. } => {
+                let now = self.instant();
+                let server = self
+                    .server_of(who)
+                    .and_then(|server| self.servers[server].as_mut());
+                if let Some(server) = server.filter(|server| server.jobs == job) {
+                    server.finish(took, now);
+                    self.after(who);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn connect(&mut self, who: usize, incarnation: u64) {
+        if self.clients[who].connection.is_some() {
+            return;
+        }
+        if !self.network.up || !self.clients[who].cut_off.is_empty() {
+            return self.connect_later(who, incarnation);
+        }
+        // The same client id: the broker gives up the connection before.
+        let before: Vec<usize> = self
+            .network
+            .connections
+            .iter()
+            .enumerate()
+            .filter(|(_, link)| {
+                link.broker_open && link.who == who && link.incarnation == incarnation
+            })
+            .map(|(number, _)| number)
+            .collect();
+        for connection in before {
+            self.broker_closes(connection, false);
+        }
+        let (filters, will) = match self.server_of(who) {
+            Some(server) => match &self.servers[server] {
+                Some(process) => (process.filters(), process.will()),
+                None => return,
+            },
+            None => (self.tools[who].filters(incarnation), None),
+        };
+        let connection = self.network.open(who, incarnation, filters, will);
+        self.clients[who].connection = Some(connection);
+        for packet in self.network.welcome(connection) {
+            self.send(connection, false, &packet, 0);
+        }
+    }
+
+    pub(crate) fn timer(&mut self, who: usize, incarnation: u64) {
+        let client = &mut self.clients[who];
+        if !client.alive || client.incarnation != incarnation || client.armed != Some(self.now) {
+            return;
+        }
+        client.armed = None;
+        if client.frozen.is_empty() {
+            self.tick(who);
+            self.after(who);
+        }
+    }
+
+    fn tick(&mut self, who: usize) {
+        let now = self.instant();
+        if let Some(server) = self.server_of(who) {
+            if let Some(process) = &mut self.servers[server] {
+                process.machine.tick(now, String::new);
+            }
+        } else if let Some(machine) = &mut self.tools[who].machine {
+            machine.tick(now);
+        }
+    }
+
+    /// A process goes on: it hears what came meanwhile. `late`: its timers are heard first.
+    pub(crate) fn catch_up(&mut self, who: usize, late: bool) {
+        if late && self.clients[who].alive {
+            self.tick(who);
+            self.after(who);
+        }
+        while self.clients[who].frozen.is_empty() && !self.clients[who].backlog.is_empty() {
+            let event = self.clients[who].backlog.remove(0);
+            match event {
+                Event::Arrive {
+                    connection,
+                    up,
+                    packet,
+                } => self.arrive(connection, up, packet),
+                event => self.client_event(event),
+            }
+        }
+        self.after(who);
+    }
+
+    /// What was held back on the way arrives.
+    pub(crate) fn heal(&mut self, who: usize) {
+        for event in std::mem::take(&mut self.clients[who].held) {
+            if let Event::Arrive {
+                connection,
+                up,
+                packet,
+            } = event
+            {
+                self.arrive(connection, up, packet);
+            }
+        }
+    }
+
+    /// Does what a machine wants done, and sets its timer.
+    pub(crate) fn after(&mut self, who: usize) {
+        if !self.clients[who].alive {
+            return;
+        }
+        let now = self.instant();
+        let incarnation = self.clients[who].incarnation;
+        let (messages, next) = if let Some(index) = self.server_of(who) {
+            let slowness = self.slowness(index);
+            let Some(server) = &mut self.servers[index] else {
+                return;
+            };
+            if server.has_died() {
+                self.note(|| format!("the simulation brings {} down", self.schedule.name(who)));
+                self.kill(who, false, 0);
+                return self.plan(self.now + REVIVAL, Event::Start { who });
+            }
+            let has_nothing = |tool: &Tool| {
+                let machine = tool.machine.as_ref();
+                machine.is_none_or(|machine| machine.has_nothing_on(server.id))
+            };
+            if server.job.is_some() || !self.tools.iter().all(has_nothing) {
+                self.idle.retain(|(_, busy, _), _| *busy != index);
+            }
+            let (messages, begins) = server.act(slowness);
+            let (took, job, next) = (
+                server.time(slowness),
+                server.jobs,
+                server.machine.next_tick(),
+            );
+            if begins {
+                self.plan(
+                    self.now + took,
+                    Event::Done {
+                        who,
+                        incarnation,
+                        job,
+                        took,
+                    },
+                );
+            }
+            (messages, next)
+        } else {
+            if let Err(text) = self.tools[who].proceed(now) {
+                self.violate(format!("tool {who}: {text}"));
+            }
+            let messages = self.tools[who].act();
+            self.advance(who, incarnation);
+            (
+                messages,
+                self.tools[who]
+                    .machine
+                    .as_ref()
+                    .map(|machine| machine.next_tick()),
+            )
+        };
+        self.publish(who, messages);
+        if self
+            .tools
+            .get(who)
+            .is_some_and(|tool| tool.stage == Stage::Finished)
+        {
+            return self.retire(who);
+        }
+        if let Some(at) = next.map(|at| self.time(at).max(self.now))
+            && self.clients[who].armed != Some(at)
+        {
+            self.clients[who].armed = Some(at);
+            self.plan(at, Event::Timer { who, incarnation });
+        }
+    }
+
+    pub(crate) fn publish(&mut self, who: usize, messages: Vec<Outgoing>) {
+        let client = &self.clients[who];
+        let Some(connection) = client.connection.filter(|_| client.ready) else {
+            return;
+        };
+        for Outgoing {
+            topic,
+            payload,
+            retain,
+            after,
+        } in messages
+        {
+            self.send(
+                connection,
+                true,
+                &Packet::Publish {
+                    topic,
+                    payload,
+                    retained: retain,
+                },
+                after,
+            );
+        }
+    }
+
+    /// A tool that has its results thinks of new work.
+    fn advance(&mut self, who: usize, incarnation: u64) {
+        let client = &mut self.clients[who];
+        let tool = &self.tools[who];
+        if tool.stage != Stage::Thinking
+            || tool.machine.is_none()
+            || !client.begun
+            || client.frozen.contains(&THINKS)
+        {
+            return;
+        }
+        client.frozen.push(THINKS);
+        let pause = tool.pause();
+        self.plan(self.now + pause, Event::Submit { who, incarnation });
+    }
+
+    /// A tool that has all results frees the servers and leaves in good order.
+    fn retire(&mut self, who: usize) {
+        let Some(mut machine) = self.tools[who].machine.take() else {
+            return;
+        };
+        machine.release();
+        self.tools[who].machine = Some(machine);
+        let messages = self.tools[who].act();
+        self.publish(who, messages);
+        if let Some(connection) = self.clients[who].connection {
+            self.send(connection, true, &Packet::Goodbye, 0);
+        }
+        self.note(|| format!("{} has all its results", self.schedule.name(who)));
+        self.clients[who] = Client {
+            incarnation: self.clients[who].incarnation,
+            ..Client::default()
+        };
+    }
+
+    /// How many times as slow as planned a server is now.
+    fn slowness(&self, server: usize) -> u64 {
+        let times = self
+            .active
+            .iter()
+            .map(|(_, disturbance)| match disturbance.what {
+                What::Slow {
+                    server: slow,
+                    times,
+                } if slow == server => times,
+                _ => 1,
+            });
+        times.max().unwrap_or(1)
+    }
+}

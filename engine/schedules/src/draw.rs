@@ -1,0 +1,193 @@
+//! A schedule from a seed.
+
+use crate::random::Random;
+use crate::schedule::{
+    BROKER_PATIENCE, Disturbance, Kind, MILLI, Memory, SECOND, Schedule, Server, Time, Tool, What,
+    Who, Work,
+};
+
+/// Steps of an episode, about.
+const STEPS: u64 = 4;
+
+/// The schedule of a seed.
+#[must_use]
+pub fn draw(seed: u64) -> Schedule {
+    let mut random = Random::new(seed);
+    let tools = match random.below(10) {
+        0 => 3,
+        1 | 2 => 2,
+        _ => 1,
+    };
+    let plain = random.chance(15);
+    let tools: Vec<Tool> = (0..tools).map(|_| tool(plain, &mut random)).collect();
+    let servers = random.magnitude(1, 9);
+    let pace = random.magnitude(50, 30 * MILLI);
+    let servers: Vec<Server> = (0..servers)
+        .map(|_| Server {
+            joins: 0,
+            pace: pace * random.magnitude(1, 11),
+            patience: [5, 20, 60][random.index(3)] * SECOND,
+            plain: plain && random.chance(60),
+        })
+        .collect();
+    let mut schedule = Schedule {
+        seed,
+        tools,
+        servers,
+        disturbances: Vec::new(),
+    };
+    let length = length(&schedule);
+    for tool in &mut schedule.tools {
+        tool.joins = random.below(length / 4 + MILLI);
+    }
+    for server in &mut schedule.servers {
+        if random.chance(20) {
+            server.joins = random.magnitude(MILLI, length + SECOND);
+        }
+    }
+    // One in ten goes without any disturbance.
+    let count = random.below(10);
+    for _ in 0..count {
+        let disturbance = disturbance(&schedule, length, &mut random);
+        schedule.disturbances.push(disturbance);
+    }
+    schedule
+}
+
+fn tool(plain: bool, random: &mut Random) -> Tool {
+    let modes = ["auto", "stepwise", "offloaded", "batched"];
+    let mode = modes[random.index(if plain { 2 } else { 4 })];
+    Tool {
+        joins: 0,
+        mode: mode.to_owned(),
+        attempts: u32::try_from(random.between(2, 4)).unwrap_or(3),
+        step_timeout: [2, 5, 10][random.index(3)] * SECOND,
+        works: (0..random.between(1, 3))
+            .map(|_| work(mode == "stepwise" || plain, random))
+            .collect(),
+    }
+}
+
+fn work(small: bool, random: &mut Random) -> Work {
+    let most = if small { 8 } else { 40 };
+    let candidates = usize::try_from(random.magnitude(1, most)).unwrap_or(1);
+    let some = |percent, random: &mut Random| {
+        let hit = random.chance(percent);
+        if hit {
+            vec![random.index(candidates)]
+        } else {
+            Vec::new()
+        }
+    };
+    let failing = some(12, random);
+    let mut deadly = some(8, random);
+    deadly.retain(|candidate| !failing.contains(candidate));
+    Work {
+        kind: [
+            Kind::Layered,
+            Kind::FullyMeshed,
+            Kind::FullyMeshed,
+            Kind::ParameterSet,
+        ][random.index(4)],
+        candidates,
+        episodes: random.index(3) + 1,
+        window: random.chance(35).then(|| 1 + random.index(candidates)),
+        failing,
+        deadly,
+        pause: if random.chance(15) {
+            random.magnitude(MILLI, 12 * SECOND)
+        } else {
+            random.below(2 * MILLI)
+        },
+    }
+}
+
+/// How long all work takes, about.
+fn length(schedule: &Schedule) -> Time {
+    let evaluations: usize = schedule
+        .tools
+        .iter()
+        .flat_map(|tool| &tool.works)
+        .map(|work| work.candidates * work.episodes)
+        .sum();
+    let speed: f64 = schedule
+        .servers
+        .iter()
+        .map(|server| {
+            #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+            let seconds = (server.pace * STEPS + 5 * MILLI) as f64;
+            1.0 / seconds
+        })
+        .sum();
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "an estimate"
+    )]
+    let time = (evaluations as f64 / speed) as Time;
+    time + 100 * MILLI
+}
+
+fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Disturbance {
+    let server = random.index(schedule.servers.len());
+    let tool = random.index(schedule.tools.len());
+    let who = if random.chance(70) {
+        Who::Server(server)
+    } else {
+        Who::Tool(tool)
+    };
+    let short = random.magnitude(MILLI, 3 * SECOND);
+    let long = random.magnitude(10 * MILLI, 2 * BROKER_PATIENCE);
+    let percent = random.magnitude(1, 60);
+    let later = random.magnitude(10, SECOND);
+    let (what, lasts) = match random.below(22) {
+        0 | 1 => (What::Cut(who), 0),
+        2 | 3 => (What::Partition(who), long),
+        4..=6 => (
+            What::Crash {
+                server,
+                power: random.chance(30),
+            },
+            long,
+        ),
+        7 => (What::Leave(server), long),
+        8..=10 => (What::Freeze(who), long),
+        11 | 12 => {
+            let memory = [Memory::Kept, Memory::Stale, Memory::Lost][random.index(3)];
+            (What::Broker(memory), random.magnitude(MILLI, 20 * SECOND))
+        }
+        13 | 14 => (What::Restart(tool), short),
+        15 => (What::Interrupt(tool), 0),
+        16 => (What::Lose { who, percent }, long),
+        17 => (
+            What::Duplicate {
+                who,
+                percent,
+                later,
+            },
+            long,
+        ),
+        18 => (
+            What::Reorder {
+                who,
+                percent,
+                later,
+            },
+            long,
+        ),
+        19 => (What::Delay { who, by: later }, long),
+        _ => (
+            What::Slow {
+                server,
+                times: random.between(2, 10),
+            },
+            long,
+        ),
+    };
+    Disturbance {
+        at: random.below(length + length / 4),
+        lasts,
+        what,
+    }
+}

@@ -1,0 +1,417 @@
+//! What happens in a simulation: who takes part, what is to be computed, and what goes wrong when.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Microseconds since the start.
+pub type Time = u64;
+
+/// A second.
+pub const SECOND: Time = 1_000_000;
+/// A millisecond.
+pub const MILLI: Time = 1_000;
+
+/// After this time of silence a broker gives up a connection (1.5 times the keep-alive of 30 s), and publishes its last will.
+pub const BROKER_PATIENCE: Time = 45 * SECOND;
+/// After this time of silence a client gives up a connection: a ping after 30 s, no answer for 20 s.
+pub const CLIENT_PATIENCE: Time = 50 * SECOND;
+
+/// All that there is to know of a simulation: the same schedule gives the same events.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Schedule {
+    /// Of the latencies, and of which messages a disturbance hits.
+    pub seed: u64,
+    /// The optimization tools.
+    pub tools: Vec<Tool>,
+    /// The simulation servers; the id is the index and 1.
+    pub servers: Vec<Server>,
+    /// What goes wrong.
+    pub disturbances: Vec<Disturbance>,
+}
+
+/// An optimization tool.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tool {
+    /// When it starts.
+    pub joins: Time,
+    /// auto, stepwise, batched or offloaded.
+    pub mode: String,
+    /// How often an evaluation is tried.
+    pub attempts: u32,
+    /// How long a server may be silent in an episode.
+    pub step_timeout: Time,
+    /// What it has computed, one after another.
+    pub works: Vec<Work>,
+}
+
+/// What controls the agents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// A network without state.
+    Layered,
+    /// A network with state: a step that is made twice, or missed, changes the fitness.
+    FullyMeshed,
+    /// Agents that steer themselves by parameters.
+    ParameterSet,
+}
+
+/// Candidates to evaluate.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Work {
+    /// Of the controllers.
+    pub kind: Kind,
+    /// Number of candidates.
+    pub candidates: usize,
+    /// Episodes of each.
+    pub episodes: usize,
+    /// How many candidates are under way at once where they are handed over one by one; none for all at once.
+    pub window: Option<usize>,
+    /// Candidates that the simulation gives up.
+    pub failing: Vec<usize>,
+    /// Candidates that bring the whole server down.
+    pub deadly: Vec<usize>,
+    /// How long the tool thinks before it hands them over.
+    pub pause: Time,
+}
+
+/// A simulation server.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Server {
+    /// When it starts.
+    pub joins: Time,
+    /// How long it computes a step of an episode.
+    pub pace: Time,
+    /// How long it waits for actuators.
+    pub patience: Time,
+    /// Whether it knows only the seven topics of D6.1.
+    pub plain: bool,
+}
+
+/// A party, by its index.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Who {
+    /// An optimization tool.
+    Tool(usize),
+    /// A simulation server.
+    Server(usize),
+}
+
+/// Something that goes wrong.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Disturbance {
+    /// When it begins.
+    pub at: Time,
+    /// How long it lasts; 0 where that means nothing.
+    pub lasts: Time,
+    /// What it is.
+    pub what: What,
+}
+
+/// What a broker that was restarted knows of retained messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Memory {
+    /// All.
+    Kept,
+    /// Those of half the time before, as after a kill between two savings.
+    Stale,
+    /// None.
+    Lost,
+}
+
+/// What goes wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum What {
+    /// A connection is reset; both ends see it, and what is under way is lost.
+    Cut(Who),
+    /// Nothing goes through between a party and the broker.
+    Partition(Who),
+    /// A server's process dies and is started anew later, with another instance.
+    Crash {
+        /// Which.
+        server: usize,
+        /// Whether the computer dies with it, so that the broker does not see the connection end.
+        power: bool,
+    },
+    /// A server leaves in good order and comes back later.
+    Leave(usize),
+    /// A process is stopped and goes on later (SIGSTOP and SIGCONT, a laptop that sleeps).
+    Freeze(Who),
+    /// The broker dies and is started anew later.
+    Broker(Memory),
+    /// An optimization tool is killed and started anew later; it has its unfinished work computed again.
+    Restart(usize),
+    /// An optimization tool gives up what is under way and begins it again.
+    Interrupt(usize),
+    /// Messages from and to a party are lost.
+    Lose {
+        /// Whose.
+        who: Who,
+        /// How many of 100.
+        percent: u64,
+    },
+    /// Messages from and to a party come twice.
+    Duplicate {
+        /// Whose.
+        who: Who,
+        /// How many of 100.
+        percent: u64,
+        /// How much later the second one comes, at most.
+        later: Time,
+    },
+    /// Messages from and to a party overtake each other.
+    Reorder {
+        /// Whose.
+        who: Who,
+        /// How many of 100.
+        percent: u64,
+        /// How much later they come, at most.
+        later: Time,
+    },
+    /// Messages from and to a party take longer.
+    Delay {
+        /// Whose.
+        who: Who,
+        /// How much.
+        by: Time,
+    },
+    /// A server computes more slowly.
+    Slow {
+        /// Which.
+        server: usize,
+        /// How many times.
+        times: u64,
+    },
+}
+
+impl Disturbance {
+    /// When all is well again.
+    #[must_use]
+    pub fn end(&self) -> Time {
+        self.at + self.lasts
+    }
+
+    /// Whether it does what MQTT over TCP never does: single messages are lost, doubled or overtaken.
+    #[must_use]
+    pub fn is_harsh(&self) -> bool {
+        matches!(
+            self.what,
+            What::Lose { .. } | What::Duplicate { .. } | What::Reorder { .. }
+        )
+    }
+
+    /// Whether messages take longer while it lasts.
+    #[must_use]
+    pub fn delays(&self) -> bool {
+        matches!(self.what, What::Delay { .. })
+    }
+
+    /// How many attempts at one evaluation it may use up.
+    #[must_use]
+    pub fn cost(&self, step_timeout: Time) -> u64 {
+        let silences = |time: Time| 1 + time / step_timeout;
+        match self.what {
+            What::Cut(Who::Server(_)) => 1,
+            What::Crash { power: false, .. } => 1,
+            What::Crash { power: true, .. } => silences(self.lasts.min(BROKER_PATIENCE)),
+            What::Partition(_) | What::Freeze(Who::Server(_)) => silences(self.lasts),
+            What::Freeze(Who::Tool(_)) => 1,
+            What::Delay { by, .. } => u64::from(by > step_timeout / 4),
+            What::Lose { .. } | What::Duplicate { .. } | What::Reorder { .. } => u64::MAX / 1000,
+            What::Cut(Who::Tool(_))
+            | What::Broker(_)
+            | What::Leave(_)
+            | What::Restart(_)
+            | What::Interrupt(_)
+            | What::Slow { .. } => 0,
+        }
+    }
+
+    /// The party that it hits; none for the broker.
+    #[must_use]
+    pub fn who(&self) -> Option<Who> {
+        Some(match self.what {
+            What::Cut(who)
+            | What::Partition(who)
+            | What::Freeze(who)
+            | What::Lose { who, .. }
+            | What::Duplicate { who, .. }
+            | What::Reorder { who, .. }
+            | What::Delay { who, .. } => who,
+            What::Crash { server, .. } | What::Leave(server) | What::Slow { server, .. } => {
+                Who::Server(server)
+            }
+            What::Restart(tool) | What::Interrupt(tool) => Who::Tool(tool),
+            What::Broker(_) => return None,
+        })
+    }
+}
+
+impl Schedule {
+    /// How many attempts at one evaluation of a tool the other tools may use up: their candidates bring servers down
+    /// that have this tool's work, too, and nobody sees who has a server that knows only the seven topics.
+    #[must_use]
+    pub fn rivalry(&self, tool: &Tool) -> u64 {
+        let others = || self.tools.iter().filter(|other| *other != tool);
+        let works =
+            others().flat_map(|other| other.works.iter().map(|work| (other.attempts, work)));
+        let deaths = works.map(|(attempts, work)| {
+            work.deadly.len() as u64 * work.episodes as u64 * u64::from(attempts)
+        });
+        let plain = self.servers.iter().any(|server| server.plain) && others().next().is_some();
+        deaths.sum::<u64>() + if plain { u64::from(tool.attempts) } else { 0 }
+    }
+
+    /// When the last disturbance has ended and everybody is there.
+    #[must_use]
+    pub fn calm(&self) -> Time {
+        let ends = self.disturbances.iter().map(Disturbance::end);
+        let joins = self.servers.iter().map(|server| server.joins);
+        let tools = self.tools.iter().map(|tool| tool.joins);
+        ends.chain(joins).chain(tools).max().unwrap_or(0)
+    }
+}
+
+/// Seconds.
+struct Seconds(Time);
+
+impl fmt::Display for Seconds {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        write!(formatter, "{}.{:06} s", self.0 / SECOND, self.0 % SECOND)
+    }
+}
+
+impl fmt::Display for Who {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Tool(index) => write!(formatter, "tool {index}"),
+            Self::Server(index) => write!(formatter, "server {}", index + 1),
+        }
+    }
+}
+
+impl fmt::Display for Disturbance {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        let lasts = Seconds(self.lasts);
+        write!(formatter, "{:>13}  ", Seconds(self.at).to_string())?;
+        match self.what {
+            What::Cut(who) => write!(formatter, "the connection of {who} is cut"),
+            What::Partition(who) => write!(formatter, "{who} is cut off for {lasts}"),
+            What::Crash { server, power } => {
+                let what = if power { "loses its power" } else { "crashes" };
+                write!(
+                    formatter,
+                    "{} {what} and is back after {lasts}",
+                    Who::Server(server)
+                )
+            }
+            What::Leave(server) => {
+                write!(
+                    formatter,
+                    "{} leaves and is back after {lasts}",
+                    Who::Server(server)
+                )
+            }
+            What::Freeze(who) => write!(formatter, "{who} is frozen for {lasts}"),
+            What::Broker(memory) => {
+                let memory = match memory {
+                    Memory::Kept => "all",
+                    Memory::Stale => "older",
+                    Memory::Lost => "no",
+                };
+                write!(
+                    formatter,
+                    "the broker dies and is back after {lasts} with {memory} retained messages"
+                )
+            }
+            What::Restart(tool) => {
+                write!(formatter, "tool {tool} is killed and is back after {lasts}")
+            }
+            What::Interrupt(tool) => write!(
+                formatter,
+                "tool {tool} gives up its work and begins it again"
+            ),
+            What::Lose { who, percent } => {
+                write!(
+                    formatter,
+                    "{percent} % of the messages of {who} are lost for {lasts}"
+                )
+            }
+            What::Duplicate {
+                who,
+                percent,
+                later,
+            } => write!(
+                formatter,
+                "{percent} % of the messages of {who} come again up to {} later for {lasts}",
+                Seconds(later)
+            ),
+            What::Reorder {
+                who,
+                percent,
+                later,
+            } => write!(
+                formatter,
+                "{percent} % of the messages of {who} are overtaken, up to {}, for {lasts}",
+                Seconds(later)
+            ),
+            What::Delay { who, by } => {
+                write!(
+                    formatter,
+                    "all messages of {who} take {} longer for {lasts}",
+                    Seconds(by)
+                )
+            }
+            What::Slow { server, times } => {
+                write!(
+                    formatter,
+                    "{} computes {times} times as slowly for {lasts}",
+                    Who::Server(server)
+                )
+            }
+        }
+    }
+}
+
+impl fmt::Display for Schedule {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        for (index, server) in self.servers.iter().enumerate() {
+            let plain = if server.plain {
+                ", seven topics only"
+            } else {
+                ""
+            };
+            writeln!(
+                formatter,
+                "{:>13}  server {} joins: {} a step, patience {}{plain}",
+                Seconds(server.joins).to_string(),
+                index + 1,
+                Seconds(server.pace),
+                Seconds(server.patience)
+            )?;
+        }
+        for (index, tool) in self.tools.iter().enumerate() {
+            writeln!(
+                formatter,
+                "{:>13}  tool {index} joins: {}, {} attempts, time-out {}",
+                Seconds(tool.joins).to_string(),
+                tool.mode,
+                tool.attempts,
+                Seconds(tool.step_timeout)
+            )?;
+            for work in &tool.works {
+                writeln!(formatter, "               {work:?}")?;
+            }
+        }
+        let mut sorted: Vec<&Disturbance> = self.disturbances.iter().collect();
+        sorted.sort_by_key(|disturbance| disturbance.at);
+        for disturbance in sorted {
+            writeln!(formatter, "{disturbance}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,386 @@
+//! An optimization tool's process: the machine of the pool and what its shell does with it, in virtual time. What comes
+//! out is compared with an undisturbed evaluation at once.
+
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use swarmwright_pool::{Action, Attempt, Config, Demand, Machine, Mode, WorkError};
+use swarmwright_protocol::{Requirements, Topic, Topics};
+
+use crate::network::Filter;
+use crate::random::mix;
+use crate::schedule;
+use crate::server::Outgoing;
+use crate::trail;
+
+/// How long a server that is new waits for its first work, as in the pool's shell.
+const PROBATION: Duration = Duration::from_millis(30);
+
+/// How far a tool is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// It waits for results.
+    Working,
+    /// It has those of one work and is to be given the next.
+    Thinking,
+    /// It has all results.
+    Finished,
+}
+
+/// A tool: what survives its process, and the process.
+pub struct Tool {
+    plan: schedule::Tool,
+    number: u64,
+    /// The process, once it has begun.
+    pub machine: Option<Machine>,
+    /// What it calls itself.
+    pub name: String,
+    /// How far it is.
+    pub stage: Stage,
+    /// Which work is under way.
+    work: usize,
+    /// The candidates that the machine knows, by its numbers.
+    sent: Vec<usize>,
+    /// Those that are still to be handed over.
+    open: VecDeque<usize>,
+    /// By candidate, once it has them.
+    results: Vec<Option<Vec<f64>>>,
+    expected: Vec<Option<f64>>,
+    journal: Vec<Attempt>,
+    /// How many attempts at one evaluation the disturbances may use up.
+    budget: u64,
+    /// Evaluations that were reported failed although they could have been computed.
+    pub failed: usize,
+    /// Candidates whose results came.
+    pub scored: usize,
+    /// The last words to the user.
+    pub warnings: VecDeque<String>,
+}
+
+impl Tool {
+    /// A tool that has not begun.
+    #[must_use]
+    pub fn new(plan: &schedule::Tool, number: usize, budget: u64) -> Self {
+        Self {
+            plan: plan.clone(),
+            number: number as u64,
+            machine: None,
+            name: String::new(),
+            stage: Stage::Thinking,
+            work: 0,
+            sent: Vec::new(),
+            open: VecDeque::new(),
+            results: Vec::new(),
+            expected: Vec::new(),
+            journal: Vec::new(),
+            budget,
+            failed: 0,
+            scored: 0,
+            warnings: VecDeque::new(),
+        }
+    }
+
+    /// The process starts.
+    pub fn start(&mut self, incarnation: u64, now: Instant) {
+        let name = format!("tool-{}-{incarnation}", self.number);
+        let config = Config {
+            demand: Demand {
+                simulation: trail::TITLE.to_owned(),
+                requirements: Requirements {
+                    dimensions: 2.0,
+                    max_agents: None,
+                },
+                sensors: Some(2),
+                actuators: Some(1),
+                mode: Mode::from_str(&self.plan.mode).unwrap_or_default(),
+                kind: None,
+                metrics: Vec::new(),
+            },
+            parameters: trail::parameters(),
+            token: name.clone(),
+            tool: name,
+            topics: Topics::default(),
+            visual: false,
+            step_timeout: Duration::from_micros(self.plan.step_timeout),
+            attempts: self.plan.attempts,
+            largest: usize::MAX,
+            probation: PROBATION,
+            first_instance: mix(&[self.number, incarnation]) >> 12,
+        };
+        self.name.clone_from(&config.tool);
+        self.machine = Some(Machine::new(config, now));
+        self.stage = Stage::Thinking;
+    }
+
+    /// What it subscribes to, once it has begun.
+    #[must_use]
+    pub fn filters(&self, incarnation: u64) -> Vec<Filter> {
+        let topics = Topics::default();
+        let seed = [Topic::Server, Topic::Sensor, Topic::Fitness]
+            .map(|topic| Filter::Exactly(topics.name(topic)));
+        let reply = topics.to_tool(&format!("tool-{}-{incarnation}", self.number));
+        let presence = topics.presence_filter().trim_end_matches('+').to_owned();
+        seed.into_iter()
+            .chain([Filter::Exactly(reply), Filter::Below(presence)])
+            .collect()
+    }
+
+    fn salt(&self) -> u64 {
+        mix(&[self.number, self.work as u64])
+    }
+
+    /// Hands over the work that is next, or what is left of the one that was under way.
+    ///
+    /// # Errors
+    /// None for works as they are drawn.
+    pub fn submit(&mut self, now: Instant) -> Result<(), WorkError> {
+        let (salt, plan) = (self.salt(), &self.plan.works[self.work]);
+        self.expected = trail::expected(plan, salt)?;
+        if plan.window.is_none() || self.results.len() != plan.candidates {
+            self.results = vec![None; plan.candidates];
+        }
+        let results = self.results.iter().enumerate();
+        let mut left: Vec<usize> = results
+            .filter(|(_, result)| result.is_none())
+            .map(|(index, _)| index)
+            .collect();
+        self.open = left
+            .split_off(plan.window.unwrap_or(usize::MAX).min(left.len()))
+            .into();
+        self.sent = left;
+        self.journal.clear();
+        let work = trail::work(plan, salt, &self.sent)?;
+        if let Some(machine) = &mut self.machine {
+            machine.submit(work, now);
+        }
+        self.stage = Stage::Working;
+        Ok(())
+    }
+
+    /// Takes what has come out.
+    ///
+    /// # Errors
+    /// A result that is wrong, came twice, or failed without a cause.
+    pub fn proceed(&mut self, now: Instant) -> Result<(), String> {
+        let Some(machine) = self
+            .machine
+            .as_mut()
+            .filter(|_| self.stage == Stage::Working)
+        else {
+            return Ok(());
+        };
+        self.journal.extend(
+            machine
+                .take_journal()
+                .into_iter()
+                .map(|(attempt, _)| attempt),
+        );
+        let plan = &self.plan.works[self.work];
+        let mut rows = Vec::new();
+        if plan.window.is_some() {
+            let settled = machine.take_settled();
+            let fitness = settled.fitness.chunks(plan.episodes);
+            rows.extend(
+                settled
+                    .candidates
+                    .into_iter()
+                    .zip(fitness.map(<[f64]>::to_vec)),
+            );
+            let more: Vec<usize> = (0..rows.len())
+                .map_while(|_| self.open.pop_front())
+                .collect();
+            let salt = mix(&[self.number, self.work as u64]);
+            let genomes: Vec<f32> = more
+                .iter()
+                .flat_map(|&index| trail::genome(plan, salt, index))
+                .collect();
+            machine
+                .extend(&genomes, now)
+                .map_err(|error| error.to_string())?;
+            self.sent.extend(more);
+        }
+        let finished = machine.finished();
+        if finished && plan.window.is_none() {
+            let results = machine.take_results();
+            let fitness = results.fitness.chunks(plan.episodes).map(<[f64]>::to_vec);
+            rows.extend(fitness.enumerate());
+            if rows.len() != self.sent.len() {
+                return Err(format!(
+                    "{} candidates have results, expected {}",
+                    rows.len(),
+                    self.sent.len()
+                ));
+            }
+        }
+        for (row, fitness) in rows {
+            self.score(row, fitness)?;
+        }
+        if finished {
+            self.conclude()?;
+        }
+        Ok(())
+    }
+
+    /// All of a work has ended.
+    fn conclude(&mut self) -> Result<(), String> {
+        if let Some(missing) = self.results.iter().position(Option::is_none) {
+            return Err(format!(
+                "work {} has ended without candidate {missing}",
+                self.work
+            ));
+        }
+        self.results.clear();
+        self.work += 1;
+        self.stage = if self.work < self.plan.works.len() {
+            Stage::Thinking
+        } else {
+            Stage::Finished
+        };
+        Ok(())
+    }
+
+    /// How long it thinks before the next work.
+    #[must_use]
+    pub fn pause(&self) -> u64 {
+        self.plan.works.get(self.work).map_or(0, |work| work.pause)
+    }
+
+    /// The fitness of a candidate, by the machine's number, in all episodes.
+    fn score(&mut self, row: usize, fitness: Vec<f64>) -> Result<(), String> {
+        let Some(&candidate) = self.sent.get(row) else {
+            return Err(format!(
+                "candidate {row} came, but only {} were handed over",
+                self.sent.len()
+            ));
+        };
+        if self.results[candidate].is_some() {
+            return Err(format!(
+                "candidate {candidate} of work {} was scored twice",
+                self.work
+            ));
+        }
+        let episodes = self.plan.works[self.work].episodes;
+        for (episode, value) in fitness.iter().enumerate() {
+            let place = format!(
+                "candidate {candidate}, episode {episode} of work {}",
+                self.work
+            );
+            match self.expected[candidate * episodes + episode] {
+                None if value.is_nan() => {}
+                None => return Err(format!("{place} cannot be computed, but {value} came")),
+                Some(_) if value.is_nan() => self.explain(row, episode, &place)?,
+                Some(expected) if expected.to_bits() == value.to_bits() => {}
+                Some(expected) => {
+                    return Err(format!("{place}: {value} came, expected {expected}"));
+                }
+            }
+        }
+        self.scored += 1;
+        self.results[candidate] = Some(fitness);
+        Ok(())
+    }
+
+    /// An evaluation was reported failed that could have been computed.
+    fn explain(&mut self, row: usize, episode: usize, place: &str) -> Result<(), String> {
+        let covers = |attempt: &&Attempt| {
+            (attempt.candidate..attempt.candidate + attempt.candidates).contains(&row)
+                && (attempt.episode..attempt.episode + attempt.episodes).contains(&episode)
+        };
+        let failures = || {
+            self.journal
+                .iter()
+                .filter(covers)
+                .filter(|attempt| attempt.error.is_some())
+        };
+        let told: Vec<String> = failures()
+            .map(|attempt| {
+                format!(
+                    "server {}: {}",
+                    attempt.server,
+                    attempt.error.clone().unwrap_or_default()
+                )
+            })
+            .collect();
+        if !failures().any(|attempt| attempt.attempt >= self.plan.attempts) {
+            return Err(format!(
+                "{place} was reported failed before its attempts were used up: {told:?}"
+            ));
+        }
+        // A deadly companion may cost all but the last attempt, at which everybody is alone.
+        let deadly =
+            self.plan.works[self.work].deadly.len() as u64 * u64::from(self.plan.attempts - 1);
+        if self.budget + deadly < u64::from(self.plan.attempts) {
+            return Err(format!(
+                "{place} was reported failed, but the disturbances explain at most {} failures: {told:?}",
+                self.budget + deadly
+            ));
+        }
+        self.failed += 1;
+        Ok(())
+    }
+
+    /// What is to be sent.
+    pub fn act(&mut self) -> Vec<Outgoing> {
+        let topics = Topics::default();
+        let Some(machine) = &mut self.machine else {
+            return Vec::new();
+        };
+        let mut messages = Vec::new();
+        for action in machine.actions() {
+            let (topic, payload) = match action {
+                Action::Publish(topic, payload) => (topics.name(topic), payload),
+                Action::Request {
+                    server, payload, ..
+                } => (topics.to_server(server), payload),
+                Action::Warn(text) => {
+                    if self.warnings.len() >= 50 {
+                        self.warnings.pop_front();
+                    }
+                    self.warnings.push_back(text);
+                    continue;
+                }
+            };
+            messages.push(Outgoing {
+                topic: topic.into(),
+                payload: Rc::from(payload),
+                retain: false,
+                after: 0,
+            });
+        }
+        messages
+    }
+
+    /// What is wrong with what the machine remembers, if anything.
+    ///
+    /// # Errors
+    /// More than there can be.
+    pub fn check_memory(&self, servers: usize) -> Result<(), String> {
+        let Some(machine) = &self.machine else {
+            return Ok(());
+        };
+        let held = machine.holdings();
+        let ended = self.stage != Stage::Working;
+        let most = |what: &str, found: usize, limit: usize| {
+            if found > limit {
+                Err(format!(
+                    "the tool holds {found} {what}, at most {limit} make sense"
+                ))
+            } else {
+                Ok(())
+            }
+        };
+        let active = if ended { 0 } else { servers };
+        most("servers", held.servers, servers)?;
+        most("episodes", held.episodes, active)?;
+        most("requests", held.requests, 2 * active)?;
+        most("rounds", held.rounds, 16)?;
+        most("complaints", held.complaints, 1000)?;
+        most(
+            "evaluations that wait",
+            held.queued,
+            if ended { 0 } else { self.expected.len() },
+        )
+    }
+}
