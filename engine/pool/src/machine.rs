@@ -92,6 +92,8 @@ pub struct Machine {
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
     pub(crate) journal: Vec<(Attempt, Instant)>,
+    /// Episodes that were given up lately, each with its server, which may begin them late.
+    pub(crate) given_up: VecDeque<(String, u64)>,
     /// Servers that may still wait for this tool since its connection broke, each with its last hash.
     pub(crate) left_behind: BTreeMap<u64, Option<String>>,
     pub(crate) complaints: HashSet<String>,
@@ -145,6 +147,7 @@ impl Machine {
             requests: HashMap::new(),
             refused_at: None,
             journal: Vec::new(),
+            given_up: VecDeque::new(),
             left_behind: BTreeMap::new(),
             complaints: HashSet::new(),
             troubles: HashMap::new(),

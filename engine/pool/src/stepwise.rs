@@ -20,6 +20,9 @@ const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 /// How often in a row another tool may be faster on a server before the server is the one to blame.
 const MOST_BEATEN: u32 = 5;
 
+/// Episodes that were given up and are remembered.
+const GIVEN_UP: usize = 64;
+
 impl Machine {
     pub(crate) fn start_episode(&mut self, piece: Piece, server: u64, now: Instant) {
         let (candidates, episodes) = self.ledger.extent(&piece);
@@ -59,7 +62,7 @@ impl Machine {
 
     pub(crate) fn sensor(&mut self, sensor: &SensorReading, now: Instant) {
         let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
-            return;
+            return self.end_late_run(&sensor.simulation_hash);
         };
         match run.answer(sensor, now) {
             Ok(actuator) => self.publish(Topic::Actuator, actuator),
@@ -75,6 +78,15 @@ impl Machine {
                     "refusing a sensor message of server {server}: {reason}"
                 ));
             }
+        }
+    }
+
+    /// Sensors came of an episode that is none under way: if it is one that was given up, its server began it late and
+    /// waits for nothing.
+    fn end_late_run(&mut self, hash: &str) {
+        let found = self.given_up.iter().find(|(given_up, _)| given_up == hash);
+        if let Some((_, server)) = found {
+            self.end_run(*server, hash);
         }
     }
 
@@ -132,6 +144,10 @@ impl Machine {
         let Some(run) = self.runs.remove(hash) else {
             return;
         };
+        if self.given_up.len() >= GIVEN_UP {
+            self.given_up.pop_front();
+        }
+        self.given_up.push_back((hash.to_owned(), run.server));
         self.offers
             .finished(run.server, &Job::Episode(hash.to_owned()));
         self.record_run(&run, Some(reason.to_owned()), None, now);
