@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Discovery, Presence, ServerMessage, Topic};
 
-use crate::machine::Machine;
+use crate::machine::{Blame, Machine};
 use crate::offers::Answer;
 use crate::run::Run;
 use crate::slot::Job;
@@ -29,7 +29,7 @@ impl Machine {
         let (id, round) = (message.server, *round);
         match self.offers.answered(message, round, &self.config.demand) {
             // Were there another server with this id, its answer would come now: two that step one episode spoil it.
-            Answer::Welcome => self.offers.introduce(id, now + self.config.probation),
+            Answer::Welcome => self.offers.introduce(id, now + self.config.probation, now),
             Answer::Known => self.beaten(id, round, now),
             Answer::Unfit(None) => {}
             Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
@@ -43,7 +43,7 @@ impl Machine {
                     }
                 }
                 let reason = format!("two servers answer to the id {id}");
-                self.fail_jobs(jobs, &reason, false, now);
+                self.fail_jobs(jobs, &reason, Blame::Nobody, now);
             }
         }
     }
@@ -59,11 +59,13 @@ impl Machine {
             }
             if !ended.jobs.is_empty() {
                 self.offers.remove(ended.server);
-                // A server works on one thing at a time: only the oldest can have brought it down.
-                for (index, job) in ended.jobs.into_iter().enumerate() {
-                    let counted = ended.own_fault && index == 0;
-                    self.fail_jobs(vec![job], &ended.reason, counted, now);
-                }
+                let blame = if ended.own_fault {
+                    self.failed(ended.server, &ended.reason, now);
+                    Blame::Server
+                } else {
+                    Blame::Nobody
+                };
+                self.fail_jobs(ended.jobs, &ended.reason, blame, now);
             }
         }
         if discover {

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use crate::ledger::Piece;
 use crate::machine::Machine;
 use crate::mode::Way;
 use crate::slot::Slot;
@@ -25,7 +26,7 @@ const IN_FLIGHT: usize = 2;
 /// A server is passed over when it would need this many times as long as all others for all that is left, and
 const PATIENCE: f64 = 2.0;
 /// this many seconds more.
-const GRACE: f64 = 0.05;
+pub(crate) const GRACE: f64 = 0.05;
 
 /// A number of evaluations from a measured speed.
 #[expect(
@@ -41,7 +42,7 @@ fn count(evaluations: f64) -> usize {
     clippy::cast_precision_loss,
     reason = "far fewer than 2^53 evaluations"
 )]
-fn number(count: usize) -> f64 {
+pub(crate) fn number(count: usize) -> f64 {
     count as f64
 }
 
@@ -50,7 +51,7 @@ impl Machine {
     pub(crate) fn dispatch(&mut self, now: Instant) {
         for jobs in 0..IN_FLIGHT {
             if self.ledger.queued() == 0 {
-                return;
+                break;
             }
             let room = |slot: &Slot| {
                 slot.usable()
@@ -66,6 +67,7 @@ impl Machine {
                 self.give(server, now);
             }
         }
+        self.back_up(now);
     }
 
     fn give(&mut self, server: u64, now: Instant) {
@@ -81,15 +83,20 @@ impl Machine {
             return;
         };
         slot.passed_over = None;
-        let way = slot.way;
         let servers = self.usable_servers();
         let Some(piece) = self.ledger.take(server, &servers, most) else {
             return;
         };
-        match way {
-            Way::Stepwise => self.start_episode(piece, server, now),
-            Way::Batched(_) => self.start_batch(piece, server, now),
-            Way::Offloaded => self.send_block(piece, server, now),
+        self.start(piece, server, now);
+    }
+
+    /// Gives a piece to a server.
+    pub(crate) fn start(&mut self, piece: Piece, server: u64, now: Instant) {
+        match self.offers.slots.get(&server).map(|slot| slot.way) {
+            Some(Way::Stepwise) => self.start_episode(piece, server, now),
+            Some(Way::Batched(_)) => self.start_batch(piece, server, now),
+            Some(Way::Offloaded) => self.send_block(piece, server, now),
+            None => self.ledger.put_back(&piece),
         }
     }
 

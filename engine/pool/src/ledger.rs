@@ -1,6 +1,6 @@
 //! What of the work is queued and what is done. Evaluations are numbered candidate by candidate, episode by episode.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::ops::Range;
 
 use crate::work::{Work, WorkError};
@@ -47,14 +47,76 @@ pub(crate) struct Piece {
     pub evaluations: Range<usize>,
     /// Attempts made before.
     pub tries: u32,
+    /// Of these, those of which the server itself said that they failed.
+    pub reported: u32,
+    pub purpose: Purpose,
     /// Servers on which it failed: others are preferred.
     failed_on: Vec<u64>,
+    /// Servers that are not to have it.
+    never_on: Vec<u64>,
     /// How many of it may go in one request: fewer with each failure, so that in the end the one that brings servers
     /// down is alone.
     largest: usize,
 }
 
+/// What a piece is evaluated for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// Its results.
+    Work,
+    /// The same, while another server that is slow or silent still has it: the first result counts.
+    Backup,
+    /// To see whether another server finds the same.
+    Audit,
+}
+
+impl Purpose {
+    /// The word in the journal; none for what is evaluated for its result.
+    pub fn name(self) -> Option<&'static str> {
+        match self {
+            Self::Work => None,
+            Self::Backup => Some("backup"),
+            Self::Audit => Some("audit"),
+        }
+    }
+}
+
 impl Piece {
+    fn new(evaluations: Range<usize>) -> Self {
+        Self {
+            evaluations,
+            tries: 0,
+            reported: 0,
+            purpose: Purpose::Work,
+            failed_on: Vec::new(),
+            never_on: Vec::new(),
+            largest: usize::MAX,
+        }
+    }
+
+    /// One evaluation from the beginning.
+    pub fn again(evaluation: usize) -> Self {
+        Self::new(evaluation..evaluation + 1)
+    }
+
+    /// One evaluation, to be repeated elsewhere than on some servers.
+    pub fn audit(evaluation: usize, never_on: Vec<u64>) -> Self {
+        Self {
+            purpose: Purpose::Audit,
+            never_on,
+            ..Self::new(evaluation..evaluation + 1)
+        }
+    }
+
+    /// The same for another server than that which has it.
+    pub fn backup(&self, server: u64) -> Self {
+        Self {
+            purpose: Purpose::Backup,
+            never_on: vec![server],
+            ..self.clone()
+        }
+    }
+
     pub fn first(&self) -> usize {
         self.evaluations.start
     }
@@ -72,14 +134,20 @@ impl Piece {
     }
 
     /// What it is after a failure on a server.
-    pub fn failed(mut self, server: u64, attempts: u32) -> Self {
+    pub fn failed(mut self, server: u64) -> Self {
+        self.largest = match self.tries {
+            0 => self.len().div_ceil(8),
+            _ => 1,
+        };
         self.tries += 1;
         self.failed_on.push(server);
-        self.largest = if self.tries + 1 >= attempts {
-            1
-        } else {
-            self.len().div_ceil(8)
-        };
+        self
+    }
+
+    /// What it is after the connection broke that it was sent over: should it have been too much for the broker, it
+    /// will not be for ever.
+    pub fn halved(mut self) -> Self {
+        self.largest = self.largest.min(self.len().div_ceil(2));
         self
     }
 }
@@ -94,8 +162,14 @@ pub(crate) struct Ledger {
     /// How many metrics each evaluation has.
     metrics: usize,
     settled: Vec<bool>,
+    /// In how many places each evaluation waits or is under way.
+    holders: Vec<u8>,
+    /// Whose result each is.
+    by: Vec<u64>,
+    /// How many servers went down with an evaluation alone on them.
+    downs: HashMap<usize, u32>,
     done: usize,
-    /// Evaluations before this one are forgotten; they have ended. `results` and `settled` begin here.
+    /// Evaluations before this one are forgotten; they have ended. All lists of evaluations begin here.
     forgotten: usize,
     /// Candidates, counted from the first that is not forgotten: episodes that have not ended.
     open: Vec<usize>,
@@ -136,19 +210,20 @@ impl Ledger {
         self.results.fitness.resize(size, f64::NAN);
         self.results.metrics.resize(size * self.metrics, f64::NAN);
         self.settled.resize(size, false);
+        self.holders.resize(size, 1);
+        self.by.resize(size, 0);
         self.open.resize(size / episodes, episodes);
         self.queued += count;
         // What was never tried waits in one piece.
         match self.queue.back_mut() {
-            Some(last) if last.tries == 0 && last.evaluations.end == evaluations.start => {
+            Some(last)
+                if last.tries == 0
+                    && last.purpose == Purpose::Work
+                    && last.evaluations.end == evaluations.start =>
+            {
                 last.evaluations.end = evaluations.end;
             }
-            _ => self.queue.push_back(Piece {
-                evaluations,
-                tries: 0,
-                failed_on: Vec::new(),
-                largest: usize::MAX,
-            }),
+            _ => self.queue.push_back(Piece::new(evaluations)),
         }
     }
 
@@ -170,10 +245,14 @@ impl Ledger {
         let ended = self.open.iter().take_while(|open| **open == 0).count();
         if ended * episodes >= WORTH.max(self.settled.len() / 2) {
             self.settled.drain(..ended * episodes);
+            self.holders.drain(..ended * episodes);
+            self.by.drain(..ended * episodes);
             self.results.fitness.drain(..ended * episodes);
             self.results.metrics.drain(..ended * metrics);
             self.open.drain(..ended);
             self.forgotten += ended * episodes;
+            let forgotten = self.forgotten;
+            self.downs.retain(|evaluation, _| *evaluation >= forgotten);
             if let Some(work) = &mut self.work {
                 work.forget_before(base + ended);
             }
@@ -215,11 +294,12 @@ impl Ledger {
         self.done == self.forgotten + self.settled.len()
     }
 
-    /// Which piece is next for a server.
+    /// Which piece is next for a server: one that it may have and has not failed, or which all of `servers` have.
     fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
         self.queue.iter().position(|piece| {
-            !piece.failed_on.contains(&server)
-                || servers.iter().all(|other| piece.failed_on.contains(other))
+            let free = !piece.never_on.contains(&server) || !self.is_elsewhere(piece);
+            let failed = |server: &u64| piece.failed_on.contains(server);
+            free && (!failed(&server) || servers.iter().all(failed))
         })
     }
 
@@ -228,7 +308,8 @@ impl Ledger {
         self.position(server, servers).is_some()
     }
 
-    /// A rectangle of at most `most` evaluations that this server has not failed, or which all of `servers` have.
+    /// A rectangle of at most `most` evaluations that this server may have and has not failed, or which all of `servers`
+    /// have.
     pub fn take(&mut self, server: u64, servers: &[u64], most: usize) -> Option<Piece> {
         let position = self.position(server, servers)?;
         let episodes = self.episodes();
@@ -243,21 +324,92 @@ impl Ledger {
         Some(taken)
     }
 
-    /// What of a piece is not settled waits for a server again, before all else.
+    /// Whether a server that must not have a piece is to be left out indeed: an audit always; a copy only as long as
+    /// somebody else is at all of it.
+    fn is_elsewhere(&self, piece: &Piece) -> bool {
+        let shared = |evaluation| {
+            self.place(evaluation)
+                .is_none_or(|place| self.holders[place] > 1)
+        };
+        piece.purpose == Purpose::Audit || piece.evaluations.clone().all(shared)
+    }
+
+    /// What of a piece is not settled waits for a server again, before all else, unless another server has it.
     pub fn put_back(&mut self, piece: &Piece) {
-        let mut end = piece.evaluations.end;
-        while end > piece.first() {
-            let open = |index: &usize| self.place(*index).is_some();
-            let from_end = || (piece.first()..end).rev();
-            let Some(last) = from_end().find(open) else {
-                return;
-            };
-            let before = (piece.first()..last).rev().find(|index| !open(index));
-            let first = before.map_or(piece.first(), |index| index + 1);
+        if piece.purpose == Purpose::Audit {
+            self.queued += piece.len();
+            return self.queue.push_back(piece.clone());
+        }
+        let mut waits = Vec::with_capacity(piece.len());
+        for evaluation in piece.evaluations.clone() {
+            waits.push(self.let_go(evaluation) == Some(0));
+            if waits.last() == Some(&true)
+                && let Some(place) = self.place(evaluation)
+            {
+                self.holders[place] = 1;
+            }
+        }
+        // From the end on, so that the first comes first.
+        let mut end = waits.len();
+        while let Some(last) = waits[..end].iter().rposition(|waits| *waits) {
+            let before = waits[..last].iter().rposition(|waits| !waits);
+            let first = before.map_or(0, |index| index + 1);
             self.queued += last + 1 - first;
-            self.queue.push_front(piece.part(first..last + 1));
+            let part = piece.first() + first..piece.first() + last + 1;
+            self.queue.push_front(Piece {
+                purpose: Purpose::Work,
+                never_on: Vec::new(),
+                ..piece.part(part)
+            });
             end = first;
         }
+    }
+
+    /// Somebody does not have an evaluation any more. In how many other places it is; none if it has ended.
+    fn let_go(&mut self, evaluation: usize) -> Option<u8> {
+        let place = self.place(evaluation)?;
+        self.holders[place] = self.holders[place].saturating_sub(1);
+        Some(self.holders[place])
+    }
+
+    /// Notes that what of a piece has not ended will be in one more place. Whether there is any.
+    pub fn hold(&mut self, piece: &Piece) -> bool {
+        let mut any = false;
+        for evaluation in piece.evaluations.clone() {
+            if let Some(place) = self.place(evaluation) {
+                self.holders[place] = self.holders[place].saturating_add(1);
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// A copy of work under way, or an audit, waits for a server: copies before all else.
+    pub fn queue(&mut self, piece: Piece) {
+        self.queued += piece.len();
+        if piece.purpose == Purpose::Backup {
+            self.queue.push_front(piece);
+        } else {
+            self.queue.push_back(piece);
+        }
+    }
+
+    /// Whether an evaluation is in more than one place.
+    pub fn is_shared(&self, evaluation: usize) -> bool {
+        self.place(evaluation)
+            .is_some_and(|place| self.holders[place] > 1)
+    }
+
+    /// The first of some evaluations that have not ended, and those right behind it.
+    pub fn first_open(&self, evaluations: &Range<usize>) -> Option<Range<usize>> {
+        let first = evaluations.clone().find(|one| !self.has_ended(*one))?;
+        let end = (first..evaluations.end).find(|one| self.has_ended(*one));
+        Some(first..end.unwrap_or(evaluations.end))
+    }
+
+    /// Whether an evaluation has ended.
+    pub fn has_ended(&self, evaluation: usize) -> bool {
+        self.place(evaluation).is_none()
     }
 
     /// Where an evaluation that has not ended stands in the lists.
@@ -266,19 +418,69 @@ impl Ledger {
         (!self.settled[place]).then_some(place)
     }
 
-    /// An evaluation has ended. Whatever comes later for it is not heard.
-    pub fn settle(&mut self, evaluation: usize, fitness: f64, metrics: &[f64]) {
-        if let Some(place) = self.place(evaluation) {
-            self.results.fitness[place] = fitness;
-            self.results.metrics[place * self.metrics..][..self.metrics].copy_from_slice(metrics);
-            self.end(place);
-        }
+    /// A server went down with nothing but this evaluation.
+    pub fn down(&mut self, evaluation: usize) {
+        *self.downs.entry(evaluation).or_default() += 1;
     }
 
-    /// An evaluation has failed for good: its numbers stay NaN.
-    pub fn give_up(&mut self, evaluation: usize) {
+    /// How many servers went down with nothing but this evaluation.
+    pub fn downs(&self, evaluation: usize) -> u32 {
+        self.downs.get(&evaluation).copied().unwrap_or_default()
+    }
+
+    /// An evaluation has ended with the result of a server. Whether that is news: what comes later is not heard.
+    pub fn settle(
+        &mut self,
+        evaluation: usize,
+        server: u64,
+        fitness: f64,
+        metrics: &[f64],
+    ) -> bool {
+        let Some(place) = self.place(evaluation) else {
+            return false;
+        };
+        if self.holders[place] > 1 {
+            self.unqueue(evaluation);
+        }
+        self.results.fitness[place] = fitness;
+        self.results.metrics[place * self.metrics..][..self.metrics].copy_from_slice(metrics);
+        self.by[place] = server;
+        self.end(place);
+        true
+    }
+
+    /// An evaluation has failed for good, its numbers stay NaN. Whether it has: unless it is to be `everywhere`, another
+    /// server that is at it may still have a result.
+    pub fn give_up(&mut self, evaluation: usize, everywhere: bool) -> bool {
+        self.unqueue(evaluation);
+        let others = self.let_go(evaluation);
+        if others.is_none() || (others != Some(0) && !everywhere) {
+            return false;
+        }
         if let Some(place) = self.place(evaluation) {
             self.end(place);
+        }
+        true
+    }
+
+    /// Takes an evaluation out of the queue, where a copy of it may wait, or its audit.
+    pub fn unqueue(&mut self, evaluation: usize) {
+        let holds = |piece: &Piece| piece.evaluations.contains(&evaluation);
+        while let Some(position) = self.queue.iter().position(holds) {
+            let Some(piece) = self.queue.remove(position) else {
+                return;
+            };
+            let parts = [
+                piece.first()..evaluation,
+                evaluation + 1..piece.evaluations.end,
+            ];
+            self.queued -= 1;
+            if piece.purpose != Purpose::Audit {
+                self.let_go(evaluation);
+            }
+            for part in parts.into_iter().rev().filter(|part| !part.is_empty()) {
+                self.queue.insert(position, piece.part(part));
+            }
         }
     }
 
@@ -290,6 +492,52 @@ impl Ledger {
         if self.open[place / episodes] == 0 {
             self.fresh.push((self.forgotten + place) / episodes);
         }
+    }
+
+    /// A server's results are worth nothing: what it did waits for another one. Returns how many evaluations do, and how
+    /// many cannot, since their candidates have been handed out.
+    pub fn reopen(&mut self, server: u64) -> (usize, usize) {
+        let episodes = self.episodes();
+        let base = self.forgotten / episodes;
+        let here: HashSet<usize> = self.fresh.iter().copied().collect();
+        let (mut reopened, mut lost) = (0, 0);
+        for place in (0..self.settled.len()).rev() {
+            if !self.settled[place]
+                || self.by[place] != server
+                || self.results.fitness[place].is_nan()
+            {
+                continue;
+            }
+            let candidate = place / episodes;
+            if self.open[candidate] == 0 && !here.contains(&(base + candidate)) {
+                lost += 1;
+                continue;
+            }
+            self.settled[place] = false;
+            self.results.fitness[place] = f64::NAN;
+            self.results.metrics[place * self.metrics..][..self.metrics].fill(f64::NAN);
+            self.holders[place] = 1;
+            self.done -= 1;
+            self.open[candidate] += 1;
+            self.queued += 1;
+            let evaluation = self.forgotten + place;
+            match self.queue.front_mut() {
+                Some(next)
+                    if next.purpose == Purpose::Work
+                        && next.tries == 0
+                        && next.first() == evaluation + 1 =>
+                {
+                    next.evaluations.start = evaluation;
+                }
+                _ => self
+                    .queue
+                    .push_front(Piece::new(evaluation..evaluation + 1)),
+            }
+            reopened += 1;
+        }
+        let open = &self.open;
+        self.fresh.retain(|candidate| open[candidate - base] == 0);
+        (reopened, lost)
     }
 
     /// The results of all evaluations, once all have ended.
@@ -333,7 +581,7 @@ mod tests {
                 assert_eq!(rows.len() * columns.len(), piece.len());
                 assert!(piece.len() <= most);
                 for index in piece.evaluations.clone() {
-                    ledger.settle(index, 1.0, &[]);
+                    ledger.settle(index, 1, 1.0, &[]);
                 }
                 next += piece.len();
             }
@@ -347,7 +595,7 @@ mod tests {
         let mut ledger = ledger(4, 2);
         let piece = ledger.take(1, &[1], 8).unwrap();
         for index in [0, 3, 4, 7] {
-            ledger.settle(index, 1.0, &[]);
+            ledger.settle(index, 1, 1.0, &[]);
         }
         ledger.put_back(&piece);
         assert_eq!(ledger.queued(), 4);
@@ -366,8 +614,8 @@ mod tests {
             assert_eq!(piece.first(), next);
             next += piece.len();
             for index in piece.evaluations.clone().rev() {
-                ledger.settle(index, f64::from(u32::try_from(index).unwrap()), &[]);
-                ledger.settle(index, -1.0, &[]);
+                ledger.settle(index, 1, f64::from(u32::try_from(index).unwrap()), &[]);
+                ledger.settle(index, 1, -1.0, &[]);
             }
             let settled = ledger.take_settled();
             for (row, candidate) in settled.candidates.iter().enumerate() {
@@ -381,7 +629,7 @@ mod tests {
             }
             assert!(ledger.settled.len() < 4 * WORTH);
             // What comes late for something forgotten changes nothing.
-            ledger.settle(0, -1.0, &[]);
+            ledger.settle(0, 1, -1.0, &[]);
             ledger.put_back(&piece);
             assert!(ledger.queued() <= 8);
         }
@@ -402,11 +650,11 @@ mod tests {
     fn what_failed_goes_to_others_first_and_in_ever_smaller_parts() {
         let mut ledger = ledger(64, 1);
         let piece = ledger.take(1, &[1, 2], 64).unwrap();
-        ledger.put_back(&piece.failed(1, 3));
+        ledger.put_back(&piece.failed(1));
         assert_eq!(ledger.take(1, &[1, 2], 64), None);
         let again = ledger.take(2, &[1, 2], 64).unwrap();
         assert_eq!(again.evaluations, 0..8);
-        ledger.put_back(&again.failed(2, 3));
+        ledger.put_back(&again.failed(2));
         assert_eq!(ledger.take(1, &[1, 2], 64).unwrap().evaluations, 0..1);
         // No server is left that has not failed it; the rest waits for the other one.
         assert_eq!(ledger.take(2, &[1, 2], 64).unwrap().evaluations, 1..2);

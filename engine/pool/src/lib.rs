@@ -2,16 +2,21 @@
 //!
 //! What is decided is in [`machine`], which knows neither sockets nor clocks; [`Pool`] is its thin shell.
 
+mod audit;
 mod batch;
+mod copies;
+mod counts;
 mod demand;
 mod discovery;
 mod dispatch;
+mod health;
 mod holdings;
 mod ledger;
 pub mod machine;
 mod metrics;
 mod mode;
 mod offers;
+mod pace;
 mod pool;
 mod report;
 mod requests;
@@ -22,10 +27,11 @@ mod stepwise;
 mod watch;
 mod work;
 
+pub use counts::Counts;
 pub use demand::Demand;
 pub use holdings::Holdings;
 pub use ledger::{Results, Settled, rectangle};
-pub use machine::{Action, Config, Machine};
+pub use machine::{Action, Config, Faults, Machine};
 pub use mode::Mode;
 pub use offers::Offers;
 pub use pool::{About, Options, Pool, PoolError};

@@ -13,9 +13,11 @@ use swarmwright_protocol::{
     shortened,
 };
 
+use crate::audit::Check;
+use crate::counts::Counts;
 use crate::demand::Demand;
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
-use crate::ledger::{Ledger, Piece, Results, Settled};
+use crate::ledger::{Ledger, Piece, Purpose, Results, Settled};
 use crate::offers::Offers;
 use crate::requests::Request;
 use crate::run::Run;
@@ -59,14 +61,57 @@ pub struct Config {
     pub visual: bool,
     /// How long a server may be silent in an episode.
     pub step_timeout: Duration,
-    /// How often an episode is tried.
-    pub attempts: u32,
+    /// What is done about servers and evaluations that fail, are slow, or wrong.
+    pub faults: Faults,
     /// Most evaluations in one request.
     pub largest: usize,
     /// How long a server that is new waits for its first work; zero where no two can have one id.
     pub probation: Duration,
     /// The first instance number; random, so that no two tools use the same hashes.
     pub first_instance: u64,
+}
+
+/// What is done about servers and evaluations that fail, are slow, or wrong.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Faults {
+    /// How often an evaluation is tried, at most; tries together with other evaluations do not count.
+    pub attempts: u32,
+    /// After how many servers that went down with nothing but one evaluation no other server gets it.
+    pub quarantine: u32,
+    /// Whether an idle server gets a copy of what a slow or silent one has.
+    pub backup: bool,
+    /// The share of evaluations that are repeated on another server, 0 to 1.
+    pub audit: f64,
+    /// A server that was never silent for long is doubted when it is much longer than ever before, and this at least.
+    pub least: Duration,
+    /// How long an episode may take, stepwise.
+    pub episode: Duration,
+}
+
+impl Default for Faults {
+    fn default() -> Self {
+        Self {
+            attempts: 3,
+            quarantine: 3,
+            backup: true,
+            audit: 0.0,
+            least: Duration::from_secs(1),
+            episode: Duration::from_secs(86_400),
+        }
+    }
+}
+
+/// Whose fault it is that work brought no result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Blame {
+    /// The server had other work.
+    Nobody,
+    /// The connection broke; perhaps it was more than the broker takes.
+    Broker,
+    /// The server says that it failed.
+    Evaluation,
+    /// The server went down, fell silent, or sent what cannot be used.
+    Server,
 }
 
 /// The decisions of one optimization tool.
@@ -104,6 +149,17 @@ pub struct Machine {
     pub(crate) lonely_since: Option<Instant>,
     /// Bytes of the largest packet that the broker takes.
     pub(crate) packet: usize,
+    pub(crate) counts: Counts,
+    /// Hashes of the last episodes that are over, and whether a result came.
+    pub(crate) ended: VecDeque<(String, bool)>,
+    /// When to look whether an idle server should get a copy of somebody's work.
+    pub(crate) backup_at: Option<Instant>,
+    /// Results that wait for a second server's, by evaluation.
+    pub(crate) checks: BTreeMap<usize, Check>,
+    /// How often work was submitted.
+    pub(crate) work_number: u64,
+    /// Two servers do not agree, and nobody can tell which one is wrong.
+    pub(crate) disagreement: Option<String>,
 }
 
 /// The number of agents that the parameters tell.
@@ -154,6 +210,12 @@ impl Machine {
             actions: Vec::new(),
             lonely_since: None,
             packet: usize::MAX,
+            counts: Counts::default(),
+            ended: VecDeque::new(),
+            backup_at: None,
+            checks: BTreeMap::new(),
+            work_number: 0,
+            disagreement: None,
             config,
         }
     }
@@ -190,6 +252,8 @@ impl Machine {
             self.warn(format!("server {server} is not used: it {reason}"));
         }
         self.refused_at = None;
+        self.disagreement = None;
+        self.work_number += 1;
         self.ledger = Ledger::new(work, self.config.demand.metrics.len());
         self.next_round = self.next_round.min(now + LATER_ROUND);
         self.dispatch(now);
@@ -257,6 +321,7 @@ impl Machine {
             }
         }
         self.ledger = Ledger::default();
+        self.checks.clear();
     }
 
     /// Frees all servers that this tool still holds.
@@ -319,7 +384,7 @@ impl Machine {
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
             let jobs = self.offers.left(id);
-            return self.fail_jobs(jobs, &format!("server {id} left"), false, now);
+            return self.fail_jobs(jobs, &format!("server {id} left"), Blame::Nobody, now);
         }
         if kind == Topic::Sensor {
             match SensorReading::decode(payload) {
@@ -347,38 +412,107 @@ impl Machine {
         }
     }
 
-    /// Jobs are over without result; see [`retry`](Self::retry).
-    pub(crate) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, counted: bool, now: Instant) {
-        for job in jobs {
-            match job {
-                Job::Episode(hash) => self.fail_episode(&hash, reason, counted, now),
-                Job::Request(number) => self.fail_request(number, reason, counted, now),
-            }
-        }
+    /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
+    /// only waited.
+    pub(crate) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
+        self.fail_each(jobs, reason, blame, now);
         self.dispatch(now);
     }
 
-    /// Work that brought no result is queued again, or has failed; an attempt that is `counted` used one up.
-    pub(crate) fn retry(&mut self, piece: Piece, server: u64, reason: &str, counted: bool) {
-        if !counted {
-            return self.ledger.put_back(&piece);
+    pub(crate) fn fail_each(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
+        for (index, job) in jobs.into_iter().enumerate() {
+            // A connection is broken for all of them.
+            let blame = if index == 0 || blame == Blame::Broker {
+                blame
+            } else {
+                Blame::Nobody
+            };
+            match job {
+                Job::Episode(hash) => self.fail_episode(&hash, reason, blame, now),
+                Job::Request(number) => self.fail_request(number, reason, blame, now),
+            }
         }
-        let tries = piece.tries + 1;
-        if tries >= self.config.attempts {
-            self.warn(format!(
-                "an evaluation failed after {tries} attempts: {reason}"
-            ));
-            return self.give_up(&piece);
+    }
+
+    /// A server failed: it has a pause.
+    pub(crate) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
+        self.counts.server_failures += 1;
+        self.counts.benched += 1;
+        self.offers.bench(server, reason, now);
+    }
+
+    /// Work that brought no result is queued again, or has failed.
+    ///
+    /// Where several evaluations were sent together nobody knows which one was to blame: smaller parts are tried until
+    /// one is alone. What is said to have failed by a server that repeats itself to the bit fails elsewhere, too: once
+    /// more is enough.
+    pub(crate) fn retry(
+        &mut self,
+        mut piece: Piece,
+        server: u64,
+        reason: &str,
+        blame: Blame,
+        now: Instant,
+    ) {
+        if piece.purpose == Purpose::Audit {
+            return self.retry_audit(piece, server, reason, blame, now);
         }
-        let piece = piece.failed(server, self.config.attempts);
-        self.ledger.put_back(&piece);
+        match blame {
+            Blame::Nobody => return self.ledger.put_back(&piece),
+            Blame::Broker => return self.ledger.put_back(&piece.halved()),
+            Blame::Evaluation | Blame::Server => {}
+        }
+        let faults = &self.config.faults;
+        let (attempts, quarantine) = (faults.attempts, faults.quarantine);
+        if piece.len() == 1 {
+            let evaluation = piece.first();
+            let mut limit = attempts;
+            if blame == Blame::Evaluation {
+                piece.reported += 1;
+                if self.offers.repeats_itself(server) {
+                    limit = limit.min(2);
+                }
+            } else {
+                self.ledger.down(evaluation);
+            }
+            let downs = self.ledger.downs(evaluation);
+            if downs >= quarantine {
+                self.warn(format!(
+                    "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
+                ));
+                self.counts.quarantined += 1;
+                return self.give_up(&piece, true);
+            }
+            if piece.reported + downs >= limit {
+                let tries = piece.tries + 1;
+                self.warn(format!(
+                    "an evaluation failed after {tries} attempts: {reason}"
+                ));
+                return self.give_up(&piece, false);
+            }
+        }
+        self.counts.retries += 1;
+        self.ledger.put_back(&piece.failed(server));
     }
 
     /// Evaluations that have failed for good.
-    pub(crate) fn give_up(&mut self, piece: &Piece) {
+    pub(crate) fn give_up(&mut self, piece: &Piece, everywhere: bool) {
         for evaluation in piece.evaluations.clone() {
-            self.ledger.give_up(evaluation);
+            let failed = self.ledger.give_up(evaluation, everywhere);
+            self.counts.failed += u64::from(failed);
         }
+    }
+
+    /// Incidents so far.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// What two servers do not agree on, where nobody can tell which one is wrong.
+    #[must_use]
+    pub fn disagreement(&self) -> Option<&str> {
+        self.disagreement.as_deref()
     }
 
     /// A line of the journal.
@@ -396,6 +530,7 @@ impl Machine {
             episode: episodes.start,
             episodes: episodes.len(),
             attempt: piece.tries + 1,
+            purpose: piece.purpose.name(),
             seconds: now.saturating_duration_since(started).as_secs_f64(),
             ..attempt
         };
@@ -407,17 +542,26 @@ impl Machine {
     pub fn next_tick(&self) -> Instant {
         let runs = self.runs.values().map(|run| self.run_deadline(run)).min();
         let requests = self.requests.values().map(Request::deadline).min();
-        [runs, requests, self.offers.next_unbench()]
-            .into_iter()
-            .flatten()
-            .fold(self.next_round, Instant::min)
+        let doubt = self.next_doubt();
+        [
+            runs,
+            requests,
+            doubt,
+            self.backup_at,
+            self.offers.next_unbench(),
+        ]
+        .into_iter()
+        .flatten()
+        .fold(self.next_round, Instant::min)
     }
 
     /// Time has passed.
     pub fn tick(&mut self, now: Instant) {
         self.late_episodes(now);
         self.late_requests(now);
+        self.doubt(now);
         self.offers.unbench(now);
+        self.settle_unchecked(now);
         if self.next_round <= now {
             self.discover(now);
         }
@@ -432,6 +576,7 @@ impl Machine {
         let held = slots.filter(|(_, slot)| slot.held);
         let held = held.map(|(id, slot)| (*id, slot.last_hash.clone()));
         self.left_behind.extend(held);
+        self.counts.broker_losses += 1;
         self.offers.clear();
         let mut hashes: Vec<String> = self.runs.keys().cloned().collect();
         hashes.sort();
@@ -441,7 +586,8 @@ impl Machine {
         let jobs = hashes
             .chain(numbers.into_iter().map(Job::Request))
             .collect();
-        self.fail_jobs(jobs, "the connection to the broker broke", false, now);
+        let reason = "the connection to the broker broke";
+        self.fail_jobs(jobs, reason, Blame::Broker, now);
     }
 
     /// An episode failed in the simulation's code: tells the user once for each reason. Returns the reason and, once,

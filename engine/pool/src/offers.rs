@@ -1,11 +1,13 @@
 //! Which servers there are, and what each offers.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use swarmwright_protocol::{Presence, ServerMessage, State};
 
 use crate::demand::Demand;
+use crate::health::Health;
+use crate::pace::Pace;
 use crate::slot::{Job, Slot};
 
 /// All that is known of servers.
@@ -21,6 +23,8 @@ pub struct Offers {
     twins: BTreeMap<u64, (u64, u32)>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
     refusals: BTreeMap<u64, (Option<String>, String)>,
+    /// How ids have behaved so far.
+    pub(crate) health: Health,
     /// Metrics that servers announced for this simulation, by id, whether they fit or not.
     metrics: BTreeMap<u64, Vec<String>>,
 }
@@ -50,13 +54,14 @@ pub(crate) enum Answer {
 
 const TWINS: &str =
     "two servers answer to this id, so neither is used; give one of them another --id";
-const FIRST_BENCH: Duration = Duration::from_secs(1);
-const LONGEST_BENCH: Duration = Duration::from_secs(60);
 
 impl Offers {
-    /// Forgets everything: the connection broke.
+    /// Forgets who is there: the connection broke.
     pub(crate) fn clear(&mut self) {
-        *self = Self::default();
+        *self = Self {
+            health: std::mem::take(&mut self.health),
+            ..Self::default()
+        };
     }
 
     pub(crate) fn answered(
@@ -71,7 +76,9 @@ impl Offers {
             let names = announced.map(|announced| announced.metrics.clone());
             self.metrics.insert(id, names.unwrap_or_default());
         }
-        if let Some(reason) = demand.misfit(&message.simulations, &message.capabilities) {
+        let distrusted = self.health.distrusted(id).map(str::to_owned);
+        let misfit = || demand.misfit(&message.simulations, &message.capabilities);
+        if let Some(reason) = distrusted.or_else(misfit) {
             let news = self.unfit.insert(id, reason.clone()).as_ref() != Some(&reason);
             return Answer::Unfit(news.then_some(reason));
         }
@@ -108,6 +115,7 @@ impl Offers {
             slot.round = slot.round.max(round);
             if slot.instance == instance {
                 slot.capabilities = message.capabilities;
+                slot.silent = false;
                 return Answer::Known;
             }
             // Started anew under its old id.
@@ -117,9 +125,6 @@ impl Offers {
         }
         self.unfit.remove(&id);
         self.refusals.remove(&id);
-        let (failures, failure) = self.slots.get(&id).map_or((0, String::new()), |slot| {
-            (slot.failures, slot.failure.clone())
-        });
         self.slots.insert(
             id,
             Slot {
@@ -130,8 +135,9 @@ impl Offers {
                 held: false,
                 instance,
                 capabilities: message.capabilities,
-                failures,
-                failure,
+                silent: false,
+                steps: Pace::default(),
+                episodes: Pace::default(),
                 beaten: 0,
                 passed_over: None,
                 round,
@@ -291,21 +297,35 @@ impl Offers {
         }
     }
 
-    /// A server failed an episode: a pause that doubles with each failure in a row.
+    /// A server failed: a pause that doubles with each failure in a row, also where it is gone and comes back.
     pub(crate) fn bench(&mut self, id: u64, reason: &str, now: Instant) {
-        if let Some(slot) = self.slots.get_mut(&id) {
-            slot.failures += 1;
-            reason.clone_into(&mut slot.failure);
-            let pause = FIRST_BENCH * 2u32.saturating_pow((slot.failures - 1).min(6));
-            slot.benched = Some(now + pause.min(LONGEST_BENCH));
-        }
-    }
-
-    /// A server is new; its first work waits until then.
-    pub(crate) fn introduce(&mut self, id: u64, until: Instant) {
+        let until = self.health.failed(id, reason, now);
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.benched = Some(until);
         }
+    }
+
+    /// A server is new; its first work waits until `until`, or for longer where it has failed again and again.
+    pub(crate) fn introduce(&mut self, id: u64, until: Instant, now: Instant) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            let pause = self.health.pause(id, now);
+            slot.benched = Some(pause.map_or(until, |pause| pause.max(until)));
+        }
+    }
+
+    /// A server did `episodes` in `seconds`.
+    pub(crate) fn did_well(&mut self, id: u64, episodes: usize, seconds: f64) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.measured(episodes, seconds);
+            self.health.recovered(id);
+        }
+    }
+
+    /// A server's results are wrong: it is not used any more. Returns the jobs that it had.
+    pub(crate) fn distrust(&mut self, id: u64, reason: &str) -> Vec<Job> {
+        self.health.distrust(id, reason);
+        self.unfit.insert(id, reason.to_owned());
+        self.remove(id)
     }
 
     /// Benched servers whose pause is over may be used again.
@@ -356,11 +376,12 @@ impl Offers {
             .map(|(id, reason)| (*id, format!("server {id}: {reason}")))
             .collect();
         for (id, slot) in &self.slots {
-            let answer = if slot.failures == 0 {
-                "fits".to_owned()
-            } else {
-                let (times, failure) = (slot.failures, &slot.failure);
-                format!("fits, but failed {times} times in a row, the last time because: {failure}")
+            let answer = match self.health.failures(*id) {
+                Some((times, failure)) => format!(
+                    "fits, but failed {times} times in a row, the last time because: {failure}"
+                ),
+                None if slot.silent => "fits, but is silent".to_owned(),
+                None => "fits".to_owned(),
             };
             lines.insert(*id, format!("server {id}: {answer}"));
         }

@@ -9,10 +9,11 @@ use swarmwright_mqtt::{
 };
 use swarmwright_protocol::{Activity, Topic, TopicError, Topics};
 
+use crate::counts::Counts;
 use crate::demand::Demand;
 use crate::discovery::PROBATION;
 use crate::ledger::{Results, Settled};
-use crate::machine::{Action, Config, Machine};
+use crate::machine::{Action, Config, Faults, Machine};
 use crate::mode::Mode;
 use crate::report::{Listener, Report, Reporter};
 use crate::work::{Attempt, Work, WorkError};
@@ -53,8 +54,8 @@ pub struct Options {
     pub discovery_timeout: Duration,
     /// How long a server may be silent in an episode, and how long work may wait for any server.
     pub step_timeout: Duration,
-    /// How often an episode is tried.
-    pub attempts: u32,
+    /// What is done about servers and evaluations that fail, are slow, or wrong.
+    pub faults: Faults,
     /// Most evaluations in one request.
     pub largest: usize,
     /// Whether all servers on the broker are the tool's own, so that no two of them have one id.
@@ -96,6 +97,9 @@ pub enum PoolError {
     /// Genomes that do not fit.
     #[error(transparent)]
     Work(#[from] WorkError),
+    /// Two servers do not find the same, and nobody can tell which one is wrong.
+    #[error("servers disagree: {0}")]
+    Disagreement(String),
     /// The caller wants to stop.
     #[error("interrupted")]
     Interrupted,
@@ -170,7 +174,7 @@ impl Pool {
             topics: topics.clone(),
             visual: options.visual,
             step_timeout: options.step_timeout,
-            attempts: options.attempts.max(1),
+            faults: options.faults,
             largest: options.largest.max(1),
             probation,
             // Leaves room for 2^52 episodes below the 2^53 at which JSON's integers end.
@@ -330,6 +334,9 @@ impl Pool {
             }
             if now.duration_since(asked) >= ASK {
                 asked = now;
+                if let Some(told) = self.machine.disagreement() {
+                    break Err(PoolError::Disagreement(told.to_owned()));
+                }
                 if let Some(reason) = self.machine.rejected(now) {
                     break Err(PoolError::Rejected(reason));
                 }
@@ -378,6 +385,12 @@ impl Pool {
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         self.machine.metrics()
+    }
+
+    /// Incidents so far.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        self.machine.counts()
     }
 
     /// Sends what is to be sent and handles what came, until `until` at the latest.

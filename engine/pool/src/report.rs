@@ -102,14 +102,15 @@ impl Reporter {
             return;
         }
         for (server, slot) in &machine.offers.slots {
-            let before = self.failures.insert(*server, slot.failures).unwrap_or(0);
-            if slot.failures > before
+            let (failures, reason) = machine.offers.health.failures(*server).unwrap_or_default();
+            let before = self.failures.insert(*server, failures).unwrap_or(0);
+            if failures > before
                 && let Some(until) = slot.benched
             {
                 self.tell(&Report::Benched {
                     server: *server,
-                    failures: slot.failures,
-                    reason: &slot.failure,
+                    failures,
+                    reason,
                     seconds: until.saturating_duration_since(now).as_secs_f64(),
                 });
             }

@@ -8,8 +8,9 @@ use swarmwright_protocol::{
 };
 
 use crate::batch::Batch;
+use crate::copies::Found;
 use crate::ledger::Piece;
-use crate::machine::{Action, Machine};
+use crate::machine::{Action, Blame, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::slot::Job;
@@ -21,15 +22,17 @@ const LEASE: f64 = 10.0;
 /// What was asked of a server and is not answered yet.
 pub(crate) struct Request {
     pub server: u64,
-    piece: Piece,
+    pub piece: Piece,
     /// Evaluations of it that failed by themselves, and are tried again apart from it.
     apart: Vec<usize>,
-    started: Instant,
+    pub started: Instant,
     /// When the server last said something of use, or could begin with this.
     pub heard: Instant,
     lease: Duration,
+    /// Whether it takes so long that another server has it, too.
+    pub doubted: bool,
     /// None for a block.
-    batch: Option<Batch>,
+    pub batch: Option<Batch>,
 }
 
 impl Request {
@@ -133,7 +136,7 @@ impl Machine {
             .collect();
         let controllers = match controllers {
             Ok(controllers) => controllers,
-            Err(_) => return self.give_up(&piece),
+            Err(_) => return self.give_up(&piece, true),
         };
         let seeds = piece.evaluations.clone();
         let message = ToServer::Start(BatchStart {
@@ -185,6 +188,7 @@ impl Machine {
             started: now,
             heard: now,
             lease,
+            doubted: false,
             batch,
         };
         self.requests.insert(number, request);
@@ -196,7 +200,7 @@ impl Machine {
 
     /// A request was not sent: a broker that takes so little takes it from no server.
     pub(crate) fn unsent(&mut self, number: u64, reason: &str, now: Instant) {
-        self.fail_request(number, reason, true, now);
+        self.fail_request(number, reason, Blame::Evaluation, now);
         self.dispatch(now);
     }
 
@@ -213,7 +217,10 @@ impl Machine {
         match message {
             ToTool::Evaluated(message) => {
                 let number = message.request;
-                match (self.is_batch(number, message.server), &message.error) {
+                match (
+                    self.is_batch(number, message.server, message.fitness.0.len()),
+                    &message.error,
+                ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
                     (Some(false), None) => self.evaluated(number, message, now),
                     _ => return,
@@ -221,7 +228,10 @@ impl Machine {
             }
             ToTool::Sensors(message) => {
                 let number = message.request;
-                match (self.is_batch(number, message.server), &message.error) {
+                match (
+                    self.is_batch(number, message.server, message.ended.0.len()),
+                    &message.error,
+                ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
                     (Some(true), None) => self.stepped(number, message, now),
                     (None, None) => return self.end_ghost(&message),
@@ -233,10 +243,20 @@ impl Machine {
         self.dispatch(now);
     }
 
-    /// Whether a request is one for a batch; none if this server was not asked.
-    fn is_batch(&self, number: u64, server: u64) -> Option<bool> {
-        let request = self.requests.get(&number)?;
-        (request.server == server).then_some(request.batch.is_some())
+    /// Whether a request is one for a batch; none if this server was not asked, or not any more: its `results` are late.
+    fn is_batch(&mut self, number: u64, server: u64, results: usize) -> Option<bool> {
+        let Some(request) = self.requests.get(&number) else {
+            self.counts.late += u64::from(results > 0);
+            return None;
+        };
+        let is_batch = request.batch.is_some();
+        if request.server != server {
+            return None;
+        }
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            slot.silent = false;
+        }
+        Some(is_batch)
     }
 
     /// A server steps a batch that nobody waits for: its start came late or twice.
@@ -268,18 +288,16 @@ impl Machine {
             request.piece.len(),
             now.saturating_duration_since(request.heard),
         );
+        // A server's own word for it, as far as it can be true.
+        let told = message.seconds.is_finite() && message.seconds > 0.0;
+        let passed = since.as_secs_f64();
+        let seconds = if told {
+            message.seconds.min(passed)
+        } else {
+            passed
+        };
+        self.offers.did_well(request.server, count, seconds);
         if let Some(slot) = self.offers.slots.get_mut(&request.server) {
-            // A server's own word for it, as far as it can be true.
-            let told = message.seconds.is_finite() && message.seconds > 0.0;
-            let passed = since.as_secs_f64();
-            slot.measured(
-                count,
-                if told {
-                    message.seconds.min(passed)
-                } else {
-                    passed
-                },
-            );
             for job in &slot.jobs {
                 if let Job::Request(next) = job
                     && let Some(next) = self.requests.get_mut(next)
@@ -297,7 +315,8 @@ impl Machine {
             match needed(&metrics, value) {
                 Ok(values) => {
                     let evaluation = request.piece.first() + offset;
-                    self.ledger.settle(evaluation, fitness, &values);
+                    let found = Found::new(request.server, fitness, values);
+                    self.settle(&request.piece, evaluation, found, now);
                 }
                 Err(reason) => self.fail_one(&request, offset, reason, None, now),
             }
@@ -334,10 +353,15 @@ impl Machine {
                 return self.fail_server(server, &format!("server {server}: {reason}"), now);
             }
         };
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            slot.steps
+                .measured(now.saturating_duration_since(request.heard));
+        }
         request.heard = now;
         for (index, fitness, metrics) in progress.ended {
             let evaluation = request.piece.first() + index;
-            self.ledger.settle(evaluation, fitness, &metrics);
+            let found = Found::new(server, fitness, metrics);
+            self.settle(&request.piece, evaluation, found, now);
         }
         for (index, reason, stack) in progress.failed {
             self.fail_one(&request, index, reason, stack, now);
@@ -355,10 +379,9 @@ impl Machine {
             return;
         }
         self.offers.finished(server, &Job::Request(number));
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            let seconds = now.saturating_duration_since(request.started);
-            slot.measured(request.piece.len(), seconds.as_secs_f64());
-        }
+        let seconds = now.saturating_duration_since(request.started);
+        self.offers
+            .did_well(server, request.piece.len(), seconds.as_secs_f64());
         self.record_request(&request, None, now);
     }
 
@@ -379,7 +402,7 @@ impl Machine {
             ..request.attempt(Some(reason.clone()))
         };
         self.record(attempt, &piece, request.started, now);
-        self.retry(piece, request.server, &reason, true);
+        self.retry(piece, request.server, &reason, Blame::Evaluation, now);
     }
 
     /// A server does not do what it was asked for.
@@ -397,24 +420,35 @@ impl Machine {
             }
         };
         // Also where the server was given up meanwhile.
-        self.fail_request(number, reason, false, now);
-        self.fail_jobs(jobs, reason, false, now);
+        self.fail_request(number, reason, Blame::Nobody, now);
+        self.fail_jobs(jobs, reason, Blame::Nobody, now);
     }
 
     /// A request is over without a result; see [`retry`](Self::retry).
-    pub(crate) fn fail_request(&mut self, number: u64, reason: &str, counted: bool, now: Instant) {
+    pub(crate) fn fail_request(&mut self, number: u64, reason: &str, blame: Blame, now: Instant) {
         let Some(request) = self.requests.remove(&number) else {
             return;
         };
         let server = request.server;
         self.offers.finished(server, &Job::Request(number));
         self.record_request(&request, Some(reason.to_owned()), now);
+        let alone = request.piece.len() == 1;
         for piece in request.rest() {
-            self.retry(piece, server, reason, counted);
+            // What is left of several may have had company.
+            let blame = match blame {
+                Blame::Server if piece.len() == 1 && !alone => Blame::Nobody,
+                blame => blame,
+            };
+            self.retry(piece, server, reason, blame, now);
         }
     }
 
-    fn record_request(&mut self, request: &Request, error: Option<String>, now: Instant) {
+    pub(crate) fn record_request(
+        &mut self,
+        request: &Request,
+        error: Option<String>,
+        now: Instant,
+    ) {
         let attempt = Attempt {
             steps: request.batch.as_ref().map(Batch::steps),
             ..request.attempt(error)
@@ -434,6 +468,7 @@ impl Machine {
         for number in late {
             if let Some(request) = self.requests.get(&number) {
                 let (server, reason) = (request.server, request.waiting_for(now).to_string());
+                self.counts.time_outs += 1;
                 self.fail_server(server, &reason, now);
             }
         }
@@ -443,14 +478,12 @@ impl Machine {
     fn fail_server(&mut self, server: u64, reason: &str, now: Instant) {
         self.warn(format!("{reason}; the work is tried again elsewhere"));
         self.let_go(server);
-        self.offers.bench(server, reason, now);
+        self.failed(server, reason, now);
         let jobs = match self.offers.slots.get(&server) {
             Some(slot) => slot.jobs.clone(),
             None => Vec::new(),
         };
-        for (index, job) in jobs.into_iter().enumerate() {
-            self.fail_jobs(vec![job], reason, index == 0, now);
-        }
+        self.fail_jobs(jobs, reason, Blame::Server, now);
     }
 }
 

@@ -19,6 +19,8 @@ pub(crate) struct Run {
     pub heard: Instant,
     /// Why a message of this run was refused, and when: the server gets little time to send a better one.
     pub refused: Option<(Instant, String)>,
+    /// Whether it takes so long that another server has it, too.
+    pub doubted: bool,
     /// Number of agents, if the parameters tell.
     agents: Option<u64>,
     prototype: Controller,
@@ -51,6 +53,7 @@ impl Run {
             started: now,
             heard: now,
             refused: None,
+            doubted: false,
             agents,
             prototype,
             controllers: Vec::new(),

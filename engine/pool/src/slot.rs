@@ -5,6 +5,7 @@ use std::time::Instant;
 use swarmwright_protocol::Capabilities;
 
 use crate::mode::Way;
+use crate::pace::Pace;
 
 /// Work that a server has for this tool.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,9 +28,12 @@ pub(crate) struct Slot {
     pub capabilities: Capabilities,
     /// Measured speed, episodes a second.
     pub rate: Option<f64>,
-    /// Failures in a row, and why it failed last.
-    pub failures: u32,
-    pub failure: String,
+    /// Nothing came from it for so long that it gets no work until something does.
+    pub silent: bool,
+    /// From one message of an episode or a batch to the next.
+    pub steps: Pace,
+    /// Episodes that are stepped one at a time.
+    pub episodes: Pace,
     /// How often in a row another tool was faster.
     pub beaten: u32,
     /// Since when there is work for it that others should have done before it could.
@@ -45,7 +49,7 @@ pub(crate) struct Slot {
 impl Slot {
     /// Whether it may get work.
     pub fn usable(&self) -> bool {
-        self.benched.is_none()
+        self.benched.is_none() && !self.silent
     }
 
     /// Learns from `episodes` that took `seconds`.
@@ -55,6 +59,5 @@ impl Slot {
         if rate.is_finite() {
             self.rate = Some(self.rate.map_or(rate, |before| (before + rate) / 2.0));
         }
-        self.failures = 0;
     }
 }

@@ -121,17 +121,20 @@ impl Machine {
     #[must_use]
     pub fn status(&self, now: Instant) -> Status {
         let count = |number: usize| number as u64;
-        let used = |(id, slot): (&u64, &Slot)| Used {
-            server: *id,
-            mode: slot.way.name().to_owned(),
-            speed: slot.rate.map(rounded),
-            failures: slot.failures.into(),
-            reason: (slot.failures > 0).then(|| shortened(&slot.failure)),
-            // One that is new waits a moment, too, and has not failed.
-            benched: slot
-                .benched
-                .filter(|_| slot.failures > 0)
-                .map(|until| rounded(until.saturating_duration_since(now).as_secs_f64())),
+        let used = |(id, slot): (&u64, &Slot)| {
+            let past = self.offers.health.failures(*id);
+            Used {
+                server: *id,
+                mode: slot.way.name().to_owned(),
+                speed: slot.rate.map(rounded),
+                failures: past.map_or(0, |(failures, _)| failures.into()),
+                reason: past.map(|(_, reason)| shortened(reason)),
+                // One that is new waits a moment, too, and has not failed.
+                benched: slot
+                    .benched
+                    .filter(|_| past.is_some())
+                    .map(|until| rounded(until.saturating_duration_since(now).as_secs_f64())),
+            }
         };
         let mut servers: Vec<Used> = self.offers.slots.iter().map(used).collect();
         servers.sort_by_key(|used| (used.benched.is_none(), used.server));

@@ -7,8 +7,9 @@ use swarmwright_protocol::{
     SensorReading, Topic, shortened,
 };
 
+use crate::copies::Found;
 use crate::ledger::Piece;
-use crate::machine::{Action, Machine};
+use crate::machine::{Action, Blame, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::run::Run;
@@ -31,7 +32,7 @@ impl Machine {
         };
         let prototype = match work.controller(candidates.start) {
             Ok(prototype) => prototype,
-            Err(_) => return self.give_up(&piece),
+            Err(_) => return self.give_up(&piece, true),
         };
         let (parameters, hasher) = &self.episodes[episodes.start];
         let parameters = prototype.merged(parameters).into_owned();
@@ -64,8 +65,15 @@ impl Machine {
         let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
             return self.end_late_run(&sensor.simulation_hash);
         };
+        let since = now.saturating_duration_since(run.heard);
         match run.answer(sensor, now) {
-            Ok(actuator) => self.publish(Topic::Actuator, actuator),
+            Ok(actuator) => {
+                if let Some(slot) = self.offers.slots.get_mut(&run.server) {
+                    slot.steps.measured(since);
+                    slot.silent = false;
+                }
+                self.publish(Topic::Actuator, actuator);
+            }
             Err(reason) if !run.steers() => {
                 let server = run.server;
                 self.end_run(server, &sensor.simulation_hash);
@@ -95,18 +103,21 @@ impl Machine {
         self.refused_at = Some(now);
         self.warn(format!("server {server} is not used: {reason}"));
         let jobs = self.offers.refuse(server, reason);
-        self.fail_jobs(jobs, reason, false, now);
+        self.fail_jobs(jobs, reason, Blame::Nobody, now);
     }
 
     pub(crate) fn fitness(&mut self, message: &Fitness, now: Instant) {
         let Some(run) = self.runs.remove(&message.simulation_hash) else {
-            return;
+            return self.unwanted(&message.simulation_hash);
         };
+        self.over(&message.simulation_hash, true);
         let job = Job::Episode(message.simulation_hash.clone());
         self.offers.finished(run.server, &job);
+        let duration = now.saturating_duration_since(run.started);
+        self.offers.did_well(run.server, 1, duration.as_secs_f64());
         if let Some(slot) = self.offers.slots.get_mut(&run.server) {
-            let seconds = now.saturating_duration_since(run.started);
-            slot.measured(1, seconds.as_secs_f64());
+            slot.episodes.measured(duration);
+            slot.silent = false;
             slot.beaten = 0;
         }
         let value = |name: &str| message.metrics.get(name).copied();
@@ -114,11 +125,12 @@ impl Machine {
             Ok(metrics) => {
                 self.record_run(&run, None, None, now);
                 let evaluation = run.piece.first();
-                self.ledger.settle(evaluation, message.fitness, &metrics);
+                let result = Found::new(run.server, message.fitness, metrics);
+                self.settle(&run.piece, evaluation, result, now);
             }
             Err(reason) => {
                 self.record_run(&run, Some(reason.clone()), None, now);
-                self.retry(run.piece, run.server, &reason, true);
+                self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
             }
         }
         self.dispatch(now);
@@ -140,7 +152,7 @@ impl Machine {
     }
 
     /// An episode is over without fitness; see [`retry`](Self::retry).
-    pub(crate) fn fail_episode(&mut self, hash: &str, reason: &str, counted: bool, now: Instant) {
+    pub(crate) fn fail_episode(&mut self, hash: &str, reason: &str, blame: Blame, now: Instant) {
         let Some(run) = self.runs.remove(hash) else {
             return;
         };
@@ -150,8 +162,9 @@ impl Machine {
         self.given_up.push_back((hash.to_owned(), run.server));
         self.offers
             .finished(run.server, &Job::Episode(hash.to_owned()));
+        self.over(hash, false);
         self.record_run(&run, Some(reason.to_owned()), None, now);
-        self.retry(run.piece, run.server, reason, counted);
+        self.retry(run.piece, run.server, reason, blame, now);
     }
 
     /// A server says that an episode failed in the simulation's code. The server goes on, the episode is tried again.
@@ -170,10 +183,14 @@ impl Machine {
         let Some(run) = self.runs.remove(&hash) else {
             return;
         };
+        self.over(&hash, false);
+        if let Some(slot) = self.offers.slots.get_mut(&run.server) {
+            slot.silent = false;
+        }
         self.offers.finished(run.server, &Job::Episode(hash));
         let (reason, stack) = self.trouble(run.server, message.reason, message.stack);
         self.record_run(&run, Some(reason.clone()), stack, now);
-        self.retry(run.piece, run.server, &reason, true);
+        self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
     }
 
     /// A server that answers a discovery sent after an episode's control message is not at that episode: another
@@ -194,15 +211,19 @@ impl Machine {
             slot.beaten += 1;
             own_fault = slot.beaten > MOST_BEATEN;
         }
-        if own_fault {
-            self.offers.bench(id, &reason, now);
-        }
-        self.fail_episode(&hash, &reason, own_fault, now);
+        let blame = if own_fault {
+            self.failed(id, &reason, now);
+            Blame::Server
+        } else {
+            Blame::Nobody
+        };
+        self.fail_episode(&hash, &reason, blame, now);
         self.dispatch(now);
     }
 
     pub(crate) fn run_deadline(&self, run: &Run) -> Instant {
         let silent = run.heard + self.config.step_timeout;
+        let silent = silent.min(run.started + self.config.faults.episode);
         run.refused
             .as_ref()
             .map_or(silent, |(at, _)| silent.min(*at + AFTER_REFUSAL))
@@ -222,18 +243,21 @@ impl Machine {
                 continue;
             };
             let (server, waiting) = (run.server, run.waiting_for(now).to_string());
-            let reason = run
-                .refused
+            let run_refused = run.refused.clone();
+            let reason = run_refused
                 .as_ref()
                 .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
             self.warn(format!("{reason}; the episode is tried again elsewhere"));
             self.end_run(server, &hash);
-            self.offers.bench(server, &reason, now);
-            self.fail_episode(&hash, &reason, true, now);
+            if run_refused.is_none() {
+                self.counts.time_outs += 1;
+            }
+            self.failed(server, &reason, now);
+            self.fail_episode(&hash, &reason, Blame::Server, now);
         }
     }
 
-    fn record_run(
+    pub(crate) fn record_run(
         &mut self,
         run: &Run,
         error: Option<String>,

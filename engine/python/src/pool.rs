@@ -4,7 +4,7 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report};
+use swarmwright_pool::{About, Attempt, Demand, Faults, Options, Pool, PoolError, Report};
 use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, object};
@@ -34,8 +34,8 @@ fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", metrics=None, visual=false, discovery_timeout=10.0, step_timeout=60.0, attempts=3, largest=None,
-        alone=false))]
+        mode="auto", metrics=None, visual=false, discovery_timeout=10.0, step_timeout=60.0, episode_timeout=86_400.0, least_timeout=1.0,
+        attempts=3, quarantine=3, backup=true, audit=0.0, largest=None, alone=false))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -52,7 +52,12 @@ impl PyPool {
         visual: bool,
         discovery_timeout: f64,
         step_timeout: f64,
+        episode_timeout: f64,
+        least_timeout: f64,
         attempts: u32,
+        quarantine: u32,
+        backup: bool,
+        audit: f64,
         largest: Option<usize>,
         alone: bool,
     ) -> PyResult<Self> {
@@ -77,7 +82,14 @@ impl PyPool {
             visual,
             discovery_timeout: seconds("discovery_timeout", discovery_timeout)?,
             step_timeout: seconds("step_timeout", step_timeout)?,
-            attempts,
+            faults: Faults {
+                attempts: attempts.max(1),
+                quarantine: quarantine.max(1),
+                backup,
+                audit,
+                least: seconds("least_timeout", least_timeout)?,
+                episode: seconds("episode_timeout", episode_timeout)?,
+            },
             largest: largest.unwrap_or(usize::MAX),
             alone,
         };
@@ -130,6 +142,11 @@ impl PyPool {
             generations,
         });
         Ok(())
+    }
+
+    /// Incidents so far, by name.
+    fn counts(&mut self) -> PyResult<String> {
+        Ok(json!(self.pool()?.counts()).to_string())
     }
 
     fn announced_metrics(&mut self) -> PyResult<Vec<String>> {

@@ -28,6 +28,10 @@ pub struct Extended {
     pub fails_on: Option<u64>,
     /// Gives the metric `half` this value in episodes with this seed; none: leaves it out of all results.
     pub half: Option<(u64, f64)>,
+    /// Says nothing any more of a block in which this number is a weight.
+    pub dies_on: Option<f32>,
+    /// Gives wrong results.
+    pub wrong: Option<Wrong>,
     /// Sends everything twice.
     pub twice: bool,
     /// Requests seen: number and evaluations.
@@ -35,6 +39,14 @@ pub struct Extended {
     pub outgoing: VecDeque<(Instant, String, Vec<u8>)>,
     pub busy_until: Option<Instant>,
     pub batches: BTreeMap<u64, Running>,
+}
+
+/// How results are wrong.
+#[derive(Debug, Clone, Copy)]
+pub enum Wrong {
+    /// So many times what they should be.
+    By(f64),
+    Always(f64),
 }
 
 pub struct Running {
@@ -56,6 +68,8 @@ impl Extended {
             refusal: None,
             fails_on: None,
             half: Some((u64::MAX, 0.0)),
+            dies_on: None,
+            wrong: None,
             twice: false,
             blocks: Vec::new(),
             outgoing: VecDeque::new(),
@@ -121,7 +135,7 @@ impl Extended {
             };
             let answer = json!({"server": self.id, "simulation_hash": discovery.simulation_hash,
                 "simulations": ["line"], "capabilities": {"dimensions": 2, "swarmwright": {"version": 1,
-                "modes": self.modes, "controllers": self.controllers, "batch": self.batch,
+                "modes": self.modes, "controllers": self.controllers, "batch": self.batch, "determinism": "bitwise",
                 "metrics": METRICS.iter().map(|metric| metric.name.to_string()).collect::<Vec<_>>(), "instance": format!("{}", self.id)}}});
             let answer = answer.to_string().into_bytes();
             self.outgoing.push_back((now, "server".to_owned(), answer));
@@ -170,16 +184,30 @@ impl Extended {
                 parameters.insert("seed".into(), (*seed).into());
                 let mut line = Line::new();
                 let fitness = rollout(&mut line, &parameters, &controller).unwrap();
-                answer.fitness.0.push(fitness);
+                answer.fitness.0.push(self.told(fitness));
                 self.measure(&line, *seed, &message.metrics, &mut answer.metrics);
             }
         }
         let count = answer.fitness.0.len();
         self.blocks.push((message.request, count));
+        if self
+            .dies_on
+            .is_some_and(|poison| message.genomes.0.contains(&poison))
+        {
+            return;
+        }
         let work = u32::try_from(count).unwrap();
         answer.seconds = (self.pace * work).as_secs_f64();
         let payload = ToTool::Evaluated(answer).encode();
         self.send(message.reply.clone(), payload, work, now);
+    }
+
+    fn told(&self, fitness: f64) -> f64 {
+        match self.wrong {
+            None => fitness,
+            Some(Wrong::By(factor)) => fitness * factor,
+            Some(Wrong::Always(value)) => value,
+        }
     }
 
     fn start(&mut self, message: &BatchStart, now: Instant) {
@@ -247,7 +275,7 @@ impl Extended {
             }
             if line.acting().is_empty() {
                 message.ended.0.push(episode);
-                message.fitness.0.push(line.fitness());
+                message.fitness.0.push(self.told(line.fitness()));
                 let seed = running.seeds[episode as usize];
                 self.measure(line, seed, &running.metrics, &mut message.metrics);
                 *slot = None;

@@ -14,14 +14,16 @@ use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_pool::{Attempt, Config, Demand, Machine as PoolMachine, Mode, Results, Work};
+use swarmwright_pool::{
+    Attempt, Config, Demand, Faults, Machine as PoolMachine, Mode, Results, Work,
+};
 use swarmwright_protocol::{Requirements, Topic, Topics};
 use swarmwright_worlds::{
     Description, Determinism, MetricInfo, ParameterError, Parameters, Simulation,
 };
 use swarmwright_wrapper::{Identity, Machine as ServerMachine, Notice};
 
-pub use extended::{Extended, refusal};
+pub use extended::{Extended, Wrong, refusal};
 
 /// What the line measures.
 pub const METRICS: &[MetricInfo] = &[
@@ -219,7 +221,18 @@ pub fn tool_that_measures(
     first_instance: u64,
     now: Instant,
 ) -> PoolMachine {
-    PoolMachine::new(config(metrics, mode, name, first_instance), now)
+    let config = config(metrics, mode, name, first_instance);
+    PoolMachine::new(config, now)
+}
+
+pub fn tool_with_faults(
+    faults: Faults,
+    name: &str,
+    first_instance: u64,
+    now: Instant,
+) -> PoolMachine {
+    let config = config(&[], Mode::Auto, name, first_instance);
+    PoolMachine::new(Config { faults, ..config }, now)
 }
 
 fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Config {
@@ -244,7 +257,7 @@ fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Conf
         topics: Topics::default(),
         visual: false,
         step_timeout: Duration::from_secs(10),
-        attempts: 3,
+        faults: Faults::default(),
         largest: usize::MAX,
         probation: Duration::from_millis(30),
         first_instance,
@@ -454,9 +467,9 @@ impl Net {
             self.turn();
         }
         panic!(
-            "no end in sight; {}; {:?}",
+            "no end in sight; {}; {:.2000}",
             self.tool(tool).describe(),
-            self.warnings
+            format!("{:?}", self.warnings)
         );
     }
 

@@ -1,0 +1,324 @@
+//! Work that two servers have: copies of what a slow or silent server is at. The first result counts.
+//!
+//! A server that says nothing for much longer than it ever did is doubted long before its time-out: its work is given to
+//! another one as well (hedged requests: Dean and Barroso, The Tail at Scale, 2013). When nothing is queued any more,
+//! idle servers get copies of what others would take much longer for.
+
+use std::time::{Duration, Instant};
+
+use crate::dispatch::{GRACE, number};
+use crate::ledger::{Piece, Purpose, rectangle};
+use crate::machine::{Blame, Machine};
+use crate::mode::Way;
+use crate::requests::Request;
+use crate::run::Run;
+use crate::slot::Job;
+
+/// A copy must be expected to be done in this part of the time that the other one still takes.
+const WORTH: f64 = 0.5;
+/// How often it is looked whether one has become worth while.
+const LOOK: Duration = Duration::from_millis(20);
+/// A block may take this many times as long as expected before its server is doubted.
+const ROOM: f64 = 4.0;
+/// Episodes that are remembered when they are over.
+const REMEMBERED: usize = 256;
+
+/// What a server found in one evaluation.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Found {
+    pub server: u64,
+    pub fitness: f64,
+    pub metrics: Vec<f64>,
+}
+
+impl Found {
+    pub fn new(server: u64, fitness: f64, metrics: Vec<f64>) -> Self {
+        Self {
+            server,
+            fitness,
+            metrics,
+        }
+    }
+}
+
+impl Machine {
+    /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
+    pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
+        if piece.purpose == Purpose::Audit || self.checks.contains_key(&evaluation) {
+            return self.audited(evaluation, found, now);
+        }
+        if self.ledger.has_ended(evaluation) {
+            self.counts.double += 1;
+            return;
+        }
+        if self.is_to_be_audited(evaluation, found.server) {
+            return self.audit(evaluation, found);
+        }
+        self.count(evaluation, &found, now);
+    }
+
+    /// A result counts: copies of its evaluation are not needed any more.
+    pub(crate) fn count(&mut self, evaluation: usize, found: &Found, now: Instant) {
+        let shared = self.ledger.is_shared(evaluation);
+        self.ledger
+            .settle(evaluation, found.server, found.fitness, &found.metrics);
+        if shared {
+            self.drop_copies(evaluation, found.server, now);
+        }
+    }
+
+    /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
+    fn drop_copies(&mut self, evaluation: usize, faster: u64, now: Instant) {
+        let over = |piece: &Piece| {
+            piece.purpose != Purpose::Audit
+                && piece.evaluations.contains(&evaluation)
+                && piece
+                    .evaluations
+                    .clone()
+                    .all(|one| self.ledger.has_ended(one))
+        };
+        let runs = self.runs.iter().filter(|(_, run)| over(&run.piece));
+        let mut jobs: Vec<(u64, Job)> = runs
+            .map(|(hash, run)| (run.server, Job::Episode(hash.clone())))
+            .collect();
+        let requests = self.requests.iter().filter(|(_, one)| over(&one.piece));
+        jobs.extend(requests.map(|(number, one)| (one.server, Job::Request(*number))));
+        jobs.sort_by_key(|(server, _)| *server);
+        let reason = format!("server {faster} was faster");
+        for (server, job) in jobs {
+            self.offers.finished(server, &job);
+            match job {
+                Job::Episode(hash) => {
+                    if let Some(run) = self.runs.remove(&hash) {
+                        self.over(&hash, false);
+                        self.record_run(&run, Some(reason.clone()), None, now);
+                        self.end_run(server, &hash);
+                    }
+                }
+                Job::Request(number) => {
+                    if let Some(request) = self.requests.remove(&number) {
+                        self.record_request(&request, Some(reason.clone()), now);
+                    }
+                    // There is no way to end one of two requests.
+                    let slot = self.offers.slots.get_mut(&server);
+                    let others = slot.map(|slot| std::mem::take(&mut slot.jobs));
+                    self.let_go(server);
+                    self.fail_each(others.unwrap_or_default(), &reason, Blame::Nobody, now);
+                }
+            }
+        }
+    }
+
+    /// When the next one of those under way takes longer than it should.
+    pub(crate) fn next_doubt(&self) -> Option<Instant> {
+        let runs = self.runs.values().filter_map(|run| self.run_doubt(run));
+        let requests = self.requests.values();
+        let requests = requests.filter_map(|request| self.request_doubt(request));
+        runs.chain(requests).min()
+    }
+
+    fn run_doubt(&self, run: &Run) -> Option<Instant> {
+        let slot = self.offers.slots.get(&run.server)?;
+        let least = self.config.faults.least;
+        let step = slot.steps.bound(least).map(|bound| run.heard + bound);
+        let episode = slot.episodes.bound(least).map(|bound| run.started + bound);
+        let first = step.into_iter().chain(episode).min();
+        first.filter(|_| !run.doubted && self.may_copy(&run.piece))
+    }
+
+    fn request_doubt(&self, request: &Request) -> Option<Instant> {
+        let slot = self.offers.slots.get(&request.server)?;
+        let least = self.config.faults.least;
+        let bound = match &request.batch {
+            Some(batch) if batch.steers() => slot.steps.bound(least)?,
+            _ => {
+                let expected = ROOM * number(request.piece.len()) / slot.rate?;
+                Duration::try_from_secs_f64(expected).ok()?.max(least)
+            }
+        };
+        let allowed = !request.doubted && self.may_copy(&request.piece);
+        allowed.then_some(request.heard + bound)
+    }
+
+    fn may_copy(&self, piece: &Piece) -> bool {
+        self.config.faults.backup && !self.config.visual && piece.purpose == Purpose::Work
+    }
+
+    /// Gives the work of servers that have been silent for strangely long to others as well.
+    pub(crate) fn doubt(&mut self, now: Instant) {
+        let late = |doubt: Option<Instant>| doubt.is_some_and(|at| at <= now);
+        let mut servers = Vec::new();
+        for run in self.runs.values() {
+            if late(self.run_doubt(run)) {
+                servers.push(run.server);
+            }
+        }
+        for request in self.requests.values() {
+            if late(self.request_doubt(request)) {
+                servers.push(request.server);
+            }
+        }
+        servers.sort_unstable();
+        servers.dedup();
+        for server in servers {
+            self.doubt_server(server, now);
+        }
+    }
+
+    fn doubt_server(&mut self, server: u64, now: Instant) {
+        let mut pieces = Vec::new();
+        let mut words = String::new();
+        for run in self.runs.values_mut().filter(|run| run.server == server) {
+            run.doubted = true;
+            words = run.waiting_for(now).to_string();
+            pieces.push(run.piece.clone());
+        }
+        for request in self.requests.values_mut() {
+            if request.server == server {
+                request.doubted = true;
+                if words.is_empty() {
+                    words = request.waiting_for(now).to_string();
+                }
+                pieces.push(request.piece.clone());
+            }
+        }
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            slot.silent = true;
+        }
+        let mut given = false;
+        pieces.sort_by_key(Piece::first);
+        for piece in pieces.into_iter().rev() {
+            if self.may_copy(&piece) && !self.is_shared(&piece) {
+                let copy = piece.backup(server);
+                if self.ledger.hold(&copy) {
+                    self.ledger.queue(copy);
+                    self.counts.backups += 1;
+                    given = true;
+                }
+            }
+        }
+        if given {
+            self.warn(format!(
+                "{words}, much longer than ever before; the work goes to another server as well"
+            ));
+        }
+    }
+
+    fn is_shared(&self, piece: &Piece) -> bool {
+        let mut evaluations = piece.evaluations.clone();
+        evaluations.any(|evaluation| self.ledger.is_shared(evaluation))
+    }
+
+    /// Nothing is queued any more: idle servers get copies of what others would take much longer for.
+    pub(crate) fn back_up(&mut self, now: Instant) {
+        self.backup_at = None;
+        if !self.config.faults.backup || self.config.visual || self.ledger.queued() > 0 {
+            return;
+        }
+        let slots = self.offers.slots.iter();
+        let idle = slots.filter(|(_, slot)| slot.usable() && slot.jobs.is_empty());
+        let mut idle: Vec<(f64, u64)> = idle
+            .filter_map(|(id, slot)| Some((slot.rate?, *id)))
+            .collect();
+        idle.sort_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(&other.1)));
+        for (rate, server) in idle {
+            match self.slowest(server, rate, now) {
+                Slowest::Worth(copy) => {
+                    self.ledger.hold(&copy);
+                    self.counts.backups += 1;
+                    self.start(copy, server, now);
+                }
+                Slowest::Soon => self.backup_at = Some(now + LOOK),
+                Slowest::None => {}
+            }
+        }
+    }
+
+    /// What a server could do in much less time than it will still take where it is; the worst of these.
+    fn slowest(&self, server: u64, rate: f64, now: Instant) -> Slowest {
+        let Some(slot) = self.offers.slots.get(&server) else {
+            return Slowest::None;
+        };
+        let limit = match slot.way {
+            Way::Stepwise => 1,
+            Way::Batched(batch) => batch,
+            Way::Offloaded => usize::MAX,
+        };
+        let mut worst: Option<(f64, Piece)> = None;
+        let mut some = false;
+        for (id, other) in &self.offers.slots {
+            let mut before = 0.0;
+            for job in &other.jobs {
+                let (piece, since) = match job {
+                    Job::Episode(hash) => match self.runs.get(hash) {
+                        Some(run) => (&run.piece, run.started),
+                        None => continue,
+                    },
+                    Job::Request(number) => match self.requests.get(number) {
+                        Some(request) if request.batch.is_some() => {
+                            (&request.piece, request.started)
+                        }
+                        Some(request) => (&request.piece, request.heard),
+                        None => continue,
+                    },
+                };
+                let elapsed = now.saturating_duration_since(since).as_secs_f64();
+                let expected = other.rate.map_or(0.0, |rate| number(piece.len()) / rate);
+                before += expected;
+                // What has taken longer than expected may take as long again.
+                let remaining = if before > elapsed {
+                    before - elapsed
+                } else {
+                    elapsed
+                };
+                if *id == server || !self.may_copy(piece) || self.is_shared(piece) {
+                    continue;
+                }
+                // Of a batch some episodes may be over.
+                let Some(open) = self.ledger.first_open(&piece.evaluations) else {
+                    continue;
+                };
+                some = true;
+                let count = rectangle(&open, self.ledger.episodes(), limit);
+                let own = number(count) / rate;
+                if remaining * WORTH < own || remaining < own + GRACE {
+                    continue;
+                }
+                if worst.as_ref().is_none_or(|(most, _)| remaining > *most) {
+                    let part = piece.part(open.start..open.start + count);
+                    worst = Some((remaining, part.backup(*id)));
+                }
+            }
+        }
+        match worst {
+            Some((_, copy)) => Slowest::Worth(copy),
+            None if some => Slowest::Soon,
+            None => Slowest::None,
+        }
+    }
+
+    /// An episode is over; `answered`: its fitness came.
+    pub(crate) fn over(&mut self, hash: &str, answered: bool) {
+        self.ended.push_back((hash.to_owned(), answered));
+        if self.ended.len() > REMEMBERED {
+            self.ended.pop_front();
+        }
+    }
+
+    /// A fitness for no episode under way.
+    pub(crate) fn unwanted(&mut self, hash: &str) {
+        match self.ended.iter().find(|(ended, _)| ended == hash) {
+            Some((_, true)) => self.counts.double += 1,
+            Some((_, false)) => self.counts.late += 1,
+            None => {}
+        }
+    }
+}
+
+/// What of the others' work is worth a copy.
+enum Slowest {
+    Worth(Piece),
+    /// Nothing yet, but some may become so.
+    Soon,
+    None,
+}

@@ -1,0 +1,57 @@
+//! Durations as they were measured, and how long the next one may be before it is worth a doubt.
+
+use std::time::Duration;
+
+/// Durations before these are not judged by.
+const FEW: u32 = 4;
+/// How many times as long as the longest of late the next one may be.
+const ROOM: f64 = 8.0;
+/// What the longest loses with every further one, so that one slow moment is forgotten by and by.
+const FADING: f64 = 0.99;
+
+/// One kind of duration on one server.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Pace {
+    longest: f64,
+    known: u32,
+}
+
+impl Pace {
+    pub fn measured(&mut self, duration: Duration) {
+        self.longest = (self.longest * FADING).max(duration.as_secs_f64());
+        self.known = self.known.saturating_add(1);
+    }
+
+    /// Longer than this is strange; never less than `least`, none while too little is known.
+    pub fn bound(&self, least: Duration) -> Option<Duration> {
+        (self.known >= FEW)
+            .then(|| Duration::try_from_secs_f64(self.longest * ROOM).unwrap_or(Duration::MAX))
+            .map(|bound| bound.max(least))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_is_learnt_and_follows_what_becomes_slower() {
+        let mut pace = Pace::default();
+        let least = Duration::from_millis(100);
+        for _ in 0..FEW {
+            assert_eq!(pace.bound(least), None);
+            pace.measured(Duration::from_millis(20));
+        }
+        assert_eq!(pace.bound(least), Some(Duration::from_millis(160)));
+        assert_eq!(
+            pace.bound(Duration::from_secs(1)),
+            Some(Duration::from_secs(1))
+        );
+        pace.measured(Duration::from_millis(500));
+        assert_eq!(pace.bound(least), Some(Duration::from_secs(4)));
+        for _ in 0..1000 {
+            pace.measured(Duration::from_millis(20));
+        }
+        assert_eq!(pace.bound(least), Some(Duration::from_millis(160)));
+    }
+}
