@@ -105,6 +105,9 @@ class Backend(Protocol):
     def about(self, run: str, generation: int | None, generations: int) -> None:
         """Say what the evaluations that follow are for, to those who watch."""
 
+    def incidents(self) -> dict[str, int]:
+        """How often something went wrong, or was done about it, so far: what did at all, by name."""
+
 
 @contextmanager
 def open_backend(
@@ -233,6 +236,12 @@ def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) ->
         visual=visual,
         discovery_timeout=experiment.timeouts.discovery,
         step_timeout=experiment.timeouts.step,
+        episode_timeout=experiment.timeouts.episode,
+        least_timeout=experiment.timeouts.least,
+        attempts=experiment.faults.attempts,
+        quarantine=experiment.faults.quarantine,
+        backup=experiment.faults.backup,
+        audit=experiment.faults.audit,
         alone=alone,
     )
 
@@ -299,6 +308,10 @@ class LocalBackend:
     def about(self, run: str, generation: int | None, generations: int) -> None:
         """Nobody watches: there is no broker."""
 
+    def incidents(self) -> dict[str, int]:
+        """Nothing can go wrong here that is not an error."""
+        return {}
+
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
         first, weights = 0, crews.weights
@@ -340,6 +353,11 @@ class BrokerBackend:
     def about(self, run: str, generation: int | None, generations: int) -> None:
         """Tell those who watch the broker."""
         self._pool.about(run, generation, generations)
+
+    def incidents(self) -> dict[str, int]:
+        """Return what the pool counted."""
+        counts: dict[str, int] = json.loads(self._pool.counts())
+        return {name: count for name, count in counts.items() if count}
 
     def _metrics_hint(self) -> str:
         """A name that servers announce, near one that none of them does."""

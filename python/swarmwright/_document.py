@@ -46,7 +46,30 @@ class Timeouts(Options):
     discovery: float = Field(default=10.0, gt=0, le=86_400)
     """For a fitting simulation server, at the start."""
     step: float = Field(default=60.0, gt=0, le=86_400)
-    """For a simulation server's next message, before the episode is given to another server."""
+    """For a simulation server's next message, before the episode is given to another server. Of an evaluation
+    that travels to the server whole, the result is the next message."""
+    least: float = Field(default=1.0, gt=0, le=86_400)
+    """A server that is silent for much longer than it ever was, and for this long at least, is doubted: another
+    one gets its work as well, and the first result counts. `step` bounds it from above."""
+    episode: float = Field(default=86_400.0, gt=0, le=31 * 86_400)
+    """For an episode that is stepwise, before it is given to another server although messages still come."""
+
+
+class Faults(Options):
+    """What is done about servers and evaluations that fail, are slow, or wrong."""
+
+    attempts: int = Field(default=3, ge=1, le=1000)
+    """How often an evaluation is tried before it has failed. Tries together with others, of which nobody knows
+    which one was to blame, do not count. Servers that declare themselves deterministic to the bit need say only
+    twice that it failed."""
+    quarantine: int = Field(default=3, ge=1, le=1000)
+    """After how many servers that went down with nothing but one evaluation it has failed, too."""
+    backup: bool = True
+    """Whether idle servers get copies of what slow or silent ones are at."""
+    audit: float = Field(default=0.0, ge=0, le=1)
+    """The share of evaluations that are repeated on another server before they count. Where two do not find the
+    same, a third one decides: the server that is alone is not used any more, and what it did is done again.
+    Needs servers that declare how far their results can be repeated, two at least, to decide three."""
 
 
 class Document(Options):
@@ -96,6 +119,8 @@ class Document(Options):
     """Put before every topic, with a slash, to keep several groups on one broker apart."""
     timeouts: Timeouts = Field(default_factory=Timeouts)
     """How long to wait."""
+    faults: Faults = Field(default_factory=Faults)
+    """What is done about servers and evaluations that fail, are slow, or wrong."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
 

@@ -339,7 +339,12 @@ class Pool:
         visual: bool = False,
         discovery_timeout: float = 10.0,
         step_timeout: float = 60.0,
+        episode_timeout: float = 86_400.0,
+        least_timeout: float = 1.0,
         attempts: int = 3,
+        quarantine: int = 3,
+        backup: bool = True,
+        audit: float = 0.0,
         largest: int | None = None,
         alone: bool = False,
     ) -> Pool:
@@ -380,6 +385,8 @@ class Pool:
         self, run: str | None = None, generation: int | None = None, generations: int | None = None
     ) -> None:
         """Say what the evaluations that follow are for: those who watch the broker are told."""
+    def counts(self) -> str:
+        """Incidents so far: a JSON object of numbers by name (servers failed, copies, audits, late results, ..)."""
     def announced_metrics(self) -> list[str]:
         """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
     def stream(

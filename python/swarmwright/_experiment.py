@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from swarmwright._document import Requirements, Timeouts
+from swarmwright._document import Faults, Requirements, Timeouts
 from swarmwright._errors import InputError
 from swarmwright._files import write_text
 from swarmwright._fitness import FitnessExpression
@@ -17,7 +17,7 @@ from swarmwright.representations import REPRESENTATIONS, Representation
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
-_SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts")
+_SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts", "faults")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +44,7 @@ class Experiment:
     broker: str | None
     prefix: str
     timeouts: Timeouts
+    faults: Faults
     seed: int
     path: Path | None = field(default=None, compare=False)
     """The file it was loaded from."""

@@ -153,6 +153,8 @@ def _run(
         with suppress(RunError):  # what broke the run says more than what follows from it
             store.save_best(representation)
         raise
+    finally:
+        store.incidents(backend.incidents())
     store.save_best(representation)
 
 

@@ -67,7 +67,7 @@ def check(source: Source, *, ask: bool = True) -> Checked:
     return checked
 
 
-_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "timeouts"})
+_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "timeouts", "faults"})
 
 
 def _line(source: Source, path: Path_) -> int:

@@ -70,17 +70,6 @@ pub(crate) enum Purpose {
     Audit,
 }
 
-impl Purpose {
-    /// The word in the journal; none for what is evaluated for its result.
-    pub fn name(self) -> Option<&'static str> {
-        match self {
-            Self::Work => None,
-            Self::Backup => Some("backup"),
-            Self::Audit => Some("audit"),
-        }
-    }
-}
-
 impl Piece {
     fn new(evaluations: Range<usize>) -> Self {
         Self {

@@ -530,7 +530,6 @@ impl Machine {
             episode: episodes.start,
             episodes: episodes.len(),
             attempt: piece.tries + 1,
-            purpose: piece.purpose.name(),
             seconds: now.saturating_duration_since(started).as_secs_f64(),
             ..attempt
         };
@@ -563,11 +562,22 @@ impl Machine {
         self.offers.unbench(now);
         self.settle_unchecked(now);
         if self.next_round <= now {
-            self.discover(now);
+            if self.wants_servers() {
+                self.discover(now);
+            } else {
+                self.next_round = now + LATER_ROUND;
+            }
         }
         self.dispatch(now);
         let lonely = !self.finished() && self.runs.is_empty() && self.requests.is_empty();
         self.lonely_since = lonely.then(|| self.lonely_since.unwrap_or(now));
+    }
+
+    /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
+    /// question for a wish.
+    fn wants_servers(&self) -> bool {
+        let slots = &self.offers.slots;
+        self.ledger.queued() > 0 || slots.is_empty() || slots.values().any(|slot| !slot.usable())
     }
 
     /// The connection broke: the work under way on it is lost, and nobody's fault.

@@ -246,7 +246,11 @@ impl Offers {
             .get(&id)
             .filter(|slot| slot.instance.is_none() || slot.instance == announced)
         else {
-            return (None, state == State::Ready);
+            // A server that waits for this tool, since it is its turn, is as good as a free one.
+            return (
+                None,
+                state == State::Ready || (state == State::Busy && !elsewhere),
+            );
         };
         let ended = |jobs: Vec<Job>, reason: String, own_fault: bool| {
             let ended = Ended {

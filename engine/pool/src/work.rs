@@ -210,9 +210,6 @@ pub struct Attempt {
     pub server: u64,
     /// 1 for the first try.
     pub attempt: u32,
-    /// What for, where it was not simply for its result: backup, a copy of what another server had; audit.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub purpose: Option<&'static str>,
     /// Steps that the server took, where it takes them one by one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps: Option<u64>,

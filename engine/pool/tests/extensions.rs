@@ -307,7 +307,7 @@ fn the_status_names_who_is_waited_for_and_who_has_a_pause() {
     };
     net.add(Party::Extended(Box::new(slow)));
     net.add(Party::Extended(Box::new(offloaded(2))));
-    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    let index = begin_without_copies(&mut net, work(CANDIDATES, &SEEDS));
     let start = net.now;
     let status = net.tool(index).status(start);
     assert_eq!((status.done, status.total), (0, 120));

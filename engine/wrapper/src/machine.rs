@@ -8,6 +8,7 @@ mod batched;
 mod offloaded;
 mod presence;
 mod stepwise;
+mod turns;
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
@@ -27,6 +28,7 @@ use crate::guard::guarded;
 use crate::job::Setup;
 use crate::run::Run;
 use offloaded::Work;
+use turns::Turns;
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -96,6 +98,7 @@ pub struct Machine {
     changed_at: Option<Instant>,
     /// The connection is broken: what would be published now is lost.
     offline: bool,
+    turns: Turns,
     actions: Vec<Action>,
 }
 
@@ -123,6 +126,7 @@ impl Machine {
             published: None,
             changed_at: None,
             offline: false,
+            turns: Turns::default(),
             actions: Vec::new(),
         }
     }
@@ -160,7 +164,7 @@ impl Machine {
             return;
         }
         match Message::decode(topic, payload) {
-            Ok(Message::Discovery(discovery)) => self.discovery(discovery),
+            Ok(Message::Discovery(discovery)) => self.discovery(discovery, now),
             Ok(Message::Parameters(message)) if message.server == self.identity.id => {
                 self.configure(message, now)
             }
@@ -182,21 +186,16 @@ impl Machine {
         }
     }
 
-    fn discovery(&mut self, discovery: Discovery) {
-        let free = match &self.state {
-            State::Free => true,
-            State::Held { tool, .. } => discovery.tool.as_ref() == Some(tool),
-            _ => false,
-        };
+    fn discovery(&mut self, discovery: Discovery, now: Instant) {
         let offered = self
             .offers
             .iter()
             .find(|offer| offer.description.title == discovery.simulation);
-        let Some(offer) = offered.filter(|_| free) else {
+        let Some(offer) = offered else {
             return;
         };
         let capabilities = self.capabilities(offer);
-        if !capabilities.fulfil(&discovery.requirements) {
+        if !capabilities.fulfil(&discovery.requirements) || !self.is_free_for(&discovery, now) {
             return;
         }
         let answer = ServerMessage {
@@ -212,6 +211,27 @@ impl Machine {
             discovery.simulation_hash,
             discovery.simulation,
         );
+    }
+
+    /// Whether a tool may have the server. One that may not is remembered, and has its turn later.
+    fn is_free_for(&mut self, discovery: &Discovery, now: Instant) -> bool {
+        let held = match &self.state {
+            State::Free => return true,
+            State::Held { tool, until } if discovery.tool.as_ref() != Some(tool) => Some(*until),
+            State::Held { .. } => return true,
+            _ if discovery.tool == self.holder() => return false,
+            _ => None,
+        };
+        let Some(tool) = &discovery.tool else {
+            return false;
+        };
+        let yields = held.is_some_and(|until| self.yields(until, now));
+        if yields {
+            self.hand_over(tool.clone(), now);
+        } else {
+            self.turns.ask(tool, now);
+        }
+        yields
     }
 
     fn configure(&mut self, message: ParametersMessage, now: Instant) {
@@ -254,18 +274,6 @@ impl Machine {
                 asker(control)
             ));
         }
-    }
-
-    /// A run is over: its tool, if it gave its name, keeps the server for the next one.
-    fn leave(&mut self, now: Instant) {
-        let tool = self.holder();
-        self.enter(
-            tool.map_or(State::Free, |tool| State::Held {
-                tool,
-                until: now + PATIENCE,
-            }),
-            now,
-        );
     }
 
     /// The next time at which `tick` is needed, if no message comes first.
@@ -383,6 +391,9 @@ impl Machine {
                 .iter_mut()
                 .for_each(|offer| offer.spares.clear());
         }
+        let holder = self.holder();
+        let active = !matches!(self.state, State::Held { .. } | State::Free);
+        self.turns.held_by(holder, active, now);
         // A change back before anybody was told is none; the comparison is made when it is to be published.
         self.changed_at.get_or_insert(now);
     }

@@ -8,7 +8,7 @@ import platform
 import socket
 import sqlite3
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -160,6 +160,14 @@ class StoreWriter:
                 attempts.append(attempt_row(self._session, generation, entry))
         self._connection.executemany(_ATTEMPT, attempts)
         self._connection.executemany(_EVENT, events)
+
+    def incidents(self, counts: Mapping[str, int]) -> None:
+        """Write how often something went wrong in this session, or was done about it."""
+        if not counts:
+            return
+        text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
+        with suppress(RunError), transaction(self._connection, self.file):
+            self._connection.execute(_EVENT, (self._session, None, _now(), "incidents", text))
 
     def conclude(self, outcome: str) -> None:
         """Say how this session ended: done, interrupted, stopped, or why it failed."""

@@ -143,6 +143,9 @@ def _conclude(output: Output, run: "Run") -> None:
     values = best.controller.parameters
     if values:
         output.text(f"Its parameters: {', '.join(f'{name} {value}' for name, value in values.items())}.")
+    for event in run.events():
+        if event.kind == "incidents" and event.session == run.sessions[-1].session:
+            output.text(f"Incidents: {event.text}.")
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")

@@ -188,7 +188,15 @@ pub struct Net {
     pub warnings: Vec<String>,
     /// Parties that say nothing of extensions.
     pub seed_only: HashSet<usize>,
+    /// Whether servers' presence is delivered; conversations must work without it.
+    pub presence: bool,
     random: u64,
+}
+
+/// The server whose presence it is.
+fn told_by(payload: &[u8]) -> u64 {
+    let presence: Value = serde_json::from_slice(payload).unwrap();
+    presence["server"].as_u64().unwrap()
 }
 
 /// A tool that steps every agent of every episode by itself.
@@ -282,6 +290,7 @@ impl Net {
             log: Vec::new(),
             warnings: Vec::new(),
             seed_only: HashSet::new(),
+            presence: false,
             random: random.wrapping_mul(2).wrapping_add(1),
         }
     }
@@ -351,8 +360,11 @@ impl Net {
                             published.push((topic, payload));
                         }
                         swarmwright_wrapper::Action::Evaluate(job) => jobs.push(job),
-                        // Presence has its own tests; conversations must work without it.
-                        swarmwright_wrapper::Action::Publish(Topic::Presence, _) => {}
+                        swarmwright_wrapper::Action::Publish(Topic::Presence, _)
+                            if !self.presence => {}
+                        swarmwright_wrapper::Action::Publish(Topic::Presence, payload) => {
+                            published.push((topics.presence(told_by(&payload)), payload));
+                        }
                         swarmwright_wrapper::Action::Publish(topic, payload) => {
                             published.push((topics.name(topic), payload))
                         }
@@ -427,6 +439,18 @@ impl Net {
             .min()
     }
 
+    /// Tells all what time it is.
+    pub fn tick(&mut self) {
+        for index in 0..self.parties.len() {
+            match &mut self.parties[index] {
+                Party::Tool(machine) => machine.tick(self.now),
+                Party::Server(machine) => machine.tick(self.now, String::new),
+                Party::Extended(_) | Party::Script(_) | Party::Gone => {}
+            }
+            self.collect(index);
+        }
+    }
+
     /// Delivers one message, or lets time pass to the next timer.
     pub fn turn(&mut self) {
         let waiting: Vec<usize> = (0..self.queues.len())
@@ -435,15 +459,7 @@ impl Net {
         if waiting.is_empty() {
             self.now =
                 self.next_tick().map_or(self.now, |at| at.max(self.now)) + Duration::from_micros(1);
-            for index in 0..self.parties.len() {
-                match &mut self.parties[index] {
-                    Party::Tool(machine) => machine.tick(self.now),
-                    Party::Server(machine) => machine.tick(self.now, String::new),
-                    Party::Extended(_) | Party::Script(_) | Party::Gone => {}
-                }
-                self.collect(index);
-            }
-            return;
+            return self.tick();
         }
         let drawn = waiting[self.draw(waiting.len())];
         let Some(message) = self.queues[drawn].pop_front() else {

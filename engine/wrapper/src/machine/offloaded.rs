@@ -56,6 +56,12 @@ impl Work {
         self.bytes = 0;
     }
 
+    /// Takes out what waits.
+    pub fn drain(&mut self) -> VecDeque<Request> {
+        self.bytes = 0;
+        std::mem::take(&mut self.waiting)
+    }
+
     pub fn taken(&self, tool: &str) -> Option<Refusal> {
         let reason = if self.released {
             "stopping an evaluation that was given up".to_owned()
@@ -264,6 +270,9 @@ impl Machine {
     }
 
     fn next_request(&mut self, now: Instant) {
+        if self.turn_ends(now) {
+            return;
+        }
         while let State::Working(work) = &mut self.state {
             let Some(request) = work.waiting.pop_front() else {
                 return self.leave(now);
@@ -287,7 +296,7 @@ impl Machine {
         }
     }
 
-    fn send_result(
+    pub(super) fn send_result(
         &mut self,
         request: u64,
         topic: String,
