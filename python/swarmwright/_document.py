@@ -49,8 +49,8 @@ class Timeouts(Options):
     """For a simulation server's next message, before the episode is given to another server. Of an evaluation
     that travels to the server whole, the result is the next message."""
     least: float = Field(default=1.0, gt=0, le=86_400)
-    """A server that is silent for much longer than it ever was, and for this long at least, is doubted: another
-    one gets its work as well, and the first result counts. `step` bounds it from above."""
+    """A server that is silent for much longer than it ever was, and for this long at least, is doubted:
+    another one gets its work as well, and the first result counts. `step` bounds it from above."""
     episode: float = Field(default=86_400.0, gt=0, le=31 * 86_400)
     """For an episode that is stepwise, before it is given to another server although messages still come."""
 
@@ -59,17 +59,17 @@ class Faults(Options):
     """What is done about servers and evaluations that fail, are slow, or wrong."""
 
     attempts: int = Field(default=3, ge=1, le=1000)
-    """How often an evaluation is tried before it has failed. Tries together with others, of which nobody knows
-    which one was to blame, do not count. Servers that declare themselves deterministic to the bit need say only
-    twice that it failed."""
+    """How often an evaluation is tried before it has failed. Tries together with others, of which nobody
+    knows which one was to blame, do not count. Servers that declare themselves deterministic to the bit need
+    say only twice that it failed."""
     quarantine: int = Field(default=3, ge=1, le=1000)
     """After how many servers that went down with nothing but one evaluation it has failed, too."""
     backup: bool = True
     """Whether idle servers get copies of what slow or silent ones are at."""
     audit: float = Field(default=0.0, ge=0, le=1)
-    """The share of evaluations that are repeated on another server before they count. Where two do not find the
-    same, a third one decides: the server that is alone is not used any more, and what it did is done again.
-    Needs servers that declare how far their results can be repeated, two at least, to decide three."""
+    """The share of evaluations that are repeated on another server before they count. Where two do not find
+    the same, a third one decides: the server that is alone is not used any more, and what it did is done
+    again. Needs servers that declare how far their results can be repeated: two, and to decide three."""
 
 
 class Document(Options):

@@ -125,14 +125,15 @@ def test_a_server_that_stops_for_a_while(
     assert run.wait(40) == 0, run.stderr
     assert record(path.parent / "result") == expected
     episodes = attempts(path.parent / "result")
-    failures = [entry for entry in episodes if entry["error"]]
+    # Copies of slow work may have been dropped, too.
+    failures = [entry for entry in episodes if entry["error"] and "was faster" not in entry["error"]]
     assert [entry["server"] for entry in failures] == [2] * len(failures)
     assert "has not answered the actuators of agent 0 in step" in failures[0]["error"]
     after = [
         entry for entry in episodes if entry["server"] == 2 and entry["started"] > failures[-1]["started"]
     ]
     assert after, "it was used again"
-    assert not any(entry["error"] for entry in after)
+    assert all(entry["error"] is None or "was faster" in entry["error"] for entry in after)
 
 
 def test_the_tool_is_killed_in_the_middle_of_a_step(

@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::dispatch::{GRACE, number};
+use crate::dispatch::number;
 use crate::ledger::{Piece, Purpose, rectangle};
 use crate::machine::{Blame, Machine};
 use crate::mode::Way;
@@ -16,6 +16,8 @@ use crate::slot::Job;
 
 /// A copy must be expected to be done in this part of the time that the other one still takes.
 const WORTH: f64 = 0.5;
+/// Seconds that a copy must be expected to save.
+const SAVED: f64 = 0.25;
 /// How often it is looked whether one has become worth while.
 const LOOK: Duration = Duration::from_millis(20);
 /// A block may take this many times as long as expected before its server is doubted.
@@ -281,7 +283,7 @@ impl Machine {
                 some = true;
                 let count = rectangle(&open, self.ledger.episodes(), limit);
                 let own = number(count) / rate;
-                if remaining * WORTH < own || remaining < own + GRACE {
+                if remaining * WORTH < own || remaining < own + SAVED {
                     continue;
                 }
                 if worst.as_ref().is_none_or(|(most, _)| remaining > *most) {

@@ -26,7 +26,7 @@ const IN_FLIGHT: usize = 2;
 /// A server is passed over when it would need this many times as long as all others for all that is left, and
 const PATIENCE: f64 = 2.0;
 /// this many seconds more.
-pub(crate) const GRACE: f64 = 0.05;
+const GRACE: f64 = 0.05;
 
 /// A number of evaluations from a measured speed.
 #[expect(

@@ -80,7 +80,7 @@ fn faulty(id: u64, fails_on: u64) -> Party {
 
 /// A tool in this mode, and the servers.
 fn net(mode: Mode, servers: Vec<Party>) -> (Net, usize) {
-    let mut net = Net::new(3);
+    let mut net = Net::new(5);
     let now = net.now;
     let index = net.add(Party::Tool(Box::new(tool_in_mode(mode, "a", 0, now))));
     for server in servers {
@@ -141,7 +141,8 @@ fn what_fails_everywhere_is_given_up_and_the_rest_is_sound() {
         let attempts = |one: &&swarmwright_pool::Attempt| one.error.is_some();
         assert_eq!(
             net.journal(index).iter().filter(attempts).count(),
-            7 * 3,
+            // The servers say that they repeat themselves to the bit.
+            7 * 2,
             "{mode}"
         );
     }
