@@ -125,10 +125,10 @@ def test_a_server_that_stops_for_a_while(
     assert run.wait(40) == 0, run.stderr
     assert record(path.parent / "result") == expected
     episodes = attempts(path.parent / "result")
-    # Copies of slow work may have been dropped, too.
-    failures = [entry for entry in episodes if entry["error"] and "was faster" not in entry["error"]]
-    assert [entry["server"] for entry in failures] == [2] * len(failures)
-    assert "has not answered the actuators of agent 0 in step" in failures[0]["error"]
+    # The other server may have had a copy, and be faster than the time-out.
+    failures = [entry for entry in episodes if entry["error"] and entry["server"] == 2]
+    reasons = ("has not answered the actuators of agent 0 in step", "server 1 was faster")
+    assert any(reason in failures[0]["error"] for reason in reasons)
     after = [
         entry for entry in episodes if entry["server"] == 2 and entry["started"] > failures[-1]["started"]
     ]
@@ -202,7 +202,8 @@ def test_the_broker_is_killed_and_comes_back(
     assert record(path.parent / "result") == expected
     broken = [entry for entry in attempts(path.parent / "result") if entry["error"]]
     assert broken
-    assert all("the connection to the broker broke" in entry["error"] for entry in broken)
+    reasons = ("the connection to the broker broke", "was faster")
+    assert all(any(reason in entry["error"] for reason in reasons) for entry in broken)
     told = warnings(path.parent / "result")
     assert any("lost the broker" in warning for warning in told)
     assert any("the broker is back" in warning for warning in told)
