@@ -87,7 +87,7 @@ class Stage:
 
     def generations(self, more: int = 1) -> bool:
         """Wait for further generations; whether the tool is still at work."""
-        self.seen += more
+        self.seen = max(self.seen, len(self.tool.events())) + more
 
         def reached(tool: Program) -> bool:
             return len(tool.events()) >= self.seen or tool.process.poll() is not None
@@ -115,19 +115,23 @@ def check(folder: Path, incidents: list[str], launch: Launch, quiet: Path) -> No
     local = launch("optimize", quiet, "--servers", "local", "--out", "local")
     assert local.wait(60) == 0, local.stderr
     assert record(folder) == record(quiet.parent / "local"), incidents
-    told, errors = warnings(folder), [entry["error"] for entry in attempts(folder) if entry["error"]]
+    failed = [entry for entry in attempts(folder) if entry["error"]]
+    told, errors = warnings(folder), [entry["error"] for entry in failed]
     assert sum("lost the broker" in text for text in told) >= ("broker killed" in incidents), told
     assert len(Run.open(folder).sessions) == 1 + incidents.count("tool killed")
     for server in SERVERS:
         for what, words in (("killed", "was lost"), ("stopped", "has not")):
             if f"server {server} {what}" in incidents:
                 lines = [text for text in (*told, *errors) if f"server {server} " in text]
-                assert any(words in text for text in lines), (server, what, lines)
+                # Another server may have had a copy of its work, and have been faster.
+                lines += [entry["error"] for entry in failed if entry["server"] == server]
+                accounts = (words, "was faster")
+                assert any(account in text for text in lines for account in accounts), (server, what, lines)
 
 
 @pytest.mark.parametrize(("mode", "steps"), [("stepwise", 150), ("batched", 1000)])
 def test_one_after_the_other(stage: Any, launch: Launch, tmp_path: Path, mode: str, steps: int) -> None:
-    play, incidents = stage(mode, steps, 9)
+    play, incidents = stage(mode, steps, 20)
     for incident in (
         lambda: play.kill_server(2),
         lambda: play.stop_server(3),

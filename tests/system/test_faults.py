@@ -84,7 +84,7 @@ def test_a_server_ten_times_slower_is_no_loss(
     path = experiment(EXPERIMENT)
     found = evolve(launch, path, embedded, mode)
     assert record(path.parent / "result") == expected
-    assert all(entry["error"] is None for entry in found)
+    assert all(entry["error"] is None or "was faster" in entry["error"] for entry in found)
     done = dict.fromkeys((1, 2), 0)
     for entry in found:
         done[entry["server"]] += entry["candidates"] * entry["episodes"]
