@@ -65,12 +65,13 @@ impl Machine {
         self.ledger
             .settle(evaluation, found.server, found.fitness, &found.metrics);
         if shared {
-            self.drop_copies(evaluation, found.server, now);
+            let reason = format!("server {} was faster", found.server);
+            self.drop_copies(evaluation, &reason, now);
         }
     }
 
     /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
-    fn drop_copies(&mut self, evaluation: usize, faster: u64, now: Instant) {
+    pub(crate) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
         let over = |piece: &Piece| {
             piece.purpose != Purpose::Audit
                 && piece.evaluations.contains(&evaluation)
@@ -86,26 +87,25 @@ impl Machine {
         let requests = self.requests.iter().filter(|(_, one)| over(&one.piece));
         jobs.extend(requests.map(|(number, one)| (one.server, Job::Request(*number))));
         jobs.sort_by_key(|(server, _)| *server);
-        let reason = format!("server {faster} was faster");
         for (server, job) in jobs {
             self.offers.finished(server, &job);
             match job {
                 Job::Episode(hash) => {
                     if let Some(run) = self.runs.remove(&hash) {
                         self.over(&hash, false);
-                        self.record_run(&run, Some(reason.clone()), None, now);
+                        self.record_run(&run, Some(reason.to_owned()), None, now);
                         self.end_run(server, &hash);
                     }
                 }
                 Job::Request(number) => {
                     if let Some(request) = self.requests.remove(&number) {
-                        self.record_request(&request, Some(reason.clone()), now);
+                        self.record_request(&request, Some(reason.to_owned()), now);
                     }
                     // There is no way to end one of two requests.
                     let slot = self.offers.slots.get_mut(&server);
                     let others = slot.map(|slot| std::mem::take(&mut slot.jobs));
                     self.let_go(server);
-                    self.fail_each(others.unwrap_or_default(), &reason, Blame::Nobody, now);
+                    self.fail_each(others.unwrap_or_default(), reason, Blame::Nobody, now);
                 }
             }
         }

@@ -103,7 +103,9 @@ impl Machine {
     /// What failed on one server waits for another one of these; not for one that has a pause after failures.
     pub(crate) fn usable_servers(&self) -> Vec<u64> {
         let slots = self.offers.slots.iter();
-        let usable = slots.filter(|(_, slot)| slot.usable());
+        // One that is new and has not failed is usable in a moment.
+        let new = |id: u64, slot: &Slot| !slot.silent && self.offers.health.failures(id).is_none();
+        let usable = slots.filter(|(id, slot)| slot.usable() || new(**id, slot));
         usable.map(|(id, _)| *id).collect()
     }
 

@@ -49,6 +49,8 @@ pub(crate) struct Piece {
     pub tries: u32,
     /// Of these, those of which the server itself said that they failed.
     pub reported: u32,
+    /// What was said the last time.
+    pub reason: String,
     pub purpose: Purpose,
     /// Servers on which it failed: others are preferred.
     failed_on: Vec<u64>,
@@ -76,6 +78,7 @@ impl Piece {
             evaluations,
             tries: 0,
             reported: 0,
+            reason: String::new(),
             purpose: Purpose::Work,
             failed_on: Vec::new(),
             never_on: Vec::new(),

@@ -445,7 +445,7 @@ impl Machine {
     ///
     /// Where several evaluations were sent together nobody knows which one was to blame: smaller parts are tried until
     /// one is alone. What is said to have failed by a server that repeats itself to the bit fails elsewhere, too: once
-    /// more is enough.
+    /// more is enough, if the same is said of it.
     pub(crate) fn retry(
         &mut self,
         mut piece: Piece,
@@ -466,12 +466,14 @@ impl Machine {
         let (attempts, quarantine) = (faults.attempts, faults.quarantine);
         if piece.len() == 1 {
             let evaluation = piece.first();
-            let mut limit = attempts;
+            if self.ledger.has_ended(evaluation) {
+                return;
+            }
+            let mut certain = false;
             if blame == Blame::Evaluation {
                 piece.reported += 1;
-                if self.offers.repeats_itself(server) {
-                    limit = limit.min(2);
-                }
+                certain = piece.reason == reason && self.offers.repeats_itself(server);
+                reason.clone_into(&mut piece.reason);
             } else {
                 self.ledger.down(evaluation);
             }
@@ -481,14 +483,14 @@ impl Machine {
                     "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
                 ));
                 self.counts.quarantined += 1;
-                return self.give_up(&piece, true);
+                return self.give_up(&piece, true, now);
             }
-            if piece.reported + downs >= limit {
+            if certain || piece.reported + downs >= attempts {
                 let tries = piece.tries + 1;
                 self.warn(format!(
                     "an evaluation failed after {tries} attempts: {reason}"
                 ));
-                return self.give_up(&piece, false);
+                return self.give_up(&piece, false, now);
             }
         }
         self.counts.retries += 1;
@@ -496,10 +498,13 @@ impl Machine {
     }
 
     /// Evaluations that have failed for good.
-    pub(crate) fn give_up(&mut self, piece: &Piece, everywhere: bool) {
+    pub(crate) fn give_up(&mut self, piece: &Piece, everywhere: bool, now: Instant) {
         for evaluation in piece.evaluations.clone() {
             let failed = self.ledger.give_up(evaluation, everywhere);
             self.counts.failed += u64::from(failed);
+            if failed && everywhere {
+                self.drop_copies(evaluation, "the evaluation is given up", now);
+            }
         }
     }
 

@@ -328,8 +328,11 @@ impl Pool {
             if self.machine.finished() {
                 on_progress(self, self.machine.done(), "");
                 let status = self.machine.status(now);
-                self.reporter
-                    .tell(&Report::Status(&status, self.connection.traffic()));
+                self.reporter.tell(&Report::Status(
+                    &status,
+                    self.connection.traffic(),
+                    *self.machine.counts(),
+                ));
                 return Ok(());
             }
             if now.duration_since(asked) >= ASK {
@@ -375,8 +378,11 @@ impl Pool {
         if left {
             status.state = Activity::Left;
         }
-        self.reporter
-            .tell(&Report::Status(&status, self.connection.traffic()));
+        self.reporter.tell(&Report::Status(
+            &status,
+            self.connection.traffic(),
+            *self.machine.counts(),
+        ));
         self.connection
             .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
     }

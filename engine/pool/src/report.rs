@@ -6,6 +6,7 @@ use std::time::Instant;
 use swarmwright_mqtt::Traffic;
 use swarmwright_protocol::{Message, State, Status, Topic};
 
+use crate::counts::Counts;
 use crate::machine::Machine;
 use crate::work::Attempt;
 
@@ -34,7 +35,7 @@ pub enum Report<'a> {
     /// It is there again.
     BrokerBack,
     /// How it stands, once a second and at the end of each piece of work.
-    Status(&'a Status, Traffic),
+    Status(&'a Status, Traffic, Counts),
 }
 
 /// Who is told.

@@ -136,7 +136,7 @@ impl Machine {
             .collect();
         let controllers = match controllers {
             Ok(controllers) => controllers,
-            Err(_) => return self.give_up(&piece, true),
+            Err(_) => return self.give_up(&piece, true, now),
         };
         let seeds = piece.evaluations.clone();
         let message = ToServer::Start(BatchStart {

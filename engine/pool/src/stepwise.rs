@@ -32,7 +32,7 @@ impl Machine {
         };
         let prototype = match work.controller(candidates.start) {
             Ok(prototype) => prototype,
-            Err(_) => return self.give_up(&piece, true),
+            Err(_) => return self.give_up(&piece, true, now),
         };
         let (parameters, hasher) = &self.episodes[episodes.start];
         let parameters = prototype.merged(parameters).into_owned();

@@ -274,9 +274,11 @@ fn report(told: &Report<'_>) -> Value {
         Report::Warning(text) => json!({"event": "warning", "message": text}),
         Report::BrokerLost(reason) => json!({"event": "broker_lost", "reason": reason}),
         Report::BrokerBack => json!({"event": "broker_back"}),
-        Report::Status(status, traffic) => json!({"event": "status", "status": status, "traffic": {
+        Report::Status(status, traffic, counts) => {
+            json!({"event": "status", "status": status, "counts": counts, "traffic": {
             "sent_bytes": traffic.sent_bytes, "received_bytes": traffic.received_bytes,
-            "sent_messages": traffic.sent_messages, "received_messages": traffic.received_messages}}),
+            "sent_messages": traffic.sent_messages, "received_messages": traffic.received_messages}})
+        }
     }
 }
 

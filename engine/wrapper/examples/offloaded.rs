@@ -86,7 +86,8 @@ fn there_and_back(connection: &mut Connection, topic: &str, payload: &[u8], roun
     let mut times: Vec<f64> = (0..rounds)
         .map(|_| {
             let start = Instant::now();
-            connection.publish_with(topic, payload, &options);
+            let sent = connection.publish_with(topic, payload, &options);
+            assert!(sent.is_ok(), "below the largest packet");
             wait(connection, 1);
             start.elapsed().as_secs_f64()
         })

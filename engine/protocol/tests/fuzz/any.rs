@@ -287,7 +287,7 @@ fn answer() -> impl Strategy<Value = Message> {
     let numbers = (any::<u64>(), any::<u64>(), any::<u64>());
     prop_oneof![
         (
-            numbers.clone(),
+            numbers,
             prop::collection::vec(real(), 0..6),
             stack(),
             refusal(),
