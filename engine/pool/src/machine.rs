@@ -582,7 +582,9 @@ impl Machine {
     /// question for a wish.
     fn wants_servers(&self) -> bool {
         let slots = &self.offers.slots;
-        self.ledger.queued() > 0 || slots.is_empty() || slots.values().any(|slot| !slot.usable())
+        let looking = self.work_number == 0 || !self.finished();
+        let few = slots.is_empty() || slots.values().any(|slot| !slot.usable());
+        self.ledger.queued() > 0 || (looking && few)
     }
 
     /// The connection broke: the work under way on it is lost, and nobody's fault.
