@@ -9,6 +9,8 @@ pub type Time = u64;
 
 /// A second.
 pub const SECOND: Time = 1_000_000;
+/// More attempts than anybody makes.
+const UNLIMITED: u64 = u64::MAX / 1000;
 /// A millisecond.
 pub const MILLI: Time = 1_000;
 
@@ -210,24 +212,29 @@ impl Disturbance {
         matches!(self.what, What::Delay { .. })
     }
 
-    /// How many attempts at one evaluation it may use up.
-    #[must_use]
-    pub fn cost(&self, step_timeout: Time) -> u64 {
+    /// How many attempts at one evaluation it may use up, of a tool with this time-out. `server`: the one that it hits.
+    fn cost(&self, step_timeout: Time, server: Option<&Server>) -> u64 {
         let silences = |time: Time| 1 + time / step_timeout;
+        // Nobody is told what becomes of a server without presence.
+        let plain = server.is_some_and(|server| server.plain);
         match self.what {
-            What::Cut(Who::Server(_)) => 1,
-            What::Crash { power: false, .. } => 1,
+            What::Crash { .. } | What::Leave(_) if plain => silences(self.lasts),
+            What::Cut(Who::Server(_)) | What::Crash { power: false, .. } => 1,
             What::Crash { power: true, .. } => silences(self.lasts.min(BROKER_PATIENCE)),
             What::Partition(_) | What::Freeze(Who::Server(_)) => silences(self.lasts),
             What::Freeze(Who::Tool(_)) => 1,
             What::Delay { by, .. } => u64::from(by > step_timeout / 4),
-            What::Lose { .. } | What::Duplicate { .. } | What::Reorder { .. } => u64::MAX / 1000,
+            // An episode that takes longer than the time-out fails every time.
+            What::Slow { times, .. } => {
+                let episode = server.map_or(0, |server| 5 * server.pace * times);
+                if episode < step_timeout { 0 } else { UNLIMITED }
+            }
+            What::Lose { .. } | What::Duplicate { .. } | What::Reorder { .. } => UNLIMITED,
             What::Cut(Who::Tool(_))
             | What::Broker(_)
             | What::Leave(_)
             | What::Restart(_)
-            | What::Interrupt(_)
-            | What::Slow { .. } => 0,
+            | What::Interrupt(_) => 0,
         }
     }
 
@@ -252,10 +259,24 @@ impl Disturbance {
 }
 
 impl Schedule {
+    /// How many attempts at one evaluation of a tool the disturbances may use up, the other tools included.
+    #[must_use]
+    pub fn budget(&self, tool: &Tool) -> u64 {
+        let costs = self.disturbances.iter().map(|disturbance| {
+            let server = match disturbance.who() {
+                Some(Who::Server(server)) => self.servers.get(server),
+                _ => None,
+            };
+            disturbance.cost(tool.step_timeout, server)
+        });
+        costs
+            .fold(0, u64::saturating_add)
+            .saturating_add(self.rivalry(tool))
+    }
+
     /// How many attempts at one evaluation of a tool the other tools may use up: their candidates bring servers down
     /// that have this tool's work, too, and nobody sees who has a server that knows only the seven topics.
-    #[must_use]
-    pub fn rivalry(&self, tool: &Tool) -> u64 {
+    fn rivalry(&self, tool: &Tool) -> u64 {
         let others = || self.tools.iter().filter(|other| *other != tool);
         let works =
             others().flat_map(|other| other.works.iter().map(|work| (other.attempts, work)));

@@ -128,15 +128,6 @@ pub fn run(schedule: &Schedule, log: bool) -> Report {
 
 impl<'a> Simulator<'a> {
     fn new(schedule: &'a Schedule, log: bool) -> Self {
-        let budget = |tool: &crate::schedule::Tool| {
-            let costs = schedule
-                .disturbances
-                .iter()
-                .map(|disturbance| disturbance.cost(tool.step_timeout));
-            costs
-                .fold(0, u64::saturating_add)
-                .saturating_add(schedule.rivalry(tool))
-        };
         let tools = schedule.tools.iter().enumerate();
         let clients = schedule.tools.len() + schedule.servers.len();
         Self {
@@ -151,7 +142,7 @@ impl<'a> Simulator<'a> {
             ),
             clients: (0..clients).map(|_| Client::default()).collect(),
             tools: tools
-                .map(|(index, plan)| Tool::new(plan, index, budget(plan)))
+                .map(|(index, plan)| Tool::new(plan, index, schedule.budget(plan)))
                 .collect(),
             servers: schedule.servers.iter().map(|_| None).collect(),
             active: Vec::new(),
