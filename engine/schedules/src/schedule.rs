@@ -229,8 +229,9 @@ impl Disturbance {
                 let episode = server.map_or(0, |server| 5 * server.pace * times);
                 if episode < step_timeout { 0 } else { UNLIMITED }
             }
-            What::Lose { .. } | What::Duplicate { .. } | What::Reorder { .. } => UNLIMITED,
+            What::Lose { .. } | What::Reorder { .. } => UNLIMITED,
             What::Cut(Who::Tool(_))
+            | What::Duplicate { .. }
             | What::Broker(_)
             | What::Leave(_)
             | What::Restart(_)
