@@ -6,6 +6,8 @@
 mod connect;
 mod decode;
 mod encode;
+#[cfg(test)]
+mod fuzz;
 mod properties;
 mod reader;
 
