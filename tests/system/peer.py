@@ -16,6 +16,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 PRESENCE = "swarmwright/v1/presence/"
+STATUS = "swarmwright/v1/status/"
 TOOLS = "swarmwright/v1/tool/"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 
-from tests.system.peer import PRESENCE, TOPICS, Peer, Received
+from tests.system.peer import PRESENCE, STATUS, TOPICS, Peer, Received
 
 SCHEMAS = Path(__file__).parents[2] / "protocol" / "schemas"
 HASH = re.compile(r"[0-9a-f]{64}")
@@ -54,6 +54,10 @@ def check_shapes(messages: list[Received]) -> None:
         if message.topic.startswith(PRESENCE):
             if message.payload:
                 validator("presence").validate(message.json)
+            continue
+        if message.topic.startswith(STATUS):
+            if message.payload:
+                validator("status").validate(message.json)
             continue
         assert message.topic in TOPICS, message
         assert not message.retained, message

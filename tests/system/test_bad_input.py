@@ -235,4 +235,4 @@ def test_a_server_that_sends_nonsense_beside_one_that_works(
     failures = [entry["error"] for entry in attempts(path.parent / "both") if entry["server"] == 3]
     assert failures
     for word in MISBEHAVIOUR[wrong]:
-        assert all(word in failure for failure in failures)
+        assert all(word in failure for failure in failures if "was faster" not in failure)

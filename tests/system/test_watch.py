@@ -16,6 +16,7 @@ mode: {mode}
 method: {{kind: nnga, population: 40, generations: 100000}}
 ranking: {{episodes: 4}}
 parameters: {{maxSteps: 100, numAgents: 4}}
+faults: {{backup: false}}
 seed: 1
 """
 

@@ -6,7 +6,7 @@ use common::{Line, Net, Party, server, tool_in_mode, work};
 use swarmwright_pool::Mode;
 
 const SEEDS: [u64; 3] = [3, 4, 9];
-const CANDIDATES: usize = 900;
+const CANDIDATES: usize = 4000;
 
 /// What each tool has done when the first one is through, and when all are.
 fn shared(mode: Mode, servers: u64, tools: u64) -> Vec<usize> {

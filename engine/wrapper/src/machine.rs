@@ -215,23 +215,16 @@ impl Machine {
 
     /// Whether a tool may have the server. One that may not is remembered, and has its turn later.
     fn is_free_for(&mut self, discovery: &Discovery, now: Instant) -> bool {
-        let held = match &self.state {
+        match &self.state {
             State::Free => return true,
-            State::Held { tool, until } if discovery.tool.as_ref() != Some(tool) => Some(*until),
-            State::Held { .. } => return true,
+            State::Held { tool, .. } if discovery.tool.as_ref() == Some(tool) => return true,
             _ if discovery.tool == self.holder() => return false,
-            _ => None,
-        };
-        let Some(tool) = &discovery.tool else {
-            return false;
-        };
-        let yields = held.is_some_and(|until| self.yields(until, now));
-        if yields {
-            self.hand_over(tool.clone(), now);
-        } else {
+            _ => {}
+        }
+        if let Some(tool) = &discovery.tool {
             self.turns.ask(tool, now);
         }
-        yields
+        false
     }
 
     fn configure(&mut self, message: ParametersMessage, now: Instant) {

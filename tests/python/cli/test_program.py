@@ -1,5 +1,6 @@
 import os
 import resource
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -31,7 +32,7 @@ def test_help_ends_with_an_example_that_is_accepted(program: Any, names: tuple[s
     ]
     assert lines, "no example"
     for line in lines:
-        words = line.split(">")[0].split()
+        words = shlex.split(line.split(">")[0])
         assert words[0] == "swarmwright"
         command: Any = click_program
         rest = words[1:]

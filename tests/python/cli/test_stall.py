@@ -10,6 +10,7 @@ EXPERIMENT = """\
 simulation: minisim
 method: {kind: nnga, population: 30, generations: 1000000}
 timeouts: {step: 30}
+faults: {backup: false}
 """
 GENERATION = " of 1000000 generations  best "
 

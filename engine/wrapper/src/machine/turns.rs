@@ -11,13 +11,11 @@ use swarmwright_protocol::{Refusal, RefusalKind};
 use super::{Machine, PATIENCE, SETTLE, State};
 
 /// How long a tool has a server for itself before another one gets it.
-const TURN: Duration = Duration::from_secs(1);
+const TURN: Duration = Duration::from_secs(5);
 /// For how long a question is still good: tools ask every two seconds.
 const ASKED: Duration = Duration::from_secs(3);
 /// How long a server waits for the tool whose turn it is.
 const RESERVED: Duration = Duration::from_secs(3);
-/// A tool that has had nothing to do for so long loses the server to one that asks.
-const IDLE: Duration = Duration::from_millis(100);
 /// Tools that are remembered.
 const MOST: usize = 256;
 
@@ -84,12 +82,6 @@ impl Machine {
             None => State::Free,
         };
         self.enter(state, now);
-    }
-
-    /// Whether a server that is held may go to a tool that asks: its turn is over, and it has nothing to do.
-    pub(super) fn yields(&mut self, until: Instant, now: Instant) -> bool {
-        let rest = until.saturating_duration_since(now);
-        self.turns.is_over(now) && rest + IDLE <= PATIENCE
     }
 
     /// The server waits for a tool, which hears of it at once.
