@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from swarmwright._experiment import Experiment
     from swarmwright._optimize import Generation, optimize, resume
     from swarmwright._own._base import Simulation
+    from swarmwright._own._batch import BatchSimulation
     from swarmwright._own._parameter import Parameter
     from swarmwright._repeat import Repeated, repeat
     from swarmwright._results.comparison import Comparison, compare
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
+    "BatchSimulation",
     "Comparison",
     "Controller",
     "Experiment",
@@ -52,6 +54,7 @@ __all__ = [
 ]
 
 _LAZY = {
+    "BatchSimulation": "_own._batch",
     "Comparison": "_results.comparison",
     "Controller": "_controller",
     "Experiment": "_experiment",

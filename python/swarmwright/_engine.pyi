@@ -91,9 +91,9 @@ def genome_size(specification: str) -> int:
 
 @final
 class Episode:
-    """One built-in simulation stepped in this process by one controller for all agents."""
+    """One simulation, by its title or as a host, stepped in this process by one controller for all agents."""
 
-    def __new__(cls, title: str, parameters: str, controller: str) -> Episode: ...
+    def __new__(cls, simulation: str | Host, parameters: str, controller: str) -> Episode: ...
     @property
     def done(self) -> bool: ...
     @property

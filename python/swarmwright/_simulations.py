@@ -37,6 +37,19 @@ def is_here(simulation: str) -> bool:
     return simulation in titles() or is_own(simulation)
 
 
+def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
+    """Return what `_engine.Episode` takes: the title of a built-in simulation, or a host of a class.
+
+    Raises InputError for a class that cannot be loaded.
+    """
+    if not is_own(simulation):
+        return simulation
+    from swarmwright._own._host import Host
+    from swarmwright._own._load import load
+
+    return Host(load(simulation))
+
+
 def title(simulation: str) -> str:
     """Return the title of a simulation in discovery. Raises InputError for a class that cannot be loaded."""
     return str(_own_description(simulation).title) if is_own(simulation) else simulation

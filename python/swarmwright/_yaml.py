@@ -19,7 +19,7 @@ Path_ = tuple[str | int, ...]
 
 _LARGEST = 1_000_000  # values in a file; aliases of aliases can make a short file endless
 _TAG = "tag:yaml.org,2002:"
-_WORDS = re.compile(r"[A-Za-z_]+([ _./-]?[A-Za-z0-9_]+)*")
+_WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
 _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _WIDTH = 110

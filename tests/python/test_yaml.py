@@ -61,6 +61,11 @@ def test_scalars(text: str, value: object) -> None:
     assert type(found) is type(value)
 
 
+def test_long_words_are_written_at_once() -> None:
+    values = {"simulation": "swarmwright.adapters.mujoco._quadrotors:Quadrotors" + "a" * 200 + "!"}
+    assert parse(dump(values), "x.yaml").values == values
+
+
 def test_lines_of_keys_and_items() -> None:
     source = parse("a: 1\nb:\n  c:\n    - 1\n    - {d: 2,\n       e: 3}\n", "x.yaml")
     assert source.lines[("a",)] == 1

@@ -115,14 +115,14 @@ impl Machine {
             Way::Stepwise => 1,
             Way::Batched(batch) => batch.min(count(self.share(slot))),
             // A first one tells how fast the server is.
-            Way::Offloaded => slot.rate.map_or(1, |rate| {
+            Way::Offloaded => slot.rate.map_or(self.together(slot), |rate| {
                 let share = self.share(slot);
                 let part = if share <= rate * WHOLE {
                     share
                 } else {
                     share / number(IN_FLIGHT)
                 };
-                count(part.max(rate * LEAST).min(rate * BLOCK))
+                count(part.max(rate * LEAST).min(rate * BLOCK)).max(self.together(slot))
             }),
         };
         let Some(work) = &self.ledger.work else {
@@ -162,6 +162,15 @@ impl Machine {
             .sum();
         let room = self.packet.saturating_sub(ROOM + parameters);
         (room / size_of::<f32>()).clamp(1, NUMBERS)
+    }
+
+    /// How many of its share a server computes in about the time of one.
+    fn together(&self, slot: &Slot) -> usize {
+        let announced = slot.capabilities.swarmwright.as_ref();
+        match announced.and_then(|announced| announced.lanes) {
+            Some(lanes) => lanes.min(count(self.share(slot))),
+            None => 1,
+        }
     }
 
     /// A server's part of the evaluations that are queued, by the speeds of all.

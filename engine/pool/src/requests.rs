@@ -292,11 +292,12 @@ impl Machine {
         );
         // A server's own word for it, as far as it can be true.
         let told = message.seconds.is_finite() && message.seconds > 0.0;
-        let passed = since.as_secs_f64();
+        // Not since the reply before: where two are read at once, that is no time at all.
+        let most = now.saturating_duration_since(request.started);
         let seconds = if told {
-            message.seconds.min(passed)
+            message.seconds.min(most.as_secs_f64())
         } else {
-            passed
+            since.as_secs_f64()
         };
         self.offers.did_well(request.server, count, seconds);
         if let Some(slot) = self.offers.slots.get_mut(&request.server) {

@@ -93,6 +93,8 @@ pub struct Announcement {
     pub controllers: Vec<String>,
     /// Most episodes of a batch, when batched; none if it does not say.
     pub batch: Option<usize>,
+    /// Episodes that are computed in about the time of one, when offloaded; none if it does not say.
+    pub lanes: Option<usize>,
     /// Numbers in a sensor message.
     pub sensors: Option<usize>,
     /// Numbers in an actuator message.
@@ -313,6 +315,7 @@ impl Announcement {
             modes: keys.lenient("modes").unwrap_or_default(),
             controllers: keys.lenient("controllers").unwrap_or_default(),
             batch: keys.lenient("batch").filter(|most| *most > 0),
+            lanes: keys.lenient("lanes").filter(|lanes| *lanes > 0),
             sensors: keys.lenient("sensors"),
             actuators: keys.lenient("actuators"),
             metrics: keys.lenient("metrics").unwrap_or_default(),
@@ -331,6 +334,7 @@ impl Announcement {
         let controllers = Some(self.controllers.clone()).filter(|kinds| !kinds.is_empty());
         insert(&mut object, "controllers", controllers);
         insert(&mut object, "batch", self.batch);
+        insert(&mut object, "lanes", self.lanes);
         insert(&mut object, "sensors", self.sensors);
         insert(&mut object, "actuators", self.actuators);
         let metrics = Some(self.metrics.clone()).filter(|names| !names.is_empty());

@@ -5,6 +5,7 @@ mod controller;
 mod errors;
 mod evolution;
 mod genomes;
+mod lanes;
 mod local;
 mod log;
 mod pool;

@@ -1,7 +1,7 @@
 //! Simulations written in Python: what `swarmwright._own._host.Host` says becomes a [`Simulation`].
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyKeyboardInterrupt;
@@ -11,13 +11,14 @@ use serde_json::Value;
 use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
-    Block, Description, Determinism, Failure, MetricInfo, ParameterError, Parameters, RolloutError,
-    Simulation, fail, measure, rollout,
+    Block, Description, Determinism, Failure, Means, MetricInfo, ParameterError, Parameters,
+    RolloutError, Scene, Simulation, fail, measure, rollout,
 };
 use swarmwright_wrapper::guarded;
 
 use crate::errors::{InputError, input, object};
 use crate::genomes::rows;
+use crate::lanes;
 use crate::local::REPORT;
 use crate::results::{Fitness, Metrics, apart, arrays};
 use crate::worlds::create;
@@ -32,10 +33,14 @@ pub fn any(simulation: &Bound<'_, PyAny>) -> PyResult<Box<dyn Simulation>> {
 }
 
 /// A simulation whose code is Python's. What that says has been checked by the host.
-struct Hosted {
+pub struct Hosted {
     host: Py<PyAny>,
     description: Description,
     copies: bool,
+    /// Episodes that can be stepped at once; 1 for most.
+    pub lanes: usize,
+    /// Milliseconds between two frames when shown.
+    frame: u64,
     agents: usize,
     acting: Vec<u32>,
     done: bool,
@@ -58,7 +63,7 @@ fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
 type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
 
 /// Why a call did not return anything.
-enum Trouble {
+pub enum Trouble {
     /// The parameters are refused.
     Refused(String),
     Failed(Failure),
@@ -78,6 +83,11 @@ impl Hosted {
                 determinism: determinism(&host)?,
             },
             copies: host.getattr("copies")?.extract()?,
+            lanes: host.getattr("lanes")?.extract()?,
+            frame: Duration::try_from_secs_f64(host.getattr("frame_seconds")?.extract()?)
+                .map_or(u64::MAX, |frame| {
+                    u64::try_from(frame.as_millis()).unwrap_or(u64::MAX)
+                }),
             host: host.unbind(),
             agents: 0,
             acting: Vec::new(),
@@ -86,8 +96,21 @@ impl Hosted {
         })
     }
 
+    /// Numbers that an agent senses.
+    pub fn sensors(&self) -> usize {
+        self.description.sensors
+    }
+
+    /// Numbers that an agent is steered by.
+    pub fn actuators(&self) -> usize {
+        self.description.actuators
+    }
+
     /// Runs Python's code; its exceptions become a reason.
-    fn call<T>(&self, call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, Trouble> {
+    pub fn call<T>(
+        &self,
+        call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+    ) -> Result<T, Trouble> {
         Python::attach(|py| {
             call(self.host.bind(py)).map_err(|error| {
                 if error.is_instance_of::<PyKeyboardInterrupt>(py) {
@@ -147,8 +170,17 @@ fn metric((name, description): (String, String)) -> MetricInfo {
     }
 }
 
+/// What a refusal of parameters is about: "name: why".
+pub fn refused(text: &str) -> ParameterError {
+    let (name, reason) = text.split_once(": ").unwrap_or(("", text));
+    ParameterError {
+        name: name.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
 /// Ends the episode with the reason.
-fn or_fail<T>(result: Result<T, Trouble>) -> T {
+pub fn or_fail<T>(result: Result<T, Trouble>) -> T {
     match result {
         Ok(value) => value,
         Err(Trouble::Refused(reason)) => fail(reason),
@@ -164,13 +196,7 @@ impl Simulation for Hosted {
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let text = Value::Object(parameters.clone()).to_string();
         match self.proceed(|host| host.call_method1("reset", (text,))) {
-            Err(Trouble::Refused(text)) => {
-                let (name, reason) = text.split_once(": ").unwrap_or(("", &text));
-                Err(ParameterError {
-                    name: name.to_owned(),
-                    reason: reason.to_owned(),
-                })
-            }
+            Err(Trouble::Refused(text)) => Err(refused(&text)),
             other => {
                 or_fail(other);
                 Ok(())
@@ -217,6 +243,34 @@ impl Simulation for Hosted {
     /// lock would change hands at each step.
     fn scope(&self) -> fn(&mut dyn FnMut()) {
         |calls| Python::attach(|_| calls())
+    }
+
+    fn lanes(&self) -> usize {
+        self.lanes
+    }
+
+    fn evaluate(
+        &mut self,
+        block: &Block<'_>,
+        _means: Means,
+    ) -> Option<Result<Vec<f64>, RolloutError>> {
+        let controller = block.architecture;
+        // What does not fit is complained about one by one. A parameter set has other parameters in each candidate.
+        let fits = controller.steers()
+            && (controller.sensors(), controller.actuators()) == (self.sensors(), self.actuators());
+        (self.lanes > 1 && fits).then(|| lanes::evaluate(self, block))
+    }
+
+    fn scene(&self) -> Option<Scene> {
+        let text: Option<String> = or_fail(self.call(|host| host.call_method0("scene")?.extract()));
+        text.map(|text| {
+            serde_json::from_str(&text)
+                .unwrap_or_else(|error| fail(format!("{}: scene: {error}", self.description.title)))
+        })
+    }
+
+    fn step_size(&self) -> u64 {
+        self.frame
     }
 
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {
@@ -271,7 +325,35 @@ pub fn evaluate_own<'py>(
     let mut results = Vec::with_capacity(block.len() * numbers);
     let mut failures = Vec::new();
     let mut reported = Instant::now();
-    for candidate in 0..block.candidates() {
+    let mut report = |py: Python<'_>, done: usize| {
+        py.check_signals()?;
+        if reported.elapsed() >= REPORT || done == block.len() {
+            reported = Instant::now();
+            if let Some(call) = &on_progress {
+                call.call1(py, (done, block.len(), ""))?;
+            }
+        }
+        Ok::<(), PyErr>(())
+    };
+    // As many at once as can be; where that is not possible, or something fails, one by one.
+    let together = simulation.lanes.div_ceil(seeds.len()).max(1);
+    while results.len() < block.len() * numbers {
+        let first = results.len() / numbers / seeds.len();
+        let count = together.min(block.candidates() - first);
+        let length = architecture.weight_count();
+        let part = Block {
+            genomes: &block.genomes[first * length..][..count * length],
+            ..block
+        };
+        match guarded(|| simulation.evaluate(&part, Means::default())) {
+            Ok(Some(Ok(found))) if found.iter().all(|value| value.is_finite()) => {
+                results.extend(found);
+                report(py, results.len() / numbers)?;
+            }
+            _ => break,
+        }
+    }
+    for candidate in results.len() / numbers / seeds.len()..block.candidates() {
         let controller =
             Controller::with_weights(&shared, block.genome(candidate).into()).map_err(input)?;
         for (episode, parameters) in episodes.iter().enumerate() {
@@ -280,18 +362,11 @@ pub fn evaluate_own<'py>(
             let place = &mut results[first..];
             let failure = evaluated(&mut simulation, parameters, &controller, &metrics, place)
                 .map_err(input)?;
-            py.check_signals()?;
             if let Some(Failure { reason, stack }) = failure {
                 results[first..].fill(f64::NAN);
                 failures.push((candidate, episode, reason, stack));
             }
-            let done = results.len() / numbers;
-            if reported.elapsed() >= REPORT || done == block.len() {
-                reported = Instant::now();
-                if let Some(call) = &on_progress {
-                    call.call1(py, (done, block.len(), ""))?;
-                }
-            }
+            report(py, results.len() / numbers)?;
         }
     }
     let shape = [block.candidates(), seeds.len(), metrics.len()];

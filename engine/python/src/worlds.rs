@@ -5,7 +5,10 @@ use serde_json::json;
 use swarmwright_controllers::{Controller, Specification};
 use swarmwright_worlds::{self as worlds, Description, Simulation};
 
+use swarmwright_wrapper::guarded;
+
 use crate::errors::{engine, input, object};
+use crate::simulation::any;
 
 /// Titles of the built-in simulations.
 #[pyfunction]
@@ -56,6 +59,11 @@ pub fn steers_itself(title: &str, parameters: &str) -> PyResult<bool> {
     Ok(simulation.acting().is_empty() && !simulation.done())
 }
 
+/// Runs the code of a simulation; its failure becomes an error.
+fn kept<T>(call: impl FnOnce() -> T) -> PyResult<T> {
+    guarded(call).map_err(|failure| engine(failure.reason))
+}
+
 fn controller(text: &str) -> PyResult<Controller> {
     Specification::from_json(text)
         .map(|specification| Controller::new(&specification))
@@ -69,11 +77,12 @@ pub struct PyEpisode(worlds::Episode);
 #[pymethods]
 impl PyEpisode {
     #[new]
-    #[pyo3(signature = (title, parameters, controller))]
-    fn new(title: &str, parameters: &str, controller: &str) -> PyResult<Self> {
-        let simulation = create(title)?;
+    #[pyo3(signature = (simulation, parameters, controller))]
+    fn new(simulation: &Bound<'_, PyAny>, parameters: &str, controller: &str) -> PyResult<Self> {
+        let simulation = any(simulation)?;
         let controller = self::controller(controller)?;
-        worlds::Episode::new(simulation, &object("parameters", parameters)?, &controller)
+        let parameters = object("parameters", parameters)?;
+        kept(|| worlds::Episode::new(simulation, &parameters, &controller))?
             .map(Self)
             .map_err(input)
     }
@@ -84,8 +93,8 @@ impl PyEpisode {
     }
 
     #[getter]
-    fn fitness(&self) -> f64 {
-        self.0.simulation().fitness()
+    fn fitness(&self) -> PyResult<f64> {
+        kept(|| self.0.simulation().fitness())
     }
 
     fn metrics(&self, names: Vec<String>) -> PyResult<Vec<f64>> {
@@ -95,7 +104,7 @@ impl PyEpisode {
             .metrics_named(&names)
             .map_err(input)?;
         let mut values = vec![f64::NAN; wanted.len()];
-        worlds::measure(simulation, &wanted, &mut values);
+        kept(|| worlds::measure(simulation, &wanted, &mut values))?;
         Ok(values)
     }
 
@@ -105,7 +114,7 @@ impl PyEpisode {
     }
 
     fn step(&mut self) -> PyResult<()> {
-        self.0.step().map_err(engine)
+        kept(|| self.0.step())?.map_err(engine)
     }
 
     fn scene(&self) -> PyResult<String> {
@@ -127,9 +136,7 @@ impl PyEpisode {
 
 impl PyEpisode {
     fn shown(&self) -> PyResult<worlds::Scene> {
-        self.0
-            .simulation()
-            .scene()
+        kept(|| self.0.simulation().scene())?
             .ok_or_else(|| engine("this simulation has nothing to show"))
     }
 }

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::{Block, Means, RolloutError};
@@ -219,6 +219,11 @@ pub trait Simulation: Send {
         None
     }
 
+    /// Episodes that [`evaluate`](Self::evaluate) computes in about the time of one.
+    fn lanes(&self) -> usize {
+        1
+    }
+
     /// What can be seen now; none if there is nothing to show.
     fn scene(&self) -> Option<Scene> {
         None
@@ -242,7 +247,7 @@ pub fn measure(simulation: &dyn Simulation, wanted: &[usize], values: &mut [f64]
 }
 
 /// A picture of a two-dimensional world: what stands where.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
     /// Extent in x, metres or cells.
     pub width: f32,
@@ -260,16 +265,16 @@ pub struct Scene {
 }
 
 /// One thing in a scene.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Body {
     /// What it is: agent, defender, goal, exit, blockade, ...
-    pub kind: &'static str,
+    pub kind: Cow<'static, str>,
     /// Position in x.
     pub x: f32,
     /// Position in y.
     pub y: f32,
     /// How it fares: free, arrived, caught, out, or empty.
-    pub state: &'static str,
+    pub state: Cow<'static, str>,
     /// Radius, same unit as the position; 0 for a point.
     pub radius: f32,
 }

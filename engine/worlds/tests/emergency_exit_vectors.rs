@@ -27,7 +27,7 @@ fn agents(scene: &Scene) -> (Vec<[u32; 2]>, Vec<String>) {
     agents
         .map(|b| {
             let cell = [b.x as u32, (scene.height - b.y) as u32];
-            (cell, b.state.to_owned())
+            (cell, b.state.to_string())
         })
         .unzip()
 }

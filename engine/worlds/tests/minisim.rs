@@ -45,7 +45,7 @@ fn straight_on_the_defender_catches_the_agent() {
         &bodies(&simulation, "agent")[0],
         &bodies(&simulation, "defender")[0],
     );
-    assert_eq!((agent.x, agent.y, agent.state), (6.5, 3.5, "caught"));
+    assert_eq!((agent.x, agent.y, &*agent.state), (6.5, 3.5, "caught"));
     assert_eq!((defender.x, defender.y), (6.5, 3.5));
     assert_eq!(simulation.fitness(), -6.0);
 }
@@ -65,7 +65,7 @@ fn upwards_the_border_stops_the_agent() {
     let mut simulation = start(json!({"defenders": [[8, 0]]}));
     assert_eq!(straight(&mut simulation, 0.5), 15);
     let agent = &bodies(&simulation, "agent")[0];
-    assert_eq!((agent.x, agent.y, agent.state), (0.5, 7.0, "free"));
+    assert_eq!((agent.x, agent.y, &*agent.state), (0.5, 7.0, "free"));
     assert_eq!(
         simulation.fitness(),
         -f64::from((12.0_f32 * 12.0 + 3.5 * 3.5).sqrt())

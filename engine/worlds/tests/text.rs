@@ -101,11 +101,11 @@ fn a_message_cannot_steer_the_terminal() {
 
 #[test]
 fn states_have_symbols_of_their_own() {
-    let body = |state, x| Body {
-        kind: "agent",
+    let body = |state: &'static str, x| Body {
+        kind: "agent".into(),
         x,
         y: 3.0,
-        state,
+        state: state.into(),
         radius: 0.0,
     };
     let bodies = vec![body("free", 1.0), body("arrived", 3.0), body("caught", 5.0)];

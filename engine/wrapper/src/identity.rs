@@ -28,9 +28,15 @@ impl Identity {
         }
     }
 
-    /// What this server says of its ability to run a simulation, in batches of at most `batch` episodes.
+    /// What this server says of its ability to run a simulation: in batches of at most `batch` episodes, and offloaded
+    /// `lanes` episodes in about the time of one.
     #[must_use]
-    pub fn capabilities(&self, simulation: &Description, batch: usize) -> Capabilities {
+    pub fn capabilities(
+        &self,
+        simulation: &Description,
+        batch: usize,
+        lanes: usize,
+    ) -> Capabilities {
         Capabilities {
             dimensions: f64::from(simulation.dimensions),
             max_agents: simulation.max_agents.map(f64::from),
@@ -39,6 +45,7 @@ impl Identity {
                 modes: texts(&["stepwise", "batched", "offloaded"]),
                 controllers: texts(&["layered", "fully_meshed", "mealy_fsm", "parameter_set"]),
                 batch: Some(batch),
+                lanes: Some(lanes).filter(|lanes| *lanes > 1),
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),
                 metrics: simulation

@@ -142,7 +142,12 @@ fn evaluate(
         ..Evaluation::default()
     };
     let mut rest = &request.genomes[..];
-    let mut part = FIRST_PART;
+    // Fewer would take as long.
+    let least = simulation
+        .lanes()
+        .div_ceil(request.seeds.len().max(1))
+        .max(1);
+    let mut part = FIRST_PART.max(least);
     let mut first = 0;
     while !rest.is_empty() && !abort.load(Ordering::Relaxed) {
         let start = Instant::now();
@@ -167,7 +172,7 @@ fn evaluate(
         if elapsed < SHORT {
             part *= 2;
         } else if elapsed > LONG {
-            part = (part / 2).max(1);
+            part = (part / 2).max(least);
         }
     }
     Ok(evaluation)

@@ -58,6 +58,8 @@ struct Offer {
     description: Description,
     /// Most episodes of a batch.
     batch: usize,
+    /// Episodes that are computed in about the time of one.
+    lanes: usize,
     /// None while it is at work elsewhere: in a job, or in a batch.
     simulation: Option<Box<dyn Simulation>>,
     /// Duplicates from batches before, for the next one of the same tool.
@@ -70,6 +72,7 @@ impl Offer {
         Self {
             description: simulation.description(),
             batch: if several { MAX_BATCH } else { 1 },
+            lanes: simulation.lanes(),
             simulation: Some(simulation),
             spares: Vec::new(),
         }

@@ -1,14 +1,51 @@
-"""The class that a simulation in Python derives from."""
+"""The classes that simulations in Python derive from."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+if TYPE_CHECKING:
+    from swarmwright.display import Scene
 
-class Simulation(ABC):
+
+class Described(ABC):
+    """What a simulation says of itself."""
+
+    title: str = ""
+    """The name in discovery, which experiments may give; default: the name of the class in small letters."""
+    dimensions: int = 2
+    """Spatial dimensions, which experiments may require."""
+    max_agents: int | None = None
+    """Most agents that are possible; None: no limit."""
+    sensors: int
+    """Numbers that an agent senses, at least 1."""
+    actuators: int
+    """Numbers that an agent is steered by, at least 1."""
+    parameters: Mapping[str, Any] = {}
+    """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
+
+    Where any are declared, an experiment that names the class cannot set others."""
+    metrics: Sequence[str] | Mapping[str, str] = ()
+    """What `measure` returns: names, or name -> description. Experiments can make the fitness of them."""
+    determinism: Literal["bitwise", "statistical", "none"] | None = None
+    """How far two evaluations of one episode with one controller agree, wherever they are made: to the bit,
+    within `tolerance`, or not at all. None: not known. Where it is bitwise or statistical, experiments can
+    have results checked on another server (`faults: {audit: 0.01}`)."""
+    tolerance: float = 0.0
+    """Where `determinism` is statistical: how far fitness and metrics may differ, as a part of the larger
+    one, absolute below 1."""
+    copies: bool = True
+    """Whether one process can have several objects of this class, whose episodes are then stepped side by
+    side in the mode `batched`. False for those that hold something there is only one of: a window, a robot, a
+    port."""
+    frame_seconds: float = 0.1
+    """Seconds between two frames when shown."""
+
+
+class Simulation(Described):
     """A simulation: agents sense, controllers compute, agents act, until the episode ends with a fitness.
 
         class Gather(Simulation):
@@ -38,34 +75,6 @@ class Simulation(ABC):
     next one begins with `reset`. For runs that can be repeated, whatever happens must follow from the
     parameters and the seed.
     """
-
-    title: str = ""
-    """The name in discovery, which experiments may give; default: the name of the class in small letters."""
-    dimensions: int = 2
-    """Spatial dimensions, which experiments may require."""
-    max_agents: int | None = None
-    """Most agents that are possible; None: no limit."""
-    sensors: int
-    """Numbers that an agent senses, at least 1."""
-    actuators: int
-    """Numbers that an agent is steered by, at least 1."""
-    parameters: Mapping[str, Any] = {}
-    """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
-
-    Where any are declared, an experiment that names the class cannot set others."""
-    metrics: Sequence[str] | Mapping[str, str] = ()
-    """What `measure` returns: names, or name -> description. Experiments can make the fitness of them."""
-    determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of one episode with one controller agree, wherever they are made: to the bit,
-    within `tolerance`, or not at all. None: not known. Where it is bitwise or statistical, experiments can
-    have results checked on another server (`faults: {audit: 0.01}`)."""
-    tolerance: float = 0.0
-    """Where `determinism` is statistical: how far fitness and metrics may differ, as a part of the larger
-    one, absolute below 1."""
-    copies: bool = True
-    """Whether one process can have several objects of this class, whose episodes are then stepped side by
-    side in the mode `batched`. False for those that hold something there is only one of: a window, a robot, a
-    port."""
 
     @abstractmethod
     def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike:
@@ -116,5 +125,12 @@ class Simulation(ABC):
 
         Leave out agents that have dropped out. Where agents act one after the other, return one at a time.
         While nobody acts the simulation goes on by itself: it is stepped until it is done.
+        """
+        return None
+
+    def scene(self) -> "Scene | None":
+        """Return what it looks like now; None, the default, for nothing to show.
+
+        `swarmwright replay` draws it, and so does a server that is asked to (`simulate --visual`).
         """
         return None

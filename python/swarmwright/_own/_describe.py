@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmwright._errors import InputError
-from swarmwright._own._base import Simulation
+from swarmwright._own._base import Described
 from swarmwright._own._parameter import Parameter, declared
 
 _LARGEST = 1_000_000
@@ -30,6 +30,8 @@ class Description:
     copies: bool
     determinism: str | None
     tolerance: float
+    lanes: int
+    frame_seconds: float
 
     def plain(self) -> dict[str, Any]:
         """Return what `_engine.describe` says of a built-in simulation."""
@@ -48,9 +50,9 @@ class Description:
         }
 
 
-def describe(simulation: Simulation) -> Description:
-    """Ask a simulation. Raises InputError, naming class and attribute, for what cannot be."""
-    where = type(simulation).__name__
+def describe(simulation: Described | Any, where: str = "") -> Description:  # noqa: ANN401 - or what acts like one
+    """Ask a simulation. Raises InputError, naming class (`where`) and attribute, for what cannot be."""
+    where = where or type(simulation).__name__
     title: Any = simulation.title or where.lower()
     if not isinstance(title, str) or len(title) > 1000:
         raise InputError(f"{where}.title: {title!r} found, expected text of at most 1000 characters")
@@ -74,6 +76,8 @@ def describe(simulation: Simulation) -> Description:
         copies=bool(simulation.copies),
         determinism=_determinism(where, simulation.determinism),
         tolerance=_tolerance(where, simulation.tolerance),
+        lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
+        frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
     )
 
 
@@ -84,9 +88,9 @@ def _determinism(where: str, value: Any) -> str | None:  # noqa: ANN401 - whatev
     return None if value is None else str(value)
 
 
-def _tolerance(where: str, value: Any) -> float:  # noqa: ANN401 - whatever the class says
+def _tolerance(where: str, value: Any, name: str = "tolerance") -> float:  # noqa: ANN401 - whatever it says
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-        raise InputError(f"{where}.tolerance: {value!r} found, expected a number, 0 or more")
+        raise InputError(f"{where}.{name}: {value!r} found, expected a number, 0 or more")
     return float(value)
 
 

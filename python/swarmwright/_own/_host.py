@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright._errors import InputError, SimulationError
 from swarmwright._own._base import Simulation
+from swarmwright._own._batch import BatchSimulation, Single
 from swarmwright._own._describe import Description, describe
+from swarmwright._own._lanes import Lanes, Many
 from swarmwright._own._parameter import filled_in
 
 Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
@@ -43,17 +45,17 @@ class Host:
 
     def __init__(
         self,
-        kind: type[Simulation],
+        kind: type[Simulation] | type[BatchSimulation],
         report: Callable[[str, str], None] | None = None,
         description: Description | None = None,
     ) -> None:
         self._kind = kind
         self._report = report or (lambda _reason, _traceback: None)
         self._reported: set[str] = set()
-        self._simulation: Simulation | None = None
+        self._simulation: Simulation | Single | None = None
         if description is None:
             self._simulation = self._made()
-            description = describe(self._simulation)
+            description = describe(self._simulation, kind.__name__)
         self.description = description
         self.title = description.title
         self.dimensions = description.dimensions
@@ -61,6 +63,8 @@ class Host:
         self.sensors = description.sensors
         self.actuators = description.actuators
         self.copies = description.copies
+        self.lanes = description.lanes
+        self.frame_seconds = description.frame_seconds
         self.metrics = list(description.metrics.items())
         self.determinism = description.determinism
         self.tolerance = description.tolerance
@@ -78,17 +82,7 @@ class Host:
         parameters: JSON object; its `seed` is the episode's, default 0. Raises the engine's InputError for
         parameters that are refused, SimulationError when the code fails.
         """
-        given: dict[str, Any] = json.loads(parameters)
-        try:
-            seed = _seed(given.pop("seed", 0))
-            values = filled_in(self.description.parameters, given)
-        except InputError as error:
-            raise _engine.InputError(str(error)) from None
-        if self._simulation is None:
-            try:
-                self._simulation = self._made()
-            except InputError as error:
-                raise _engine.InputError(str(error)) from None
+        values, seed = self._parameters(parameters)
         return self._seen("reset", self._call("reset", values, seed), first=True)
 
     def step(self, actions: NDArray[np.float32]) -> Seen:
@@ -116,6 +110,59 @@ class Host:
             if not math.isfinite(values[-1]):
                 self._fail(f"measure: {name!r} is {_short(returned[name])}, expected a finite number")
         return values
+
+    def scene(self) -> str | None:
+        """Return what it looks like, JSON; None for nothing. Raises SimulationError when the code fails."""
+        from swarmwright.display import Scene
+
+        scene = self._call("scene")
+        if scene is None:
+            return None
+        if not isinstance(scene, Scene):
+            self._fail(f"scene: {_short(scene)} returned, expected a swarmwright.display.Scene or None")
+        try:
+            return scene.json()
+        except (TypeError, ValueError) as error:
+            self._fail(f"scene: {_short(scene)} returned: {error}")
+
+    def start(self, parameters: str, seeds: NDArray[np.uint64]) -> Many:
+        """Go to the start of many episodes of a BatchSimulation; raises as `reset`.
+
+        parameters: as for `reset`; the seed in them does not count. seeds: (episodes,).
+        """
+        values, _ = self._parameters(parameters)
+        assert isinstance(self._simulation, Single)
+        self._many = Lanes(self.sensors, len(seeds), self.max_agents, self._fail)
+        return self._many.seen("reset", self._on_all("reset", values, seeds), self._on_all)
+
+    def go(self, actions: NDArray[np.float32]) -> Many:
+        """Go on by one step; actions: (episodes, agents, actuators). Raises SimulationError."""
+        return self._many.seen("step", self._on_all("step", actions), self._on_all)
+
+    def results(self, metrics: bool) -> NDArray[np.float64]:
+        """Return fitness and, where wanted, all metrics of all episodes, (1 + metrics, episodes).
+
+        Those of episodes that have not ended may be anything. Raises SimulationError when the code fails.
+        """
+        names = [name for name, _ in self.metrics] if metrics else []
+        return self._many.results(names, self._on_all)
+
+    def _parameters(self, parameters: str) -> tuple[dict[str, Any], int]:
+        """Make the object where there is none; return what it is reset with, and the seed."""
+        given: dict[str, Any] = json.loads(parameters)
+        try:
+            seed = _seed(given.pop("seed", 0))
+            values = filled_in(self.description.parameters, given)
+            if self._simulation is None:
+                self._simulation = self._made()
+        except InputError as error:
+            raise _engine.InputError(str(error)) from None
+        return values, seed
+
+    def _on_all(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
+        """Call a method of a BatchSimulation."""
+        assert isinstance(self._simulation, Single)
+        return self._call(method, *arguments, of=self._simulation.batch)
 
     def _seen(self, method: str, returned: Any, *, first: bool) -> Seen:  # noqa: ANN401 - whatever it returns
         """Check observations; ask who acts."""
@@ -184,10 +231,10 @@ class Host:
             )
         return np.unique(agents).astype(np.uint32)
 
-    def _call(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
+    def _call(self, method: str, *arguments: Any, of: Any = None) -> Any:  # noqa: ANN401 - whatever the code takes and returns
         """Call a method of the user's; what it raises becomes SimulationError."""
         try:
-            return getattr(self._simulation, method)(*arguments)
+            return getattr(self._simulation if of is None else of, method)(*arguments)
         except (InputError, _engine.InputError) as error:
             if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
@@ -195,9 +242,10 @@ class Host:
         except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
 
-    def _made(self) -> Simulation:
+    def _made(self) -> Simulation | Single:
         try:
-            return self._kind()
+            made = self._kind()
+            return Single(made) if isinstance(made, BatchSimulation) else made
         except InputError:  # what it needs is not there
             raise
         except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
@@ -267,10 +315,10 @@ def _short(value: Any) -> str:  # noqa: ANN401 - any object
 
 
 def _traceback(error: BaseException) -> str:
-    """The traceback from the user's code on, without the lines of this file."""
-    own = os.path.abspath(__file__)  # noqa: PTH100 - as in frames
+    """The traceback from the user's code on, without the lines of this folder."""
+    own = os.path.dirname(os.path.abspath(__file__))  # noqa: PTH100, PTH120 - as in frames
     trace = error.__traceback__
-    while trace is not None and os.path.abspath(trace.tb_frame.f_code.co_filename) == own:  # noqa: PTH100
+    while trace is not None and os.path.dirname(os.path.abspath(trace.tb_frame.f_code.co_filename)) == own:  # noqa: PTH100, PTH120
         trace = trace.tb_next
     text = "".join(traceback.format_exception(type(error), error, trace)).rstrip()
     return text if len(text) <= _STACK else f"...{text[3 - _STACK :]}"

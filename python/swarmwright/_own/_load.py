@@ -8,7 +8,8 @@ from pathlib import Path
 from types import ModuleType
 
 from swarmwright._errors import InputError
-from swarmwright._own._base import Simulation
+from swarmwright._own._base import Described, Simulation
+from swarmwright._own._batch import BatchSimulation
 from swarmwright._own._names import FROM_FILE, files
 from swarmwright._suggest import did_you_mean
 from swarmwright.adapters._name import is_adapted
@@ -17,7 +18,7 @@ serving = False
 """Whether this process is a simulation server, which imports a module only for its class."""
 
 
-def load(name: str, folder: Path | None = None) -> type[Simulation]:
+def load(name: str, folder: Path | None = None) -> type[Simulation] | type[BatchSimulation]:
     """Import the module and return the class.
 
     Args:
@@ -34,12 +35,14 @@ def load(name: str, folder: Path | None = None) -> type[Simulation]:
     place, _, wanted = name.rpartition(":")
     module = _file((folder or Path()) / place) if place.endswith(".py") else _module(place)
     found = getattr(module, wanted, None)
-    if isinstance(found, type) and issubclass(found, Simulation):
+    if isinstance(found, type) and issubclass(found, Simulation | BatchSimulation):
         return found
     classes = [
         key
         for key, value in vars(module).items()
-        if isinstance(value, type) and issubclass(value, Simulation) and value is not Simulation
+        if isinstance(value, type)
+        and issubclass(value, Described)
+        and value not in {Described, Simulation, BatchSimulation}
     ]
     where = getattr(module, "__file__", None) or place
     if found is not None:
@@ -65,6 +68,8 @@ def _file(path: Path) -> ModuleType:
             spec.loader.exec_module(module)
         except Exception as error:
             del sys.modules[spec.name]
+            if isinstance(error, InputError):  # what it needs is not there
+                raise
             raise InputError(_failure(key, error)) from error
         files[key] = module
     return files[key]
@@ -81,6 +86,8 @@ def _module(name: str) -> ModuleType:
                 f"a file is named like path/to/{name.rpartition('.')[2]}.py:Class"
             ) from error
         raise InputError(_failure(name, error)) from error
+    except InputError:  # what it needs is not there
+        raise
     except Exception as error:  # a user's code may fail in any way
         raise InputError(_failure(name, error)) from error
 

@@ -53,9 +53,9 @@ class Replay:
             seed: of the simulation, for an episode that the run did not have.
 
         Raises:
-            InputError: the simulation is not built in, or there is no such candidate, controller or episode.
+            InputError: the simulation is not here, or there is no such candidate, controller or episode.
         """
-        _check_built_in(run)
+        _check_here(run)
         chosen = None if controller is not None else choose(run, generation, candidate)
         seeds = run.seeds(0) if chosen is None else chosen.seeds
         number = None if seed is not None else episode or 0
@@ -71,13 +71,14 @@ class Replay:
 
     def episode(self) -> Playable:
         """Return the episode, before its first step."""
-        from swarmwright import _engine
+        from swarmwright import _engine, _simulations
 
         experiment = self.run.experiment
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
         parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
+        simulation = _simulations.playable(experiment.simulation)
         with engine_errors():
-            episode = _engine.Episode(experiment.simulation, parameters, self.controller.json)
+            episode = _engine.Episode(simulation, parameters, self.controller.json)
         expression = experiment.fitness_expression
         return episode if expression is None else JudgedEpisode(episode, expression)
 
@@ -160,11 +161,11 @@ def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
     return [("method", method), ("seed of the run", str(experiment.seed))]
 
 
-def _check_built_in(run: Run) -> None:
-    from swarmwright import _engine
+def _check_here(run: Run) -> None:
+    from swarmwright import _simulations
 
     title = run.experiment.simulation
-    if title not in _engine.simulations():
+    if not _simulations.is_here(title):
         raise InputError(
             f"{run.path}: the simulation '{title}' is not built in, so it cannot be shown here. Its servers "
             f"can: swarmwright simulate {run.path / 'experiment.yaml'} --controller {run.path} --visual"

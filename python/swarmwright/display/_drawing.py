@@ -198,10 +198,11 @@ class Picture:
         if bodies[0].kind in CELLS:
             return [self._squares(positions, color, layer)]
         artists: list[Artist] = []
-        if diameters.any() and bodies[0].kind != "agent":
+        if diameters.any():
+            filled = 0.5 if bodies[0].kind == "obstacle" else 0.13
             discs = EllipseCollection(
                 diameters, diameters, np.zeros(len(bodies)), units="xy", offsets=positions,
-                offset_transform=axes.transData, facecolors=to_rgba(color, 0.13), edgecolors=color,
+                offset_transform=axes.transData, facecolors=to_rgba(color, filled), edgecolors=color,
                 linewidths=1.0, zorder=1.5,
             )  # fmt: skip
             artists.append(axes.add_collection(discs))

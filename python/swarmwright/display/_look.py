@@ -7,7 +7,7 @@ from swarmwright.display._scene import Body, Scene
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
 INK, BORDER, GRID, FIELD, PAPER = "#222222", "#555555", "#E4E4DE", "#FAFAF7", "#FFFFFF"
-AGENT_COLORS = {"free": BLUE, "arrived": GREEN, "out": GREEN, "caught": GREY}
+AGENT_COLORS = {"free": BLUE, "arrived": GREEN, "out": GREEN, "caught": GREY, "crashed": GREY}
 CELLS = ("blockade", "exit")
 """What fills a cell of a grid, one unit wide and high."""
 SHADES = 16
@@ -25,12 +25,15 @@ class Look(NamedTuple):
 def look(kind: str, state: str, agent_size: float) -> Look:
     """How a body of this kind and state is drawn."""
     if kind == "agent":
-        return Look(AGENT_COLORS.get(state, BLUE), "X" if state == "caught" else "o", agent_size, 4.0)
+        return Look(
+            AGENT_COLORS.get(state, BLUE), "X" if state in {"caught", "crashed"} else "o", agent_size, 4.0
+        )
     return {
         "defender": Look(RED, "^", max(agent_size, 30.0), 3.0),
         "goal": Look(GREEN, "*", 190.0, 2.5),
         "exit": Look(ORANGE, "s", 60.0, 1.6),
         "blockade": Look(BORDER, "s", 45.0, 1.6),
+        "obstacle": Look(BORDER, "o", 12.0, 1.6),
     }.get(kind, Look(ORANGE, "D", 40.0, 2.5))
 
 

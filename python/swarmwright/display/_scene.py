@@ -1,7 +1,8 @@
 """What a simulation looks like at one moment."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Self
 
 
@@ -9,30 +10,30 @@ from typing import Self
 class Body:
     """One thing in a scene.
 
-    kind: agent, defender, goal, exit, blockade, ... state: free, arrived, caught, or empty.
-    x, y, radius: in the scene's unit, metres or cells; y points up; radius 0 is a point.
+    kind: agent, defender, goal, exit, blockade, obstacle, ... state: free, arrived, caught, crashed, out, or
+    empty. x, y, radius: in the scene's unit, metres or cells; y points up; radius 0 is a point.
     """
 
     kind: str
     x: float
     y: float
-    state: str
-    radius: float
+    state: str = ""
+    radius: float = 0.0
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A two-dimensional world at one step.
+    """A two-dimensional world at one step; (0, 0) is at the bottom left.
 
-    width, height: its extent in metres or cells. message: a line to show above. grid: whether it consists of
-    cells, which people number from (0, 0) at the top left.
+    width, height: its extent in metres or cells. message: a line to show above. bodies: what lies below
+    first. grid: whether it consists of cells, which people number from (0, 0) at the top left.
     """
 
     width: float
     height: float
     step: int
     message: str
-    bodies: tuple[Body, ...]
+    bodies: Sequence[Body]
     grid: bool = False
 
     @classmethod
@@ -43,6 +44,11 @@ class Scene:
             Body(body["kind"], body["x"], body["y"], body["state"], body["radius"]) for body in raw["bodies"]
         )
         return cls(raw["width"], raw["height"], raw["step"], raw["message"], bodies, raw["grid"])
+
+    def json(self) -> str:
+        """Write it as the engine reads it. Raises ValueError for what is no number."""
+        raw = {**vars(self), "bodies": [asdict(body) for body in self.bodies]}
+        return json.dumps(raw, allow_nan=False, default=float)
 
     def of_kind(self, *kinds: str) -> list[Body]:
         """The bodies of these kinds, in their order."""

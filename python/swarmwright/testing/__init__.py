@@ -1,4 +1,4 @@
-"""What every representation, method, ranking and simulation server must do, as checks for tests.
+"""What every representation, method, ranking, batch and simulation server must do, as checks for tests.
 
     import swarmwright.testing
 
@@ -11,9 +11,17 @@
 A check raises AssertionError that says what is violated. The same checks run over everything built in.
 """
 
+from swarmwright.testing._batches import check_batch_simulation
 from swarmwright.testing._conformance import check_optimizer, check_server
 from swarmwright.testing._methods import check_method
 from swarmwright.testing._rankings import check_ranking
 from swarmwright.testing._representations import check_representation
 
-__all__ = ["check_method", "check_optimizer", "check_ranking", "check_representation", "check_server"]
+__all__ = [
+    "check_batch_simulation",
+    "check_method",
+    "check_optimizer",
+    "check_ranking",
+    "check_representation",
+    "check_server",
+]

@@ -321,11 +321,11 @@ impl Simulation for EmergencyExit {
     fn scene(&self) -> Option<Scene> {
         // Scenes have y pointing up.
         let top = self.field.rows as f32;
-        let body = |kind, [x, y]: Cell, state| Body {
-            kind,
+        let body = |kind: &'static str, [x, y]: Cell, state: &'static str| Body {
+            kind: kind.into(),
             x: x as f32 + 0.5,
             y: top - y as f32 - 0.5,
-            state,
+            state: state.into(),
             radius: 0.0,
         };
         let agents = self.places.iter().zip(&self.out).map(|(place, out)| {

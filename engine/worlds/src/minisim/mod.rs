@@ -305,11 +305,11 @@ impl Simulation for Minisim {
             capture_radius,
             ..
         } = self.settings;
-        let body = |kind, position: Point, state, radius| Body {
-            kind,
+        let body = |kind: &'static str, position: Point, state: &'static str, radius| Body {
+            kind: kind.into(),
             x: position[0],
             y: position[1],
-            state,
+            state: state.into(),
             radius,
         };
         let defenders = self

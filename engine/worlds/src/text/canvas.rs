@@ -23,11 +23,11 @@ impl Canvas {
     /// Draws radii first and symbols above them, each in the order of the bodies.
     pub(super) fn draw(&mut self, scene: &Scene, unicode: bool) {
         for body in &scene.bodies {
-            self.disc(scene, body, halo(body.kind, unicode));
+            self.disc(scene, body, halo(&body.kind, unicode));
         }
         for body in &scene.bodies {
-            let mark = glyph(body.kind, body.state, unicode);
-            if fills_cell(body.kind) {
+            let mark = glyph(&body.kind, &body.state, unicode);
+            if fills_cell(&body.kind) {
                 self.square(scene, body, mark);
             }
             let column = cell(body.x / scene.width, self.width);

@@ -5,11 +5,13 @@ pub(super) const KINDS: &[(&str, &str)] = &[
     ("agent", "free"),
     ("agent", "arrived"),
     ("agent", "caught"),
+    ("agent", "crashed"),
     ("agent", "out"),
     ("defender", ""),
     ("goal", ""),
     ("exit", ""),
     ("blockade", ""),
+    ("obstacle", ""),
 ];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,12 +48,12 @@ pub(super) struct Glyph {
 pub(super) fn glyph(kind: &str, state: &str, unicode: bool) -> Glyph {
     let (fancy, ascii, color) = match (kind, state) {
         ("agent", "arrived" | "out") => ('★', '*', Color::Arrived),
-        ("agent", "caught") => ('✗', 'x', Color::Caught),
+        ("agent", "caught" | "crashed") => ('✗', 'x', Color::Caught),
         ("agent", _) => ('●', 'o', Color::Agent),
         ("defender", _) => ('◆', 'D', Color::Defender),
         ("goal", _) => ('◎', 'G', Color::Arrived),
         ("exit", _) => ('░', 'E', Color::Arrived),
-        ("blockade", _) => ('█', '#', Color::Faint),
+        ("blockade" | "obstacle", _) => ('█', '#', Color::Faint),
         _ => ('?', '?', Color::Default),
     };
     Glyph {

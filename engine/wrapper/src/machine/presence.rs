@@ -29,7 +29,8 @@ impl Machine {
     }
 
     pub(super) fn capabilities(&self, offer: &Offer) -> Capabilities {
-        self.identity.capabilities(&offer.description, offer.batch)
+        self.identity
+            .capabilities(&offer.description, offer.batch, offer.lanes)
     }
 
     /// Whether nobody has the server.

@@ -17,7 +17,7 @@ const MOVING = new Set(["agent", "defender"]); // leave trails
 
 function look(kind, state) {
   if (kind === "agent") {
-    if (state === "caught") return { shape: "cross", color: "lost" };
+    if (state === "caught" || state === "crashed") return { shape: "cross", color: "lost" };
     return { shape: "circle", color: state === "arrived" || state === "out" ? "good" : "free" };
   }
   const known = {
@@ -25,6 +25,7 @@ function look(kind, state) {
     goal: { shape: "star", color: "good" },
     exit: { shape: "square", color: "exit" },
     blockade: { shape: "square", color: "blockade" },
+    obstacle: { shape: "circle", color: "blockade" },
   };
   return known[kind] || { shape: "diamond", color: "other" };
 }

@@ -1,0 +1,168 @@
+//! Evaluations on a simulation in Python that steps many episodes at once.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use serde_json::Value;
+use swarmwright_controllers::Controller;
+use swarmwright_worlds::{Block, RolloutError};
+
+use crate::simulation::{Hosted, Trouble, or_fail, refused};
+
+/// What `start` and `go` of a host return: who acts next, (episodes, agents), (episodes, agents, sensors), which episodes
+/// have ended.
+type Many<'py> = (
+    PyReadonlyArray2<'py, bool>,
+    PyReadonlyArray3<'py, f32>,
+    PyReadonlyArray1<'py, bool>,
+);
+
+/// One episode's controllers.
+struct Crew {
+    prototype: Controller,
+    agents: Vec<Controller>,
+}
+
+/// What is seen of all episodes between two steps.
+#[derive(Default)]
+struct Seen {
+    agents: usize,
+    /// (episodes, agents), row-major.
+    acting: Vec<bool>,
+    /// (episodes, agents, sensors), row-major.
+    observations: Vec<f32>,
+    over: Vec<bool>,
+}
+
+impl Seen {
+    fn take(&mut self, returned: &Bound<'_, PyAny>) -> PyResult<()> {
+        let (acting, observations, over): Many<'_> = returned.extract()?;
+        let (acting, observations) = (acting.as_array(), observations.as_array());
+        self.agents = acting.shape()[1];
+        self.acting.clear();
+        self.acting.extend(acting);
+        self.observations.clear();
+        self.observations.extend(observations);
+        self.over.clear();
+        self.over.extend(over.as_array());
+        Ok(())
+    }
+}
+
+/// The fitness of every candidate in every episode, each followed by the metrics that the block asks for.
+///
+/// # Errors
+/// Parameters that are refused, a controller that does not compute. The code's own failures end the call, as those of
+/// [`fail`](swarmwright_worlds::fail).
+pub fn evaluate(host: &Hosted, block: &Block<'_>) -> Result<Vec<f64>, RolloutError> {
+    let architecture = Arc::new(block.architecture.clone());
+    let parameters = Value::Object(block.parameters.clone()).to_string();
+    let numbers = block.numbers();
+    let mut results = vec![f64::NAN; block.len() * numbers];
+    for (index, results) in results.chunks_mut(host.lanes * numbers).enumerate() {
+        let first = index * host.lanes;
+        let mut crews = Vec::with_capacity(results.len() / numbers);
+        let mut seeds = Vec::with_capacity(crews.capacity());
+        for evaluation in first..first + results.len() / numbers {
+            let (candidate, episode) = (
+                evaluation / block.seeds.len(),
+                evaluation % block.seeds.len(),
+            );
+            let prototype = Controller::with_weights(&architecture, block.genome(candidate).into())
+                .map_err(|source| RolloutError::Weights { candidate, source })?;
+            crews.push(Crew {
+                prototype,
+                agents: Vec::new(),
+            });
+            seeds.push(block.seeds[episode]);
+        }
+        run(host, &parameters, seeds, &mut crews, block.metrics, results)?;
+    }
+    Ok(results)
+}
+
+/// Runs an episode of each seed, side by side.
+fn run(
+    host: &Hosted,
+    parameters: &str,
+    seeds: Vec<u64>,
+    crews: &mut [Crew],
+    metrics: &[usize],
+    results: &mut [f64],
+) -> Result<(), RolloutError> {
+    let mut seen = Seen::default();
+    let mut ended = vec![false; crews.len()];
+    let started = host.call(|python| {
+        let seeds = PyArray1::from_vec(python.py(), seeds);
+        seen.take(&python.call_method1("start", (parameters, seeds))?)
+    });
+    match started {
+        Err(Trouble::Refused(text)) => return Err(refused(&text).into()),
+        other => or_fail(other),
+    }
+    loop {
+        if ended != seen.over {
+            results_of(host, &ended, &seen.over, metrics, results);
+            ended.copy_from_slice(&seen.over);
+        }
+        if ended.iter().all(|over| *over) {
+            return Ok(());
+        }
+        let actions = actions(host, crews, &seen)?;
+        let shape = [crews.len(), seen.agents, host.actuators()];
+        or_fail(host.call(|python| {
+            let actions = PyArray1::from_vec(python.py(), actions).reshape(shape)?;
+            seen.take(&python.call_method1("go", (actions,))?)
+        }));
+    }
+}
+
+/// What all controllers compute, (episodes, agents, actuators); 0 for who does not act.
+fn actions(host: &Hosted, crews: &mut [Crew], seen: &Seen) -> Result<Vec<f32>, RolloutError> {
+    let (sensors, actuators) = (host.sensors(), host.actuators());
+    let mut actions = vec![0.0; seen.acting.len() * actuators];
+    let rows = seen.observations.chunks_exact(sensors);
+    let places = actions.chunks_exact_mut(actuators);
+    for (place, ((acts, row), action)) in seen.acting.iter().zip(rows).zip(places).enumerate() {
+        if !acts {
+            continue;
+        }
+        let (crew, agent) = (&mut crews[place / seen.agents], place % seen.agents);
+        if crew.agents.len() <= agent {
+            crew.agents.resize(agent + 1, crew.prototype.clone());
+        }
+        crew.agents[agent]
+            .step(row, action)
+            .map_err(|source| RolloutError::Controller {
+                agent: u32::try_from(agent).unwrap_or(u32::MAX),
+                source,
+            })?;
+    }
+    Ok(actions)
+}
+
+/// Writes the results of the episodes that have ended with this step.
+fn results_of(
+    host: &Hosted,
+    ended: &[bool],
+    over: &[bool],
+    metrics: &[usize],
+    results: &mut [f64],
+) {
+    let numbers = 1 + metrics.len();
+    or_fail(host.call(|python| {
+        let found = python.call_method1("results", (!metrics.is_empty(),))?;
+        let found: PyReadonlyArray2<'_, f64> = found.extract()?;
+        let found = found.as_array();
+        for (episode, results) in results.chunks_exact_mut(numbers).enumerate() {
+            if over[episode] && !ended[episode] {
+                results[0] = found[[0, episode]];
+                for (metric, result) in metrics.iter().zip(&mut results[1..]) {
+                    *result = found[[1 + metric, episode]];
+                }
+            }
+        }
+        Ok(())
+    }));
+}

@@ -1,0 +1,61 @@
+"""Whether a BatchSimulation gives one result, however many episodes there are."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from swarmwright._own._batch import BatchSimulation
+from swarmwright._own._host import Host
+
+EPISODES = 7
+"""Enough that vectors of numpy's loops are full, and some are not."""
+MOST_STEPS = 1000
+
+
+def check_batch_simulation(
+    kind: type[BatchSimulation], parameters: Mapping[str, Any] | None = None, *, seed: int = 1
+) -> None:
+    """Check that episodes do not depend on those beside them.
+
+    Seven episodes are run at once, with random actions, and each alone: observations, who acts, when it ends,
+    fitness and metrics must be the same, to the bit.
+
+    Args:
+        kind: the class.
+        parameters: with which it is reset; default: its defaults.
+        seed: of the actions.
+    """
+    text = json.dumps(dict(parameters or {}))
+    seeds = np.arange(EPISODES, dtype=np.uint64)
+    together, alone = Host(kind), [Host(kind) for _ in seeds]
+    seen = together.start(text, seeds)
+    single = [one.start(text, seeds[i : i + 1]) for i, one in enumerate(alone)]
+    random = np.random.default_rng(seed)
+    ended = np.zeros(EPISODES, bool)
+    for step in range(MOST_STEPS):
+        for i, (acts, rows, over) in enumerate(single):
+            if ended[i]:
+                continue
+            where = f"{kind.__name__}: after {step} steps, an episode alone has other"
+            assert over[0] == seen[2][i], f"{where} ideas of when it ends"
+            if not over[0]:
+                assert (acts[0] == seen[0][i]).all(), f"{where} agents that act"
+                same = (rows[0] == seen[1][i])[acts[0]]
+                assert same.all(), f"{where} observations"
+        fresh = seen[2] & ~ended
+        if fresh.any():
+            found = together.results(bool(together.metrics))
+            for i in np.flatnonzero(fresh).tolist():
+                results = alone[i].results(bool(together.metrics))[:, 0]
+                assert (results == found[:, i]).all(), (
+                    f"{kind.__name__}: an episode alone has other results: {results}, not {found[:, i]}"
+                )
+            ended |= fresh
+        if ended.all():
+            return
+        actions = random.uniform(-1, 1, (*seen[0].shape, kind.actuators)).astype(np.float32)
+        actions[~seen[0]] = 0
+        seen = together.go(actions)
+        single = [now if ended[i] else alone[i].go(actions[i : i + 1]) for i, now in enumerate(single)]
