@@ -72,6 +72,8 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
+	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
+	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	# Many tests wait for other processes: three at a time keep two processors busy.
 	$(BIN)/python -m pytest -n 3 --dist worksteal
 

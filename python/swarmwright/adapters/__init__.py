@@ -13,13 +13,14 @@ from swarmwright._errors import InputError
 from swarmwright.adapters._name import LIBRARIES, split
 
 if TYPE_CHECKING:
-    from swarmwright.adapters._environment import Environment
+    from swarmwright._own._base import Simulation
+    from swarmwright._own._batch import BatchSimulation
 
 __all__ = ["simulation"]
 
 
 @cache
-def simulation(name: str) -> type["Environment"]:
+def simulation(name: str) -> "type[Simulation | BatchSimulation]":
     """Return the class of simulations that an adapter's name stands for.
 
     Raises InputError: the library is not installed, or has no such environment.
@@ -33,7 +34,7 @@ def simulation(name: str) -> type["Environment"]:
         raise InputError(
             f"{name}: {error.name} is not installed; pip install 'swarmwright[{library}]'"
         ) from error
-    base: type[Environment] = getattr(module, LIBRARIES[library])
+    base: type[Simulation | BatchSimulation] = getattr(module, LIBRARIES[library])
     attributes = {
         "environment": environment,
         "options": options,

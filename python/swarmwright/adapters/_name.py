@@ -7,7 +7,7 @@ from typing import Any
 
 from swarmwright._errors import InputError
 
-LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo"}
+LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas"}
 """Library, which is the adapter's module, too -> its class."""
 
 _NAME = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")

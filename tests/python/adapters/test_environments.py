@@ -1,5 +1,6 @@
 """Gymnasium's and PettingZoo's environments: one record in every mode, and mistakes that are explained."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,11 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         ("pettingzoo:mpe2.simple_spreat_v3", "ModuleNotFoundError: No module named 'mpe2.simple_spreat_v3'"),
         ("pettingzoo:mpe2", "mpe2: has no parallel_env"),
+        pytest.param(
+            "vmas:navigation",
+            r"torch is not installed; pip install 'swarmwright\[vmas\]'",
+            marks=pytest.mark.skipif(find_spec("vmas") is not None, reason="VMAS is there"),
+        ),
         ("pettingzoo:broken?agents=false", "broken: has no possible_agents"),
     ],
 )

@@ -1,0 +1,188 @@
+"""E-pucks and Thymios in Enki, a fast simulator of robots on a plane.
+
+`swarmwright serve swarmwright.adapters.enki:EPucks`, or `simulation: swarmwright.adapters.enki:Thymios` in an
+experiment. Enki is Debian's package python3-enki2; it needs the version of Python that Debian has.
+
+Source: Magnenat, Waibel, Beyeler, Enki: The fast 2D robot simulator, https://github.com/enki-community/enki.
+"""
+
+import importlib.util
+import sys
+import sysconfig
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright._errors import InputError
+from swarmwright._own._base import Simulation
+from swarmwright._own._parameter import Parameter
+from swarmwright.display import Body, Scene
+
+_DEBIAN = Path("/usr/lib/python3/dist-packages")
+_TRIES = 10_000
+
+
+def _library() -> Any:  # noqa: ANN401 - it has no types
+    """Return Enki's module, Debian's where Python finds none itself; InputError where there is none."""
+    try:
+        import pyenki
+    except ModuleNotFoundError:
+        pass
+    else:
+        return pyenki
+    # Alone, since the folder holds packages that are others than those of a virtual environment.
+    file = _DEBIAN / f"pyenki{sysconfig.get_config_var('EXT_SUFFIX')}"
+    if not file.is_file():
+        others = sorted(_DEBIAN.glob("pyenki.*.so"))
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise InputError(
+            f"Enki is there for Debian's Python, not for this one, {version}; serve the simulation from an "
+            "environment of its own: /usr/bin/python3 -m venv enki"
+            if others
+            else "Enki is not installed; apt install python3-enki2"
+        )
+    spec = importlib.util.spec_from_file_location("pyenki", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.modules["pyenki"] = module
+    return module
+
+
+enki = _library()
+
+
+class Robots(Simulation):
+    """Robots drive around in an arena with pillars, and into nothing.
+
+    Sensors: one for each of the robot's proximity sensors, 0 (nothing in range) to 1 (touching).
+    Actuators (2): speed of the left and of the right wheel, 1 is full speed ahead.
+    Fitness: the mean over robots and steps of V (1 - sqrt(D)) (1 - S): V is the mean speed of the wheels, D
+    how much they differ, S the reading of the sensor that reads most, each from 0 to 1. Floreano, Mondada,
+    Automatic creation of an autonomous agent: genetic evolution of a neural-network driven robot, SAB 1994.
+
+    Wheels and sensors are noisy. The seed sets where everything stands, and the noise; but Enki steps objects
+    in the order of their addresses in memory, so that two runs may differ.
+    """
+
+    actuators = 2
+    determinism = "none"
+    copies = False  # one source of noise for the whole process
+    metrics = {"touching": "Share of robots with something within 1 cm, mean over the episode."}  # noqa: RUF012
+    parameters = {  # noqa: RUF012 - as in the base class
+        "agents": Parameter(4, "Robots.", minimum=1, maximum=200),
+        "size": Parameter(100.0, "Side of the arena, centimetres.", minimum=30.0, maximum=10_000.0),
+        "pillars": Parameter(4, "Pillars of 5 cm radius, placed by the seed.", minimum=0, maximum=100),
+        "steps": Parameter(300, "Steps of control in an episode, 0.1 s each.", minimum=1),
+    }
+
+    reach: ClassVar[float]
+    """How far proximity sensors see, centimetres."""
+    fastest: ClassVar[float]
+    """Of a wheel, centimetres per second."""
+    half: ClassVar[float]
+    """Radius of a circle around the robot, centimetres."""
+
+    @abstractmethod
+    def robot(self) -> Any:  # noqa: ANN401 - one of Enki's
+        """Return a new robot."""
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
+        """Go to the start of an episode."""
+        random = np.random.default_rng(seed)
+        self.size, self.left = parameters["size"], parameters["steps"]
+        self.steps = self.left
+        self._sum = self._touched = 0.0
+        self.world = enki.World(self.size, self.size)
+        self.world.setRandomSeed((seed ^ seed >> 32) & 0x7FFF_FFFF)
+        taken: list[tuple[float, float, float]] = []
+        self.pillars = []
+        for _ in range(parameters["pillars"]):
+            pillar = enki.CircularObject(5, 10, -1, enki.Color(0.4, 0.4, 0.4))
+            pillar.pos = _free(random, taken, self.size, 5, "pillars")
+            self.pillars.append(pillar)
+        self.robots = []
+        for _ in range(parameters["agents"]):
+            robot = self.robot()
+            robot.pos = _free(random, taken, self.size, self.half + 1, "agents")
+            robot.angle = float(random.uniform(-np.pi, np.pi))
+            self.robots.append(robot)
+        for thing in (*self.pillars, *self.robots):
+            self.world.addObject(thing)
+        self.world.step(0.001)  # sensors read something from here on
+        return self._look()
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Go on by one step of control."""
+        for robot, (left, right) in zip(self.robots, actions.tolist(), strict=True):
+            robot.leftSpeed, robot.rightSpeed = self.fastest * left, self.fastest * right
+        self.world.step(0.1, 3)
+        self.left -= 1
+        seen = self._look()
+        wheels = (actions.astype(float) + 1) / 2
+        fast, differ = np.abs(actions).mean(axis=1), np.abs(wheels[:, 0] - wheels[:, 1])
+        self._sum += float((fast * (1 - np.sqrt(differ)) * (1 - seen.max(axis=1))).mean())
+        self._touched += float((seen.max(axis=1) > 1 - 1 / self.reach).mean())
+        return seen
+
+    def done(self) -> bool:
+        """Return whether the time is over."""
+        return bool(self.left == 0)
+
+    def fitness(self) -> float:
+        """Return how fast, straight and far from everything robots drove."""
+        return float(self._sum / max(self.steps - self.left, 1))
+
+    def measure(self) -> dict[str, float]:
+        """Return the metrics."""
+        return {"touching": self._touched / max(self.steps - self.left, 1)}
+
+    def scene(self) -> Scene:
+        """Return what the arena looks like from above, in centimetres."""
+        bodies = [Body("obstacle", x, y, "", 5.0) for x, y in (pillar.pos for pillar in self.pillars)]
+        bodies += [Body("agent", x, y, "free", self.half) for x, y in (robot.pos for robot in self.robots)]
+        return Scene(self.size, self.size, self.steps - self.left, self.title, bodies)
+
+    def _look(self) -> NDArray[np.float64]:
+        distances = np.array([list(robot.proximitySensorDistances) for robot in self.robots])
+        return 1 - np.clip(distances / self.reach, 0, 1)
+
+
+class EPucks(Robots):
+    """E-pucks, with 8 proximity sensors around."""
+
+    title = "enki e-pucks"
+    sensors = 8
+    reach, fastest, half = 12.0, 12.8, 3.7
+
+    def robot(self) -> Any:  # noqa: ANN401 - Enki's
+        """Return an e-puck."""
+        return enki.EPuck()
+
+
+class Thymios(Robots):
+    """Thymios II, with 5 proximity sensors in front and 2 behind."""
+
+    title = "enki thymios"
+    sensors = 7
+    reach, fastest, half = 14.0, 16.6, 8.0
+
+    def robot(self) -> Any:  # noqa: ANN401 - Enki's
+        """Return a Thymio II."""
+        return enki.Thymio2()
+
+
+def _free(
+    random: np.random.Generator, taken: list[tuple[float, float, float]], size: float, room: float, name: str
+) -> tuple[float, float]:
+    """Return a place in the arena with room around it, and take it. InputError where there is none."""
+    for _ in range(_TRIES):
+        x, y = random.uniform(room, size - room, 2).tolist()
+        if all((x - a) ** 2 + (y - b) ** 2 > (room + r) ** 2 for a, b, r in taken):
+            taken.append((x, y, room))
+            return x, y
+    raise InputError(f"{name}: there is no room for them in the arena")

@@ -1,0 +1,100 @@
+"""A film of robots in three dimensions: `python -m swarmwright.adapters.mujoco.film RUN FILE.gif`.
+
+The best controller of a run is played in one of its episodes and rendered by MuJoCo. Where there is no screen
+the environment variable MUJOCO_GL says how: osmesa (Debian's package libosmesa6), or egl.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import mujoco
+import numpy as np
+from PIL import Image
+
+from swarmwright._controller import Controller
+from swarmwright._errors import InputError, SwarmwrightError
+from swarmwright._own._load import load
+from swarmwright._own._parameter import declared, filled_in
+from swarmwright._run import Run
+from swarmwright.adapters.mujoco._robots import Robots
+
+COLORS = 64
+LAST_FRAME = 1500  # milliseconds
+
+
+def frames(
+    robots: Robots, controller: Controller, parameters: dict[str, object], seed: int, size: tuple[int, int]
+) -> list[Image.Image]:
+    """Run an episode and return a picture of every second step.
+
+    Args:
+        robots: the simulation.
+        controller: of every robot.
+        parameters: all of the simulation's.
+        seed: of the episode.
+        size: width and height in pixels.
+    """
+    seen: Any = robots.reset(parameters, seed)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = (0, 0, 0.2)
+    camera.distance = 1.25 * max(robots.arena.width, robots.arena.depth)
+    camera.azimuth, camera.elevation = 90, -55
+    found = []
+    try:
+        renderer = mujoco.Renderer(robots.model, size[1], size[0])
+    except mujoco.FatalError as error:
+        raise InputError(
+            "MuJoCo cannot draw here; without a screen set MUJOCO_GL=osmesa (Debian's libosmesa6) or egl"
+        ) from error
+    try:
+        step = 0
+        while True:
+            if step % 2 == 0 or robots.done():
+                renderer.update_scene(robots.data, camera)
+                found.append(Image.fromarray(renderer.render()))
+            if robots.done():
+                return found
+            actions = controller(np.asarray(seen, np.float32))
+            acting = robots.acting()
+            if acting is not None:
+                actions = np.where(np.asarray(acting)[:, None], actions, np.float32(0))
+            seen = robots.step(actions)
+            step += 1
+    finally:
+        renderer.close()
+
+
+def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (480, 360)) -> None:
+    """Write a GIF of the best controller of a run, twice as fast as life.
+
+    Raises InputError when the run is of another simulation or nothing can be drawn here, OSError.
+    """
+    kind = load(run.experiment.simulation)
+    if not issubclass(kind, Robots):
+        raise InputError(f"{run.path}: {run.experiment.label} is no simulation of robots in MuJoCo")
+    parameters = dict(run.experiment.parameters)
+    parameters.pop("seed", None)
+    values = filled_in(declared(kind.parameters, kind.__name__), parameters)
+    seed = run.seeds(run.best.generation)[episode]
+    pictures = frames(kind(), run.best.controller, values, seed, size)
+    palette = pictures[-1].quantize(COLORS)
+    indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    durations = [round(1000 * kind.frame_seconds)] * (len(indexed) - 1) + [LAST_FRAME]
+    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=True)
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--episode", type=click.IntRange(0), default=0, help="One of the run's.")
+def main(run: Path, file: Path, episode: int) -> None:
+    """Write a FILE.gif of the best controller of a RUN."""
+    try:
+        write(Run.open(run), file, episode=episode)
+    except (SwarmwrightError, OSError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""Scenarios of VMAS as simulations, many episodes at once.
+
+Source: Bettini, Kortvelesy, Blumenkamp, Prorok, VMAS: A vectorized multi-agent simulator for collective robot
+learning, DARS 2022, https://github.com/proroklab/VectorizedMultiAgentSimulator.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+import vmas
+from numpy.typing import NDArray
+
+from swarmwright._errors import InputError
+from swarmwright._own._batch import BatchSimulation
+
+
+class Vmas(BatchSimulation):
+    """A scenario with continuous actions; the fitness is the mean over agents of each one's sum of rewards.
+
+    All agents are steered by the same controller, so they must sense and act alike. Parameters of an
+    experiment go to the scenario; `max_steps` ends an episode, after 100 steps by default.
+    """
+
+    environment: ClassVar[str] = ""
+    """The scenario's name."""
+    options: ClassVar[Mapping[str, Any]] = {}
+    """What the scenario gets; parameters of an experiment are added."""
+    adapted: ClassVar[str] = ""
+
+    lanes = 512
+
+    def __init__(self) -> None:
+        env = self._make(1, {})
+        self.sensors, self.actuators = self._sizes(env)
+        self.max_agents = env.n_agents
+        self._env = env
+        self._made_of: tuple[int, dict[str, Any]] = (1, {})
+
+    def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> NDArray[np.float64]:
+        """Go to the start of an episode for each seed."""
+        if (len(seeds), parameters) != self._made_of:
+            self._env = self._make(len(seeds), parameters)
+            self._made_of = (len(seeds), dict(parameters))
+            if self._sizes(self._env) != (self.sensors, self.actuators):
+                raise InputError(
+                    f"{', '.join(parameters)}: changes what agents sense; put it into the simulation's name, "
+                    f"as {self.environment}?{next(iter(parameters))}=.."
+                )
+        for index, seed in enumerate(seeds.tolist()):
+            # Each episode has its own chance, whoever is beside it.
+            torch.manual_seed(seed & 0x7FFF_FFFF_FFFF_FFFF)
+            self._env.reset_at(index)
+        self._rewards = np.zeros(len(seeds))
+        self._over = np.zeros(len(seeds), bool)
+        return self._rows(
+            self._env.get_from_scenario(
+                get_observations=True, get_rewards=False, get_infos=False, get_dones=False
+            )[0]
+        )
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Go on by one step."""
+        ranges = [float(np.max(agent.u_range)) for agent in self._env.agents]
+        given = [torch.as_tensor(actions[:, index] * ranges[index]) for index in range(len(self._env.agents))]
+        seen, rewards, dones, _ = self._env.step(given)
+        gained = np.stack([np.asarray(reward, float) for reward in rewards], axis=1)
+        self._rewards += np.where(self._over, 0.0, gained.sum(axis=1) / len(rewards))
+        self._over = self._over | np.asarray(dones, bool)
+        return self._rows(seen)
+
+    def done(self) -> NDArray[np.bool_]:
+        """Return which episodes have ended."""
+        return self._over
+
+    def fitness(self) -> NDArray[np.float64]:
+        """Return the mean over agents of the sum of rewards."""
+        return self._rewards
+
+    def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - VMAS's own
+        given = {"max_steps": 100, **self.options, **parameters}
+        try:
+            return vmas.make_env(
+                scenario=self.environment, num_envs=episodes, device="cpu", continuous_actions=True, **given
+            )
+        except Exception as error:  # libraries complain in their own ways
+            raise InputError(f"Vmas {self.environment}: {type(error).__name__}: {error}") from error
+
+    def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - VMAS's own
+        seen = {space.shape for space in env.observation_space}
+        acts = {space.shape for space in env.action_space}
+        if len(seen) != 1 or len(acts) != 1:
+            raise InputError(
+                f"Vmas {self.environment}: its agents differ, so one controller cannot steer all"
+            )
+        return int(np.prod(seen.pop())), int(np.prod(acts.pop()))
+
+    def _rows(self, seen: Any) -> NDArray[np.float64]:  # noqa: ANN401 - tensors, one for each agent
+        return np.stack([np.asarray(rows, float) for rows in seen], axis=1)
