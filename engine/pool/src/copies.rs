@@ -43,6 +43,14 @@ impl Found {
     }
 }
 
+/// An episode that is over for this tool, though its server may still begin it, or answer.
+pub(crate) struct Ended {
+    pub hash: String,
+    pub server: u64,
+    /// Whether its fitness came.
+    answered: bool,
+}
+
 impl Machine {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
     pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
@@ -92,7 +100,7 @@ impl Machine {
             match job {
                 Job::Episode(hash) => {
                     if let Some(run) = self.runs.remove(&hash) {
-                        self.over(&hash, false);
+                        self.over(&hash, server, false);
                         self.record_run(&run, Some(reason.to_owned()), None, now);
                         self.end_run(server, &hash);
                     }
@@ -300,8 +308,13 @@ impl Machine {
     }
 
     /// An episode is over; `answered`: its fitness came.
-    pub(crate) fn over(&mut self, hash: &str, answered: bool) {
-        self.ended.push_back((hash.to_owned(), answered));
+    pub(crate) fn over(&mut self, hash: &str, server: u64, answered: bool) {
+        let hash = hash.to_owned();
+        self.ended.push_back(Ended {
+            hash,
+            server,
+            answered,
+        });
         if self.ended.len() > REMEMBERED {
             self.ended.pop_front();
         }
@@ -309,9 +322,9 @@ impl Machine {
 
     /// A fitness for no episode under way.
     pub(crate) fn unwanted(&mut self, hash: &str) {
-        match self.ended.iter().find(|(ended, _)| ended == hash) {
-            Some((_, true)) => self.counts.double += 1,
-            Some((_, false)) => self.counts.late += 1,
+        match self.ended.iter().find(|ended| ended.hash == hash) {
+            Some(ended) if ended.answered => self.counts.double += 1,
+            Some(_) => self.counts.late += 1,
             None => {}
         }
     }

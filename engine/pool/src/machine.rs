@@ -14,6 +14,7 @@ use swarmwright_protocol::{
 };
 
 use crate::audit::Check;
+use crate::copies::Ended;
 use crate::counts::Counts;
 use crate::demand::Demand;
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
@@ -137,8 +138,6 @@ pub struct Machine {
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
     pub(crate) journal: Vec<(Attempt, Instant)>,
-    /// Episodes that were given up lately, each with its server, which may begin them late.
-    pub(crate) given_up: VecDeque<(String, u64)>,
     /// Servers that may still wait for this tool since its connection broke, each with its last hash.
     pub(crate) left_behind: BTreeMap<u64, Option<String>>,
     pub(crate) complaints: HashSet<String>,
@@ -151,7 +150,7 @@ pub struct Machine {
     pub(crate) packet: usize,
     pub(crate) counts: Counts,
     /// Hashes of the last episodes that are over, and whether a result came.
-    pub(crate) ended: VecDeque<(String, bool)>,
+    pub(crate) ended: VecDeque<Ended>,
     /// When to look whether an idle server should get a copy of somebody's work.
     pub(crate) backup_at: Option<Instant>,
     /// Results that wait for a second server's, by evaluation.
@@ -203,7 +202,6 @@ impl Machine {
             requests: HashMap::new(),
             refused_at: None,
             journal: Vec::new(),
-            given_up: VecDeque::new(),
             left_behind: BTreeMap::new(),
             complaints: HashSet::new(),
             troubles: HashMap::new(),

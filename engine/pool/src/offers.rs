@@ -90,6 +90,9 @@ impl Offers {
             .swarmwright
             .as_ref()
             .and_then(|announced| announced.instance.clone());
+        if self.is_lost(id, instance.as_deref()) {
+            return Answer::Unfit(None);
+        }
         let rival = self.has_rival(id, instance.as_ref(), round);
         if self.still_twins(id, round) || (rival && !self.slots.contains_key(&id)) {
             return Answer::Twins(Vec::new(), false);
@@ -145,6 +148,15 @@ impl Offers {
             },
         );
         Answer::Welcome
+    }
+
+    /// Whether a start of a server is known to be gone: its answer is older, or came twice.
+    fn is_lost(&self, id: u64, instance: Option<&str>) -> bool {
+        let lost = |presence: &&Presence| presence.state == State::Lost;
+        let presence = self.presences.get(&id).filter(lost);
+        let announced = presence.and_then(|presence| presence.capabilities.swarmwright.as_ref());
+        let gone = announced.and_then(|announced| announced.instance.as_deref());
+        gone.is_some() && gone == instance
     }
 
     /// Whether another instance answered under this id in this round or one of the two before, and did not leave since:

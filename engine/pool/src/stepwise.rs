@@ -21,9 +21,6 @@ const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 /// How often in a row another tool may be faster on a server before the server is the one to blame.
 const MOST_BEATEN: u32 = 5;
 
-/// Episodes that were given up and are remembered.
-const GIVEN_UP: usize = 64;
-
 impl Machine {
     pub(crate) fn start_episode(&mut self, piece: Piece, server: u64, now: Instant) {
         let (candidates, episodes) = self.ledger.extent(&piece);
@@ -89,12 +86,12 @@ impl Machine {
         }
     }
 
-    /// Sensors came of an episode that is none under way: if it is one that was given up, its server began it late and
+    /// Sensors came of an episode that is none under way: if it is over, its server began it late, or a second time, and
     /// waits for nothing.
     fn end_late_run(&mut self, hash: &str) {
-        let found = self.given_up.iter().find(|(given_up, _)| given_up == hash);
-        if let Some((_, server)) = found {
-            self.end_run(*server, hash);
+        let found = self.ended.iter().find(|ended| ended.hash == hash);
+        if let Some(server) = found.map(|ended| ended.server) {
+            self.end_run(server, hash);
         }
     }
 
@@ -110,7 +107,7 @@ impl Machine {
         let Some(run) = self.runs.remove(&message.simulation_hash) else {
             return self.unwanted(&message.simulation_hash);
         };
-        self.over(&message.simulation_hash, true);
+        self.over(&message.simulation_hash, run.server, true);
         let job = Job::Episode(message.simulation_hash.clone());
         self.offers.finished(run.server, &job);
         let duration = now.saturating_duration_since(run.started);
@@ -156,13 +153,9 @@ impl Machine {
         let Some(run) = self.runs.remove(hash) else {
             return;
         };
-        if self.given_up.len() >= GIVEN_UP {
-            self.given_up.pop_front();
-        }
-        self.given_up.push_back((hash.to_owned(), run.server));
         self.offers
             .finished(run.server, &Job::Episode(hash.to_owned()));
-        self.over(hash, false);
+        self.over(hash, run.server, false);
         self.record_run(&run, Some(reason.to_owned()), None, now);
         self.retry(run.piece, run.server, reason, blame, now);
     }
@@ -183,7 +176,7 @@ impl Machine {
         let Some(run) = self.runs.remove(&hash) else {
             return;
         };
-        self.over(&hash, false);
+        self.over(&hash, run.server, false);
         if let Some(slot) = self.offers.slots.get_mut(&run.server) {
             slot.silent = false;
         }

@@ -416,7 +416,8 @@ impl<'a> Simulator<'a> {
         let holder = process.machine.holder();
         let lets_down = |tool: &Tool| {
             let machine = tool.machine.as_ref();
-            holder.as_ref() == Some(&tool.name)
+            tool.stage != Stage::Finished
+                && holder.as_ref() == Some(&tool.name)
                 && machine.is_some_and(|machine| machine.has_nothing_on(process.id))
         };
         process.job.is_none() && self.tools.iter().any(lets_down)

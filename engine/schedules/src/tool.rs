@@ -401,7 +401,8 @@ impl Tool {
         most(
             "evaluations that wait",
             held.queued,
-            if ended { 0 } else { self.expected.len() },
+            // Copies of slow work wait, too.
+            if ended { 0 } else { 2 * self.expected.len() },
         )
     }
 }
