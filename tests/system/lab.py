@@ -1,4 +1,4 @@
-"""A simulation whose servers are good, slow or broken, as FAULT in the environment says."""
+"""A simulation whose servers are good, slow, broken or wrong, as FAULT in the environment says."""
 
 import os
 import signal
@@ -21,6 +21,7 @@ class Lab(Simulation):
     dimensions = 1
     sensors = 2
     actuators = 1
+    determinism = "bitwise"
 
     def __init__(self) -> None:
         self.kind, _, self.value = os.environ.get("FAULT", "none").partition("=")
@@ -47,4 +48,9 @@ class Lab(Simulation):
     def fitness(self) -> float:
         if self.kind == "poison" and self.place == float(self.value):
             os.kill(os.getpid(), signal.SIGKILL)
+        match self.kind:
+            case "constant":
+                return 0.25
+            case "off":
+                return self.place * 1.01
         return self.place

@@ -120,6 +120,39 @@ def test_a_server_that_answers_rubbish_costs_nothing(
     assert "server 2" in told[0]
 
 
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("fault", ["constant", "off"])
+def test_a_server_that_finds_something_else_is_found_out(
+    embedded: BrokerProcess,
+    serve_lab: ServeLab,
+    launch: Launch,
+    experiment: Experiment,
+    expected: dict[str, Any],
+    mode: str,
+    fault: str,
+) -> None:
+    """Always the same fitness, or one that is 1 % off: no error, but not what two others find."""
+    for server, kind in ((1, "none"), (2, fault), (3, "none")):
+        serve_lab(server, kind).until_event("ready")
+    # Half of its dozen results in the first generation are looked at: one at least.
+    path = experiment(f"{EXPERIMENT}mode: {mode}\nfaults: {{audit: 0.5}}\n")
+    run = launch("optimize", path, "--broker", embedded.url, "--out", "result")
+    assert run.wait(50) == 0, run.stderr
+    folder = path.parent / "result"
+    assert record(folder) == expected
+    told = [text for text in warnings(folder) if "gives wrong results" in text]
+    assert len(told) == 1, warnings(folder)
+    assert told[0].startswith("server 2 gives wrong results and is not used any more: candidate ")
+    assert " are done again" in told[0]
+    assert "had been used before" not in told[0]
+    incidents = next(line for line in run.lines if line.startswith("Incidents: "))
+    assert "disagreements: " in incidents
+    generations: dict[int, set[int]] = {1: set(), 2: set(), 3: set()}
+    for attempt in Run.open(folder).attempts():
+        generations[attempt.server].add(attempt.generation)
+    assert generations == {1: {0, 1, 2}, 2: {0}, 3: {0, 1, 2}}
+
+
 @pytest.mark.usefixtures("expected")
 @pytest.mark.parametrize("mode", MODES)
 def test_a_candidate_that_kills_servers_is_reported_and_the_run_goes_on(

@@ -177,7 +177,8 @@ impl Machine {
             return self.disagree(evaluation, &[first, second]);
         };
         self.warn(format!("{told}; a third server decides"));
-        self.ledger.queue(Piece::audit(evaluation, never));
+        // At once: until then the one that is wrong gets more to do.
+        self.ledger.queue_first(Piece::audit(evaluation, never));
         self.checks.insert(
             evaluation,
             Check {

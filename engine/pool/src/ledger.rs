@@ -378,12 +378,17 @@ impl Ledger {
 
     /// A copy of work under way, or an audit, waits for a server: copies before all else.
     pub fn queue(&mut self, piece: Piece) {
-        self.queued += piece.len();
         if piece.purpose == Purpose::Backup {
-            self.queue.push_front(piece);
-        } else {
-            self.queue.push_back(piece);
+            return self.queue_first(piece);
         }
+        self.queued += piece.len();
+        self.queue.push_back(piece);
+    }
+
+    /// As [`queue`](Self::queue), before all else.
+    pub fn queue_first(&mut self, piece: Piece) {
+        self.queued += piece.len();
+        self.queue.push_front(piece);
     }
 
     /// Whether an evaluation is in more than one place.
