@@ -13,13 +13,17 @@ from swarmwright.conformance import check_server
 from tests.conformance.sound import SoundServer
 from tests.conftest import ROOT
 from tests.cpp import build
+from tests.enki import needs_enki
 from tests.java import jar
 
-SLOW = "-S6.5,-S6.9,-S11.2"
-"""Rules that wait for seconds; tried once for each state machine, not for each simulation on it."""
+SLOW = "-S6.5,-S6.9,-S11.2,-S12"
+"""Rules that wait or measure for seconds: tried for each state machine, not for each simulation on it."""
+PATIENCE = 1.0
+"""Seconds after which servers give up an episode, which two rules wait for."""
 MANY = {"numAgents": 3, "placement": "random", "maxSteps": 6}
 SERVE = (
-    f"{sys.executable} -m swarmwright serve {{simulation}} --broker {{broker}} --id {{id}} --step-timeout 2"
+    f"{sys.executable} -m swarmwright serve {{simulation}} "
+    f"--broker {{broker}} --id {{id}} --step-timeout {PATIENCE:g}"
 )
 
 
@@ -31,7 +35,7 @@ class Subject:
     parameters: dict[str, Any] = field(default_factory=dict)
     rules: str = SLOW
     skipped: frozenset[str] = frozenset()
-    step_timeout: float | None = 2.0
+    step_timeout: float | None = PATIENCE
 
 
 def served(simulation: str) -> str:
@@ -41,12 +45,12 @@ def served(simulation: str) -> str:
 
 def java() -> str:
     """The example server of the Java wrapper."""
-    return f"java -Xshare:auto -jar {jar()} --broker {{broker}} --id {{id}} --step-timeout 2"
+    return f"java -Xshare:auto -jar {jar()} --broker {{broker}} --id {{id}} --step-timeout {PATIENCE:g}"
 
 
 def cpp(example: str) -> Callable[[], str]:
     """An example server of the C++ wrapper."""
-    return lambda: f"{build() / example} --broker {{broker}} --id {{id}} --step-timeout 2"
+    return lambda: f"{build() / example} --broker {{broker}} --id {{id}} --step-timeout {PATIENCE:g}"
 
 
 STEERED = frozenset(
@@ -59,11 +63,17 @@ STEERED = frozenset(
         9: (1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13),
         10: (1, 2, 3, 4, 5, 6),
         11: (5,),
-        12: (1, 2, 3),
     }.items()
     for number in numbers
 )
 """What does not apply where nobody is asked for actuators."""
+UNLIMITED = frozenset({"S1.6"})
+"""What cannot be asked of simulations that take any number of agents."""
+BY_CHANCE = frozenset(
+    {"S3.1", "S3.2", "S3.3", "S3.4", "S4.1", "S4.2", "S4.4", "S9.3", "S9.4", "S9.5", "S9.7", "S10.1"}
+)
+"""What cannot be compared where no two episodes are the same; the rest is tried all the same."""
+ROBOTS = {"agents": 3, "steps": 6}
 EXIT = {"steps": 3, "width": 8, "height": 8, "numAgents": 4, "numExits": 1, "numBlockades": 3}
 
 SUBJECTS = {
@@ -83,13 +93,20 @@ SUBJECTS = {
         served("pettingzoo:mpe2.simple_spread_v3"), {"max_cycles": 8}, skipped=frozenset({"S9.5"})
     ),
     "python": Subject(served(f"{ROOT}/tests/python/own/minisim.py:Minisim"), MANY),
+    "numpy": Subject(served(f"{ROOT}/tests/python/own/minisim_batch.py:Minisim"), MANY),
+    "mujoco rovers": Subject(served("swarmwright.adapters.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
+    "mujoco quadrotors": Subject(served("swarmwright.adapters.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
+    "enki": Subject(served("swarmwright.adapters.enki:EPucks"), ROBOTS, skipped=UNLIMITED | BY_CHANCE),
 }
 
 
 @pytest.mark.timeout(600)  # it may build the wrappers
-@pytest.mark.parametrize("name", SUBJECTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=needs_enki) if name == "enki" else name for name in SUBJECTS]
+)
 def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT / 'python'}:{ROOT}")  # where some subjects import from
     subject = SUBJECTS[name]
     command = subject.command if isinstance(subject.command, str) else subject.command()
     report = check_server(
@@ -116,7 +133,10 @@ def test_the_model_that_broken_servers_are_made_of_is_sound() -> None:
 
 def test_agents_that_steer_themselves() -> None:
     report = check_server(
-        command=served("minisim"), parameters={**MANY, "steering": "rule"}, rules=[SLOW], step_timeout=2.0
+        command=served("minisim"),
+        parameters={**MANY, "steering": "rule"},
+        rules=[SLOW],
+        step_timeout=PATIENCE,
     )
     assert report.ok, str(report)
     assert set(report.of("skipped")) == STEERED

@@ -19,7 +19,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import sysconfig
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -29,6 +28,7 @@ from pathlib import Path
 import pytest
 
 from tests.cpp import BUILD, build
+from tests.enki import ENKI, WHY_NOT
 from tests.java import JAR, jar
 
 ROOT = Path(__file__).parents[2]
@@ -36,7 +36,6 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SHOWN_ONLY = {"text", "mermaid", "json", "console"}
 RUN = {"bash", "python", "yaml"}
 FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
-ENKI = Path(f"/usr/lib/python3/dist-packages/pyenki{sysconfig.get_config_var('EXT_SUFFIX')}")
 PORTS = re.compile(r"\b(1883|8883|8884|9001)\b")
 
 
@@ -143,7 +142,7 @@ def run(command: list[str], folder: Path, environment: dict[str, str], where: st
 )
 def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
     if "adapters.enki" in page.read_text(encoding="utf-8") and not ENKI.is_file():
-        pytest.skip("Debian has no Enki for this version of Python")
+        pytest.skip(WHY_NOT)
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)

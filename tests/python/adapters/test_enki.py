@@ -1,16 +1,14 @@
 """E-pucks and Thymios in Enki, where Debian's package fits this Python."""
 
-import sysconfig
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, evaluate, simulate
+from tests.enki import needs_enki
 
-FILE = Path(f"/usr/lib/python3/dist-packages/pyenki{sysconfig.get_config_var('EXT_SUFFIX')}")
-pytestmark = pytest.mark.skipif(not FILE.is_file(), reason="Debian has no Enki for this version of Python")
+pytestmark = needs_enki
 
 
 def test_sensors_motors_and_noise() -> None:
