@@ -7,6 +7,7 @@ count.
 import json
 import math
 import random
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import msgpack
@@ -16,6 +17,7 @@ from paho.mqtt.client import MQTTMessage
 from swarmwright import _engine
 from tests.conformance import sound
 from tests.conformance.sound import Json, Refused, SoundServer, World, real
+from tests.protocol.controllers import Controller
 
 STEPWISE = "S1,S2,S3,S4,S5,S6,S7,S8,-S6.5,-S6.9"
 """What is tried on those that break what every server must do, but for what takes seconds."""
@@ -405,6 +407,33 @@ class OneControllerForAll(Broken):
         while acting := world.acting():
             world.step({a: controller.step(np.array(world.sense(a), np.float32)).tolist() for a in acting})
         return world
+
+
+class FlushesSubnormals(Broken):
+    """Computes its controllers as fast as it can: numbers below the normal ones are 0."""
+
+    breaks: ClassVar = {"S9.14"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        wanted = json.loads(specification)
+        if wanted["kind"] != "layered":
+            return super().rollout(specification, parameters)
+        controller = Flushing(wanted)
+        world = self.make(parameters)
+        while acting := world.acting():
+            seen = {agent: [np.float32(value) for value in world.sense(agent)] for agent in acting}
+            with np.errstate(over="ignore", invalid="ignore"):
+                world.step({agent: list(map(float, controller.step(row))) for agent, row in seen.items()})
+        return world
+
+
+class Flushing(Controller):
+    """A layered network of another make than the engine's, without subnormals."""
+
+    def _node(self, row: Sequence[np.float32], inputs: Sequence[np.float32]) -> np.float32:
+        found = super()._node(row, inputs)
+        return np.float32(0) if abs(found) < np.finfo(np.float32).smallest_normal else found
 
 
 class ColumnsFirst(Broken):

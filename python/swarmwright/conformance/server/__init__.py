@@ -10,6 +10,7 @@ from swarmwright.conformance.server import (  # noqa: I001 - the order of the ru
     presence,
     metrics,
     offloaded,
+    vectors,
     batches,
     connection,
     speed,
@@ -31,5 +32,6 @@ __all__ = [
     "same_again",
     "speed",
     "taken",
+    "vectors",
     "wrong_messages",
 ]

@@ -1,0 +1,260 @@
+"""S9.14: networks against golden vectors, which an independent implementation has computed.
+
+A server's sensors cannot be chosen, so networks bring what they compute on: where all weights of a sensor are
+0, the first layer's outputs are those of its biases, the same in every step.
+
+- Points of tanh and sigmoid: the first layer computes f(x); the second one takes the golden f(x) from it,
+  times so large a power of two that one wrong bit gives -1 or 1; the third one adds these up. Its outputs
+  steer agents: 0 if all bits are right, else -1 or 1. In a fully meshed network three iterations are these
+  layers.
+- Networks of activations that pass numbers on (linear, relu, clamp): their first layer outputs the sensors of
+  a vector, the rest of the network is the vector's. Agents are steered by the vector's actuators.
+
+How episodes end with such actuators is seen stepwise; the controllers have no part in that.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.conformance._blocks import Crew, evaluation, free_again, numbers
+from swarmwright.conformance._course import Always, same
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.offloaded import evaluated
+
+Floats = NDArray[np.float32]
+
+FILE = Path(__file__).with_name("controllers.json")
+"""protocol/vectors/controllers.json"""
+GROUP = 16
+"""Points that one network computes; sums of as many powers of two are exact."""
+SEED = 1
+RANGES = {"tanh": [-1, 1], "sigmoid": [0, 1]}
+"""Functions with points -> output range of networks that have them."""
+PASSES = {"linear": (-np.inf, np.inf), "relu": (0.0, np.inf), "clamp": (0.0, 1.0)}
+"""Activations that pass numbers on, and which ones."""
+
+
+@cache
+def vectors() -> Json:
+    """Read the file."""
+    found: Json = json.loads(FILE.read_text(encoding="utf-8"))
+    return found
+
+
+def binary32(bits: Sequence[str]) -> Floats:
+    """Return the numbers with these bits, in hexadecimal."""
+    return np.array([int(one, 16) for one in bits], np.uint32).view(np.float32)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Golden points of a function: f(x) is y."""
+
+    function: str
+    x: Floats
+    y: Floats
+
+    def part(self, start: int, count: int = GROUP) -> "Points":
+        """Return some of them."""
+        return Points(self.function, self.x[start : start + count], self.y[start : start + count])
+
+    def __str__(self) -> str:
+        """The first one, in words."""
+        x, y = self.x[0], self.y[0]
+        bits = self.y[:1].view(np.uint32)[0]
+        return f"{self.function}({float(x).hex()}) = {float(y).hex()} (bits {bits:08x})"
+
+
+def _hexadecimal(value: np.float32) -> str:
+    """Write a number as the vectors do, without zeros that say nothing."""
+    head, _, exponent = float(value).hex().partition("p")
+    return f"{head.rstrip('0').rstrip('.') if '.' in head else head}p{exponent}"
+
+
+def points(function: str) -> Points:
+    """All golden points of a function."""
+    rows = vectors()["functions"][function]
+    return Points(function, binary32([row[1] for row in rows]), binary32([row[3] for row in rows]))
+
+
+def constants(values: Floats, sensors: int) -> Floats:
+    """Return a first layer, (nodes, 1 + sensors), that passes on these numbers, whatever is sensed."""
+    return np.column_stack([values, np.zeros((len(values), sensors), np.float32)])
+
+
+Layers = tuple[Floats, Floats, Floats]
+"""(nodes, 1 + nodes below): bias and weights of each node."""
+
+
+def detector(some: Points, sign: float, sensors: int, actuators: int) -> Layers:
+    """Return a network whose actuators are 0, or `sign` and its opposite for a wrong bit."""
+    count = len(some.x)
+    # Times this a last bit is 32, or as much as binary32 can hold.
+    exponents = np.minimum(5 - np.frexp(np.spacing(np.abs(some.y)))[1], 120)
+    scales = np.ldexp(np.float32(1), exponents).astype(np.float32)
+    second = np.column_stack([-scales * some.y, np.diag(scales)])
+    powers = np.ldexp(np.float32(1), 60 + np.arange(count)).astype(np.float32)
+    middle = 0.5 if some.function == "sigmoid" else 0.0
+    third = np.concatenate([[0.0 - middle * powers.sum(dtype=np.float64)], powers])
+    outputs = np.outer(alternating(sign, actuators), third).astype(np.float32)
+    return constants(some.x, sensors), second.astype(np.float32), outputs
+
+
+def layered(layers: Layers) -> Floats:
+    """Return the weights of a layered network."""
+    return np.concatenate([layer.ravel() for layer in layers])
+
+
+def meshed(layers: Layers) -> Floats:
+    """Return the weights of a fully meshed network whose iterations are the layers."""
+    first, second, third = layers
+    sensors, count, actuators = first.shape[1] - 1, len(first), len(third)
+    nodes = np.zeros((2 * count + actuators, 1 + sensors + 2 * count + actuators), np.float32)
+    nodes[:, 0] = np.concatenate([layer[:, 0] for layer in layers])
+    here = 1 + sensors
+    nodes[count : 2 * count, here : here + count] = second[:, 1:]
+    nodes[2 * count :, here + count : here + 2 * count] = third[:, 1:]
+    return nodes.ravel()
+
+
+def alternating(sign: float, actuators: int) -> Floats:
+    """Return sign and -sign in turn: where the largest actuator decides, equal ones change nothing."""
+    signs: Floats = np.where(np.arange(actuators) % 2, -sign, sign).astype(np.float32)
+    return signs
+
+
+def architecture(server: Server, like: Json, **changes: object) -> Json:
+    """Return a specification without weights for the server's agents."""
+    fields = {key: value for key, value in like.items() if key != "weights"}
+    return {**fields, "sensors": server.sensors, "actuators": server.actuators, **changes}
+
+
+def fitness(server: Server, form: Json, rows: Sequence[Floats]) -> list[float]:
+    """Return the fitness of each row of weights, offloaded."""
+    team = Crew(form, np.array(rows, np.float32))
+    answer = evaluated(server, evaluation(server, team, [SEED]))
+    return [float(value) for value in numbers(answer, "fitness", "<f8")]
+
+
+def steered(server: Server, values: Floats) -> float | None:
+    """Return the fitness when all agents always do this, stepwise."""
+    parameters = {**server.settings.parameters, "seed": SEED}
+    return server.play(Always(tuple(float(str(value)) for value in values)), parameters).fitness
+
+
+def wrong_points(server: Server, kind: str, function: str, expected: float | None) -> Points | None:
+    """Return the first point that the server computes otherwise, or those among which it is."""
+    every = points(function)
+
+    def wrong(parts: Sequence[Points]) -> Points | None:
+        count = len(parts[0].x)
+        size: Json = (
+            {"hidden": [count, count]} if kind == "layered" else {"hidden": 2 * count, "iterations": 3}
+        )
+        like = {"version": 1, "kind": kind, "activation": function, "output_range": RANGES[function]}
+        weights = layered if kind == "layered" else meshed
+        tries = [(part, sign) for part in parts for sign in (1.0, -1.0)]
+        rows = [weights(detector(part, sign, server.sensors, server.actuators)) for part, sign in tries]
+        found = zip(tries, fitness(server, architecture(server, like, **size), rows), strict=True)
+        return next((part for (part, _), value in found if not same(value, expected)), None)
+
+    group = wrong([every.part(start) for start in range(0, len(every.x), GROUP)])
+    if group is None:
+        return None
+    return wrong([group.part(index, 1) for index in range(len(group.x))]) or group
+
+
+@dataclass(frozen=True)
+class Case:
+    """A network of the vectors whose sensors a first layer can pass on. steps: sensors, actuators of each."""
+
+    name: str
+    specification: Json
+    steps: list[tuple[Floats, Floats]]
+
+    def rows(self, server: Server) -> list[Floats]:
+        """Return the weights of the network with that layer, for each step."""
+        weights = np.array(self.specification["weights"], np.float32)
+        width = 1 + [self.specification["sensors"], *self.specification["hidden"]][-1]
+        last = weights[-self.specification["actuators"] * width :].reshape(-1, width)
+        rest = [weights[: -last.size], last[np.arange(server.actuators) % len(last)].ravel()]
+        return [np.concatenate([constants(seen, server.sensors).ravel(), *rest]) for seen, _ in self.steps]
+
+    def actuators(self, step: int, count: int) -> Floats:
+        """Return the golden actuators of a step, as many as there are here."""
+        golden = self.steps[step][1]
+        return golden[np.arange(count) % len(golden)]
+
+
+def cases() -> Iterator[Case]:
+    """Networks that can be tried on any sensors."""
+    for one in vectors()["controllers"]:
+        specification = one["specification"]
+        low, high = PASSES.get(specification.get("activation"), (1.0, 0.0))
+        steps = [(binary32(s["sensor_bits"]), binary32(s["actuator_bits"])) for s in one["steps"]]
+        fit = [step for step in steps if (step[0] >= low).all() and (step[0] <= high).all()]
+        if specification["kind"] == "layered" and fit:
+            yield Case(one["name"], specification, fit)
+
+
+@rule(
+    "S9.14",
+    "Networks compute what the golden vectors say, to the last bit.",
+    where="decision 002; protocol/vectors/controllers.json",
+    mend="replay the vector that is named in your own tests: the function or the network is another one; "
+    "subnormal numbers are kept, sums are not reordered, nothing is fused",
+    needs=["S9.3"],
+    seconds=60,
+)
+def golden(server: Server) -> str:
+    """Points of tanh and sigmoid, then whole networks."""
+    server.announces(mode="offloaded")
+    kinds = [kind for kind in ("layered", "fully_meshed") if kind in server.announced.get("controllers", [])]
+    if not kinds:
+        raise Skip("not announced: capabilities.swarmwright.controllers has no networks")
+    server.comparable()
+    _ = server.reference
+    still, ahead, back = (steered(server, alternating(sign, server.actuators)) for sign in (0.0, 1.0, -1.0))
+    if same(still, ahead) and same(still, back):
+        raise Skip("actuators change no fitness here; give --parameters with longer episodes")
+    for kind in kinds:
+        for function in RANGES:
+            wrong = wrong_points(server, kind, function, still)
+            if wrong is not None:
+                sent = f"evaluate with a {kind} network, whose actuators are 0 if its {function} is right"
+                raise Failure("a controller on the server computes something else", str(wrong), sent)
+    steps = whole_networks(server) if "layered" in kinds else 0
+    tried = sum(len(points(function).x) for function in RANGES)
+    return f"{tried} points in {' and '.join(kinds)} networks, {steps} steps of layered ones"
+
+
+def whole_networks(server: Server) -> int:
+    """Try those of the vectors that can be; how many steps. Raises Failure."""
+    tried = 0
+    known: dict[bytes, float | None] = {}
+    for case in cases():
+        hidden = [case.specification["sensors"], *case.specification["hidden"]]
+        form = architecture(server, case.specification, hidden=hidden)
+        found = fitness(server, form, case.rows(server))
+        free_again(server)
+        for step, value in enumerate(found):
+            actuators = case.actuators(step, server.actuators)
+            key = actuators.tobytes()
+            if key not in known:
+                known[key] = steered(server, actuators)
+            if not same(value, known[key]):
+                raise Failure(
+                    f"{value!r} offloaded, {known[key]!r} when agents are steered by {actuators.tolist()}",
+                    f"the same bits: the vector {case.name!r}, sensors {case.steps[step][0].tolist()}",
+                    f"evaluate with a controller {form}",
+                )
+            tried += 1
+    return tried
