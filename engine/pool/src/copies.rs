@@ -106,8 +106,15 @@ impl Machine {
                     }
                 }
                 Job::Request(number) => {
-                    if let Some(request) = self.requests.remove(&number) {
-                        self.record_request(&request, Some(reason.to_owned()), now);
+                    let Some(request) = self.requests.remove(&number) else {
+                        continue;
+                    };
+                    self.record_request(&request, Some(reason.to_owned()), now);
+                    if let Some(batch) = &request.batch {
+                        // On its own topic: what is said of control, all servers hear.
+                        let step = batch.steps().saturating_sub(1);
+                        self.end_batch(server, number, step);
+                        continue;
                     }
                     // There is no way to end one of two requests.
                     let slot = self.offers.slots.get_mut(&server);
@@ -221,44 +228,45 @@ impl Machine {
 
     /// Nothing is queued any more: idle servers get copies of what others would take much longer for.
     pub(crate) fn back_up(&mut self, now: Instant) {
-        self.backup_at = None;
         if !self.config.faults.backup || self.config.visual || self.ledger.queued() > 0 {
             return;
         }
+        // Not after each of a thousand servers' messages.
+        if self.look_at.is_some_and(|at| at > now) {
+            return;
+        }
+        self.look_at = None;
         let slots = self.offers.slots.iter();
         let idle = slots.filter(|(_, slot)| slot.usable() && slot.jobs.is_empty());
         let mut idle: Vec<(f64, u64)> = idle
             .filter_map(|(id, slot)| Some((slot.rate?, *id)))
             .collect();
+        if idle.is_empty() {
+            return;
+        }
         idle.sort_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(&other.1)));
+        let mut under_way = self.under_way(now);
         for (rate, server) in idle {
-            match self.slowest(server, rate, now) {
-                Slowest::Worth(copy) => {
-                    self.ledger.hold(&copy);
-                    self.counts.backups += 1;
-                    self.start(copy, server, now);
-                }
-                Slowest::Soon => self.backup_at = Some(now + LOOK),
-                Slowest::None => {}
+            if under_way.is_empty() {
+                return;
             }
+            let Some(copy) = self.slowest(server, rate, &under_way) else {
+                self.look_at = Some(now + LOOK);
+                continue;
+            };
+            self.ledger.hold(&copy);
+            self.counts.backups += 1;
+            self.start(copy, server, now);
+            under_way.retain(|other| !self.is_shared(&other.open));
         }
     }
 
-    /// What a server could do in much less time than it will still take where it is; the worst of these.
-    fn slowest(&self, server: u64, rate: f64, now: Instant) -> Slowest {
-        let Some(slot) = self.offers.slots.get(&server) else {
-            return Slowest::None;
-        };
-        let limit = match slot.way {
-            Way::Stepwise => 1,
-            Way::Batched(batch) => batch,
-            Way::Offloaded => usize::MAX,
-        };
-        let mut worst: Option<(f64, Piece)> = None;
-        let mut some = false;
-        for (id, other) in &self.offers.slots {
+    /// What of all servers' work others may have as well, what takes longest first.
+    fn under_way(&self, now: Instant) -> Vec<UnderWay> {
+        let mut all = Vec::new();
+        for (id, slot) in &self.offers.slots {
             let mut before = 0.0;
-            for job in &other.jobs {
+            for job in &slot.jobs {
                 let (piece, since) = match job {
                     Job::Episode(hash) => match self.runs.get(hash) {
                         Some(run) => (&run.piece, run.started),
@@ -273,38 +281,51 @@ impl Machine {
                     },
                 };
                 let elapsed = now.saturating_duration_since(since).as_secs_f64();
-                let expected = other.rate.map_or(0.0, |rate| number(piece.len()) / rate);
+                let expected = slot.rate.map_or(0.0, |rate| number(piece.len()) / rate);
                 before += expected;
-                // What has taken longer than expected may take as long again.
-                let remaining = if before > elapsed {
-                    before - elapsed
-                } else {
-                    elapsed
-                };
-                if *id == server || !self.may_copy(piece) || self.is_shared(piece) {
+                if !self.may_copy(piece) || self.is_shared(piece) {
                     continue;
                 }
                 // Of a batch some episodes may be over.
                 let Some(open) = self.ledger.first_open(&piece.evaluations) else {
                     continue;
                 };
-                some = true;
-                let count = rectangle(&open, self.ledger.episodes(), limit);
-                let own = number(count) / rate;
-                if remaining * WORTH < own || remaining < own + SAVED {
-                    continue;
-                }
-                if worst.as_ref().is_none_or(|(most, _)| remaining > *most) {
-                    let part = piece.part(open.start..open.start + count);
-                    worst = Some((remaining, part.backup(*id)));
-                }
+                // What has taken longer than expected may take as long again.
+                let remaining = if before > elapsed {
+                    before - elapsed
+                } else {
+                    elapsed
+                };
+                all.push(UnderWay {
+                    server: *id,
+                    open: piece.part(open),
+                    remaining,
+                });
             }
         }
-        match worst {
-            Some((_, copy)) => Slowest::Worth(copy),
-            None if some => Slowest::Soon,
-            None => Slowest::None,
-        }
+        all.sort_by(|one, other| other.remaining.total_cmp(&one.remaining));
+        all
+    }
+
+    /// What a server could do in much less time than it will still take where it is; the worst of these.
+    fn slowest(&self, server: u64, rate: f64, under_way: &[UnderWay]) -> Option<Piece> {
+        let limit = match self.offers.slots.get(&server)?.way {
+            Way::Stepwise => 1,
+            Way::Batched(batch) => batch,
+            Way::Offloaded => usize::MAX,
+        };
+        let is_worth =
+            |own: f64, remaining: f64| remaining * WORTH >= own && remaining >= own + SAVED;
+        let longest = under_way.iter();
+        // Where one evaluation is not worth it, none is in what is left.
+        let mut longest = longest.take_while(|other| is_worth(1.0 / rate, other.remaining));
+        longest.find_map(|other| {
+            let open = &other.open.evaluations;
+            let count = rectangle(open, self.ledger.episodes(), limit);
+            let part = open.start..open.start + count;
+            is_worth(number(count) / rate, other.remaining)
+                .then(|| other.open.part(part).backup(other.server))
+        })
     }
 
     /// An episode is over; `answered`: its fitness came.
@@ -330,10 +351,11 @@ impl Machine {
     }
 }
 
-/// What of the others' work is worth a copy.
-enum Slowest {
-    Worth(Piece),
-    /// Nothing yet, but some may become so.
-    Soon,
-    None,
+/// Work that a server has and nobody else.
+struct UnderWay {
+    server: u64,
+    /// What of it is not over.
+    open: Piece,
+    /// Seconds that it will probably take.
+    remaining: f64,
 }

@@ -1,7 +1,8 @@
 //! Who gets what: how much work goes to which server.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use crate::crowd::Crowd;
 use crate::ledger::Piece;
 use crate::machine::Machine;
 use crate::mode::Way;
@@ -49,10 +50,16 @@ pub(crate) fn number(count: usize) -> f64 {
 impl Machine {
     /// Gives work to every server that has room for it, to those that have none first.
     pub(crate) fn dispatch(&mut self, now: Instant) {
+        if self.ledger.queued() > 0 {
+            self.look_at = None;
+            self.give_away(now);
+        }
+        self.back_up(now);
+    }
+
+    fn give_away(&mut self, now: Instant) {
+        let mut crowd = None;
         for jobs in 0..IN_FLIGHT {
-            if self.ledger.queued() == 0 {
-                break;
-            }
             let room = |slot: &Slot| {
                 slot.usable()
                     && slot.jobs.len() == jobs
@@ -63,28 +70,33 @@ impl Machine {
                 .filter(|(_, slot)| room(slot))
                 .map(|(id, _)| *id)
                 .collect();
+            if servers.is_empty() {
+                continue;
+            }
+            let crowd = crowd.get_or_insert_with(|| self.crowd());
             for server in servers {
-                self.give(server, now);
+                if self.ledger.queued() == 0 {
+                    return;
+                }
+                self.give(server, crowd, now);
             }
         }
-        self.back_up(now);
     }
 
-    fn give(&mut self, server: u64, now: Instant) {
+    fn give(&mut self, server: u64, crowd: &Crowd, now: Instant) {
         let Some(slot) = self.offers.slots.get(&server) else {
             return;
         };
-        let most = self.most(slot);
+        let most = self.most(slot, crowd);
         let alone = slot.rate.map_or(0.0, |rate| number(most) / rate);
-        if !self.is_worth_while(server, alone) && !self.has_waited(server, alone, now) {
+        if !self.is_worth_while(slot, alone, crowd) && !self.has_waited(server, alone, now) {
             return;
         }
         let Some(slot) = self.offers.slots.get_mut(&server) else {
             return;
         };
         slot.passed_over = None;
-        let servers = self.usable_servers();
-        let Some(piece) = self.ledger.take(server, &servers, most) else {
+        let Some(piece) = self.ledger.take(server, &crowd.servers, most) else {
             return;
         };
         self.start(piece, server, now);
@@ -110,19 +122,19 @@ impl Machine {
     }
 
     /// How many evaluations a server gets at once.
-    fn most(&self, slot: &Slot) -> usize {
+    fn most(&self, slot: &Slot, crowd: &Crowd) -> usize {
         let most = match slot.way {
             Way::Stepwise => 1,
-            Way::Batched(batch) => batch.min(count(self.share(slot))),
+            Way::Batched(batch) => batch.min(count(self.share(slot, crowd))),
             // A first one tells how fast the server is.
-            Way::Offloaded => slot.rate.map_or(self.together(slot), |rate| {
-                let share = self.share(slot);
+            Way::Offloaded => slot.rate.map_or(self.together(slot, crowd), |rate| {
+                let share = self.share(slot, crowd);
                 let part = if share <= rate * WHOLE {
                     share
                 } else {
                     share / number(IN_FLIGHT)
                 };
-                count(part.max(rate * LEAST).min(rate * BLOCK)).max(self.together(slot))
+                count(part.max(rate * LEAST).min(rate * BLOCK)).max(self.together(slot, crowd))
             }),
         };
         let Some(work) = &self.ledger.work else {
@@ -165,22 +177,20 @@ impl Machine {
     }
 
     /// How many of its share a server computes in about the time of one.
-    fn together(&self, slot: &Slot) -> usize {
+    fn together(&self, slot: &Slot, crowd: &Crowd) -> usize {
         let announced = slot.capabilities.swarmwright.as_ref();
         match announced.and_then(|announced| announced.lanes) {
-            Some(lanes) => lanes.min(count(self.share(slot))),
+            Some(lanes) => lanes.min(count(self.share(slot, crowd))),
             None => 1,
         }
     }
 
     /// A server's part of the evaluations that are queued, by the speeds of all.
-    fn share(&self, slot: &Slot) -> f64 {
-        let usable = || self.offers.slots.values().filter(|slot| slot.usable());
+    fn share(&self, slot: &Slot, crowd: &Crowd) -> f64 {
         let queued = number(self.ledger.queued());
-        let all: Option<f64> = usable().map(|slot| slot.rate).sum();
-        match (all, slot.rate) {
+        match (crowd.rate(), slot.rate) {
             (Some(all), Some(rate)) => queued * rate / all,
-            _ => queued / number(usable().count()),
+            _ => queued / number(crowd.usable),
         }
     }
 
@@ -191,24 +201,31 @@ impl Machine {
             return false;
         };
         let since = *slot.passed_over.get_or_insert(now);
-        now.saturating_duration_since(since).as_secs_f64() > alone
+        let Some(end) = Duration::try_from_secs_f64(alone)
+            .ok()
+            .and_then(|alone| since.checked_add(alone))
+        else {
+            return false;
+        };
+        if end < now {
+            return true;
+        }
+        let end = end + Duration::from_millis(1);
+        self.look_at = Some(self.look_at.map_or(end, |at| at.min(end)));
+        false
     }
 
     /// Whether the work is done earlier with this server's help than without. `alone`: how long it would take, in seconds.
-    fn is_worth_while(&self, server: u64, alone: f64) -> bool {
-        let slots = self.offers.slots.iter();
-        let rates = slots
-            .filter(|(id, slot)| **id != server && slot.usable())
-            .filter_map(|(_, slot)| slot.rate);
-        let (others, fastest) = rates.fold((0.0, 0.0), |(sum, fastest): (f64, f64), rate| {
-            (sum + rate, fastest.max(rate))
-        });
+    fn is_worth_while(&self, slot: &Slot, alone: f64, crowd: &Crowd) -> bool {
+        let Some(others) = crowd.without(slot) else {
+            return true;
+        };
         // What failed somewhere may need just this server.
-        if others <= 0.0 || self.ledger.has_failures() {
+        if self.ledger.has_failures() {
             return true;
         }
         // However many the others are, one evaluation takes the fastest of them its time.
-        let without = (number(self.ledger.queued()) / others).max(1.0 / fastest);
+        let without = (number(self.ledger.queued()) / others.rates).max(1.0 / others.fastest);
         alone <= PATIENCE * without + GRACE
     }
 }

@@ -6,6 +6,7 @@ mod audit;
 mod batch;
 mod copies;
 mod counts;
+mod crowd;
 mod demand;
 mod discovery;
 mod dispatch;

@@ -22,10 +22,12 @@ use crate::ledger::{Ledger, Piece, Purpose, Results, Settled};
 use crate::offers::Offers;
 use crate::requests::Request;
 use crate::run::Run;
-use crate::slot::Job;
+use crate::slot::{Job, Slot};
 use crate::work::{Attempt, Work, WorkError};
 
 const COMPLAINTS: usize = 1000;
+/// Servers that are told one by one that they are free.
+const MOST_TOLD: usize = 100;
 
 /// What the machine wants done.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,8 +153,10 @@ pub struct Machine {
     pub(crate) counts: Counts,
     /// Hashes of the last episodes that are over, and whether a result came.
     pub(crate) ended: VecDeque<Ended>,
-    /// When to look whether an idle server should get a copy of somebody's work.
-    pub(crate) backup_at: Option<Instant>,
+    /// When to look again whether an idle server should get work that others should do first, or a copy of theirs.
+    pub(crate) look_at: Option<Instant>,
+    /// How often a server that had been silent spoke again.
+    pub(crate) woken: usize,
     /// Results that wait for a second server's, by evaluation.
     pub(crate) checks: BTreeMap<usize, Check>,
     /// How often work was submitted.
@@ -210,7 +214,8 @@ impl Machine {
             packet: usize::MAX,
             counts: Counts::default(),
             ended: VecDeque::new(),
-            backup_at: None,
+            look_at: None,
+            woken: 0,
             checks: BTreeMap::new(),
             work_number: 0,
             disagreement: None,
@@ -303,18 +308,28 @@ impl Machine {
     /// Gives up all work: ends what the servers have to do.
     pub fn cancel(&mut self) {
         self.runs.clear();
-        self.requests.clear();
+        let requests = std::mem::take(&mut self.requests);
         let slots = self.offers.slots.iter_mut();
         let jobs: Vec<(u64, Vec<Job>)> = slots
             .map(|(id, slot)| (*id, std::mem::take(&mut slot.jobs)))
             .collect();
         for (server, jobs) in jobs {
+            let mut blocks = false;
             for job in &jobs {
-                if let Job::Episode(hash) = job {
-                    self.end_run(server, hash);
+                match job {
+                    Job::Episode(hash) => self.end_run(server, hash),
+                    Job::Request(number) => match requests.get(number) {
+                        Some(Request {
+                            batch: Some(batch), ..
+                        }) => {
+                            let step = batch.steps().saturating_sub(1);
+                            self.end_batch(server, *number, step);
+                        }
+                        _ => blocks = true,
+                    },
                 }
             }
-            if jobs.iter().any(|job| matches!(job, Job::Request(_))) {
+            if blocks {
                 self.let_go(server);
             }
         }
@@ -323,13 +338,15 @@ impl Machine {
     }
 
     /// Frees all servers that this tool still holds.
+    ///
+    /// All servers hear what one is told here: of many, those are not told that are free in some seconds anyway.
     pub fn release(&mut self) {
         self.cancel();
-        let slots = self.offers.slots.iter();
-        let held: Vec<u64> = slots
-            .filter(|(_, slot)| slot.held)
-            .map(|(id, _)| *id)
-            .collect();
+        let slots = &self.offers.slots;
+        let many = slots.values().filter(|slot| slot.held).count() > MOST_TOLD;
+        let told = |slot: &Slot| slot.held && !(many && slot.capabilities.swarmwright.is_some());
+        let held = slots.iter().filter(|(_, slot)| told(slot));
+        let held: Vec<u64> = held.map(|(id, _)| *id).collect();
         for server in held {
             self.let_go(server);
         }
@@ -549,7 +566,7 @@ impl Machine {
             runs,
             requests,
             doubt,
-            self.backup_at,
+            self.look_at,
             self.offers.next_unbench(),
         ]
         .into_iter()

@@ -21,6 +21,12 @@ use crate::work::{Attempt, Work, WorkError};
 /// How often the caller is asked whether to go on.
 const ASK: Duration = Duration::from_millis(100);
 
+/// How often the machine is asked when it needs a tick, for each of its servers: it looks at all of them.
+const ASK_TICK: Duration = Duration::from_micros(5);
+
+/// After such a time without a look, what came meanwhile is read before anybody is thought to be late.
+const AWAY: Duration = Duration::from_millis(300);
+
 /// How often those who watch are told how it stands.
 const TELL: Duration = Duration::from_secs(1);
 
@@ -116,6 +122,11 @@ pub struct Pool {
     status: String,
     about: About,
     tell_at: Instant,
+    /// When the machine needs a tick, as it said when it was asked last, and when to ask again.
+    tick_at: Instant,
+    ask_at: Instant,
+    /// When it was last looked what came.
+    looked: Instant,
     discovery_timeout: Duration,
     step_timeout: Duration,
     probation: Duration,
@@ -194,6 +205,9 @@ impl Pool {
             status: topics.status(&token),
             about: About::default(),
             tell_at: now,
+            tick_at: now,
+            ask_at: now,
+            looked: now,
             probation,
             topics,
             discovery_timeout: options.discovery_timeout,
@@ -402,16 +416,41 @@ impl Pool {
     /// Sends what is to be sent and handles what came, until `until` at the latest.
     fn poll(&mut self, until: Instant) {
         let now = Instant::now();
-        if self.machine.next_tick() <= now {
+        // This process was stopped, or the machine slept: the others were not silent, their words are still unread.
+        let away = now.duration_since(self.looked) >= AWAY;
+        let deadline = now + AWAY;
+        while away && self.hear(now) && self.looked < deadline {}
+        let mut wake = until;
+        if now < self.ask_at {
+            wake = wake.min(self.ask_at);
+        } else {
+            self.ask_tick(now);
+        }
+        if self.tick_at <= now {
             self.machine.tick(now);
+            self.ask_tick(now);
         }
         if self.tell_at <= now {
             self.tell(false, now);
         }
         self.act();
-        self.connection
-            .poll(until.min(self.machine.next_tick()), &mut self.events);
+        self.hear(wake.min(self.tick_at));
+        self.act();
+        self.reporter.look(&self.machine, self.looked);
+    }
+
+    fn ask_tick(&mut self, now: Instant) {
+        self.tick_at = self.machine.next_tick();
+        let servers = u32::try_from(self.machine.holdings().servers).unwrap_or(u32::MAX);
+        self.ask_at = now + ASK_TICK * servers;
+    }
+
+    /// Handles what comes until `until`, or a part of it. Whether anything came.
+    fn hear(&mut self, until: Instant) -> bool {
+        self.connection.poll(until, &mut self.events);
         let now = Instant::now();
+        self.looked = now;
+        let came = !self.events.is_empty();
         for event in self.events.drain(..) {
             match event {
                 Event::Message(message) => {
@@ -439,8 +478,7 @@ impl Pool {
                 }
             }
         }
-        self.act();
-        self.reporter.look(&self.machine, now);
+        came
     }
 
     fn act(&mut self) {

@@ -216,6 +216,20 @@ impl Machine {
 
     /// A message for this tool came in. What is not waited for any more is passed over.
     pub(crate) fn answered(&mut self, message: ToTool, now: Instant) {
+        let before = self.changes();
+        self.answer(message, now);
+        // Most steps end nothing, and thousands of them come each second.
+        if self.changes() != before {
+            self.dispatch(now);
+        }
+    }
+
+    /// What is different where there is something to give away, or somebody to give it to.
+    fn changes(&self) -> (usize, usize, usize) {
+        (self.journal.len(), self.ledger.queued(), self.woken)
+    }
+
+    fn answer(&mut self, message: ToTool, now: Instant) {
         match message {
             ToTool::Evaluated(message) => {
                 let number = message.request;
@@ -225,7 +239,7 @@ impl Machine {
                 ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
                     (Some(false), None) => self.evaluated(number, message, now),
-                    _ => return,
+                    _ => {}
                 }
             }
             ToTool::Sensors(message) => {
@@ -236,13 +250,12 @@ impl Machine {
                 ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
                     (Some(true), None) => self.stepped(number, message, now),
-                    (None, None) => return self.end_ghost(&message),
-                    _ => return,
+                    (None, None) => self.end_ghost(&message),
+                    _ => {}
                 }
             }
             ToTool::Failed(message) => self.episode_failed(message, now),
         }
-        self.dispatch(now);
     }
 
     /// Whether a request is one for a batch; none if this server was not asked, or not any more: its `results` are late.
@@ -256,6 +269,7 @@ impl Machine {
             return None;
         }
         if let Some(slot) = self.offers.slots.get_mut(&server) {
+            self.woken += usize::from(slot.silent);
             slot.silent = false;
         }
         Some(is_batch)
@@ -264,14 +278,19 @@ impl Machine {
     /// A server steps a batch that nobody waits for: its start came late or twice.
     fn end_ghost(&mut self, message: &BatchSensors) {
         if !message.episodes.0.is_empty() {
-            let end = ToServer::Actuators(BatchActuators {
-                version: EXTENSION_VERSION,
-                request: message.request,
-                step: message.step,
-                actuators: F32s(Vec::new()),
-            });
-            self.ask(message.server, message.request, &end);
+            self.end_batch(message.server, message.request, message.step);
         }
+    }
+
+    /// Ends a batch: there are no actuators for its `step`.
+    pub(crate) fn end_batch(&mut self, server: u64, request: u64, step: u64) {
+        let end = ToServer::Actuators(BatchActuators {
+            version: EXTENSION_VERSION,
+            request,
+            step,
+            actuators: F32s(Vec::new()),
+        });
+        self.ask(server, request, &end);
     }
 
     fn evaluated(&mut self, number: u64, message: Evaluated, now: Instant) {
