@@ -4,6 +4,7 @@ Simulation servers on a broker, or this process. Started, used and closed in one
 """
 
 import json
+import logging
 import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -22,6 +23,7 @@ from swarmwright._experiment import Experiment
 from swarmwright._fitness import FitnessExpression
 from swarmwright._local_servers import LocalServers, automatic_count
 from swarmwright._own._names import is_own
+from swarmwright._patience import patiently
 from swarmwright._suggest import did_you_mean, unknown
 from swarmwright.representations import Representation
 from swarmwright.representations._base import Genomes
@@ -111,7 +113,12 @@ class Backend(Protocol):
 
 @contextmanager
 def open_backend(
-    experiment: Experiment, *, broker: str | None = None, servers: Servers | None = None, visual: bool = False
+    experiment: Experiment,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    visual: bool = False,
+    wait: float | None = None,
 ) -> Iterator[Backend]:
     """Start what an experiment needs and yield the backend; end all of it afterwards.
 
@@ -121,6 +128,7 @@ def open_backend(
         servers: as the experiment's key. A number given here together with a broker is started on that
             broker. "auto" in a notebook means "local" for a built-in simulation.
         visual: ask the server to draw.
+        wait: seconds to wait for a broker that does not answer, instead of the experiment's.
 
     Raises:
         InputError: the simulation is unknown, or broker and local servers are both asked for.
@@ -150,8 +158,13 @@ def open_backend(
         return
     with ExitStack() as stack:
         address, local = open_servers(stack, experiment, broker, wanted, started=servers, visual=visual)
+        patience = experiment.timeouts.connect if wait is None else wait
         with engine_errors():
-            pool = _pool(experiment, address, visual=visual, alone=broker is None)
+            pool = patiently(
+                lambda: _pool(experiment, address, visual=visual, alone=broker is None),
+                patience,
+                logging.getLogger("swarmwright").warning,
+            )
         stack.callback(pool.close)
         yield BrokerBackend(experiment, pool, local, address)
 

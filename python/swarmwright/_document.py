@@ -43,6 +43,9 @@ class Requirements(Options):
 class Timeouts(Options):
     """How long to wait, in seconds."""
 
+    connect: float = Field(default=0.0, ge=0, le=31 * 86_400)
+    """For a broker that does not answer, at the start: for one that is started at the same time, say. Refused
+    credentials and certificates are told at once. The option `--wait` goes before it."""
     discovery: float = Field(default=10.0, gt=0, le=86_400)
     """For a fitting simulation server, at the start."""
     step: float = Field(default=60.0, gt=0, le=86_400)

@@ -14,6 +14,7 @@ __all__ = [
     "EngineError",
     "Episode",
     "InputError",
+    "NoBrokerError",
     "NodeNetwork",
     "Pool",
     "Stream",
@@ -42,6 +43,9 @@ __version__: str
 
 class EngineError(RuntimeError):
     """The engine could not do what was asked; the message says what, where and how to mend it."""
+
+class NoBrokerError(EngineError):
+    """No broker answers there; one may later."""
 
 class InputError(ValueError):
     """The input is wrong (parameters, controller, URL); the message names the field."""
@@ -298,7 +302,7 @@ def serve(
 
     alone: no other server can have this id; without, it listens 0.1 s for one before it begins.
 
-    on_event gets JSON lines {"event": "ready"|"busy"|"warning"|"lost", ...}. Raises EngineError: no broker, refused, id taken.
+    on_event gets JSON lines {"event": "ready"|"busy"|"warning"|"lost", ...}. Raises NoBrokerError, EngineError: refused, id taken.
     """
 
 def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> str:
@@ -348,7 +352,7 @@ class Pool:
         largest: int | None = None,
         alone: bool = False,
     ) -> Pool:
-        """Connects and discovers. Raises EngineError (no broker, refused) or InputError.
+        """Connects and discovers. Raises NoBrokerError, EngineError (refused) or InputError.
 
         mode: "auto" (each server in the fastest way that it offers), "stepwise", "batched" or "offloaded". largest: most
         evaluations in one request, None for no limit. metrics: names of what is needed beside the fitness; a server that

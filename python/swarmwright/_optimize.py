@@ -35,6 +35,7 @@ def optimize(
     servers: Servers | None = None,
     seed: int | None = None,
     out: str | Path | None = None,
+    wait: float | None = None,
 ) -> Run:
     """Evolve a controller; return the run, whose folder holds everything.
 
@@ -55,6 +56,7 @@ def optimize(
         seed: instead of the experiment's.
         out: folder for the results, new or empty; default runs/<name>-<seed>, with a number behind it if that
             exists.
+        wait: seconds to wait for a broker that does not answer, instead of `timeouts.connect`.
 
     Raises:
         InputError: the experiment cannot be run as it is, or the folder holds something.
@@ -67,7 +69,7 @@ def optimize(
     if out is not None:
         check_folder(Path(out))
     _ = experiment.first_seed  # complain before anything is started
-    with open_backend(experiment, broker=broker, servers=servers) as backend:
+    with open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend:
         folder = default_folder(experiment) if out is None else Path(out)
         # They are 0 where nobody said them and nobody needs to know.
         resolved = dataclasses.replace(
@@ -91,6 +93,7 @@ def resume(
     on_progress: Progress | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
+    wait: float | None = None,
 ) -> Run:
     """Go on with a run that was interrupted, killed, or failed, to the very result of an undisturbed one.
 
@@ -104,6 +107,7 @@ def resume(
         on_progress: as in `optimize`.
         broker: as in `optimize`.
         servers: as in `optimize`.
+        wait: as in `optimize`.
 
     Raises:
         InputError: there is no such run, its store is damaged or of another version, another process works on
@@ -127,7 +131,7 @@ def resume(
                 store.conclude("done")
             store.save_best(experiment.representation())
             return _finished(folder)
-        backend = stack.enter_context(open_backend(experiment, broker=broker, servers=servers))
+        backend = stack.enter_context(open_backend(experiment, broker=broker, servers=servers, wait=wait))
         if generations is not None:
             store.replace_experiment(experiment)
         _run(experiment, store, loop, backend, on_generation, on_progress)

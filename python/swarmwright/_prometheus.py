@@ -165,7 +165,7 @@ class ServeFigures(_Figures):
         self._events: Counter[tuple[str]] = Counter()
 
     def event(self, server: int, event: str) -> None:
-        """Something happened to a server: ready, busy, lost, warning, failure, error, ended."""
+        """Something happened to a server: waiting, ready, busy, lost, warning, failure, error, ended."""
         with self._lock:
             self._events[(event,)] += 1
             if event in {"ready", "busy", "lost", "ended"}:

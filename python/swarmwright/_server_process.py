@@ -1,10 +1,11 @@
 """One simulation server in a process of its own, for a run's own servers and for `swarmwright serve`.
 
 Arguments: a file descriptor, to which events go as JSON lines, then the arguments of `_engine.serve` as a
-JSON object, where a simulation in Python is named by its class. Events are what `_engine.serve` reports,
-{"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
-{"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
-the parent is done or gone, however it ended, and so is this process.
+JSON object, where a simulation in Python is named by its class, and `wait`, seconds for a broker that does
+not answer. Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker
+answers, {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails,
+and {"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it
+closes the parent is done or gone, however it ended, and so is this process.
 """
 
 import json
@@ -18,6 +19,7 @@ from typing import Any
 
 from swarmwright import _engine, _simulations
 from swarmwright._errors import SwarmwrightError, engine_errors
+from swarmwright._patience import patiently
 
 GRACE = 2.0
 """Seconds for saying good-bye to the broker."""
@@ -63,10 +65,14 @@ def main() -> int:
         report(json.dumps(event))
         sys.stderr.write(f"{traceback or reason}\n")
 
+    def waiting(line: str) -> None:
+        report(json.dumps({"event": "waiting", "server": settings["id"], "message": line}))
+
     try:
         with engine_errors():
             simulation = _simulation(settings.pop("simulation"), failed)
-            _engine.serve(simulation, **settings, on_event=report)
+            wait = settings.pop("wait", 0.0)
+            patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
     except KeyboardInterrupt:
         return 0
     except SwarmwrightError as error:

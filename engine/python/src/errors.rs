@@ -1,16 +1,23 @@
-//! The two exceptions: wrong input, and work that could not be done.
+//! The exceptions: wrong input, and work that could not be done, for want of a broker above all.
 
 use std::fmt::Display;
 
 use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use serde_json::{Map, Value};
+use swarmwright_mqtt::ConnectError;
 
 pyo3::create_exception!(
     swarmwright._engine,
     EngineError,
     PyRuntimeError,
     "The engine could not do what was asked."
+);
+pyo3::create_exception!(
+    swarmwright._engine,
+    NoBrokerError,
+    EngineError,
+    "No broker answers there; one may later."
 );
 pyo3::create_exception!(
     swarmwright._engine,
@@ -22,6 +29,17 @@ pyo3::create_exception!(
 /// The input is wrong.
 pub fn input(error: impl Display) -> PyErr {
     InputError::new_err(error.to_string())
+}
+
+/// No connection to the broker came about: for now, or for good.
+pub fn unconnected(error: &ConnectError) -> PyErr {
+    match error {
+        // Also what accepts and closes: a relay whose broker is still starting does.
+        ConnectError::NoBroker { .. } | ConnectError::NoMqtt { .. } => {
+            NoBrokerError::new_err(error.to_string())
+        }
+        _ => engine(error),
+    }
 }
 
 /// The work could not be done.

@@ -22,6 +22,10 @@ use pyo3::prelude::*;
 fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("EngineError", module.py().get_type::<errors::EngineError>())?;
+    module.add(
+        "NoBrokerError",
+        module.py().get_type::<errors::NoBrokerError>(),
+    )?;
     module.add("InputError", module.py().get_type::<errors::InputError>())?;
     module.add_class::<controller::PyController>()?;
     module.add_class::<worlds::PyEpisode>()?;

@@ -7,7 +7,7 @@ use swarmwright_mqtt::Settings;
 use swarmwright_pool::{About, Attempt, Demand, Faults, Options, Pool, PoolError, Report};
 use swarmwright_protocol::Requirements;
 
-use crate::errors::{engine, input, object};
+use crate::errors::{engine, input, object, unconnected};
 use crate::genomes::work;
 use crate::results::{Fitness, Metrics, arrays};
 use crate::server::seconds;
@@ -26,6 +26,7 @@ fn error(error: &PoolError) -> PyErr {
         PoolError::Settings(_) | PoolError::Topic(_) | PoolError::NoSizes | PoolError::Work(_) => {
             input(error)
         }
+        PoolError::Connect(error) => unconnected(error),
         _ => engine(error),
     }
 }

@@ -7,9 +7,9 @@ use pyo3::prelude::*;
 use serde_json::json;
 use swarmwright_mqtt::Settings;
 use swarmwright_worlds::{TextStyle, render};
-use swarmwright_wrapper::{Notice, Options, Scene, SimulationServer};
+use swarmwright_wrapper::{Notice, Options, Scene, ServeError, SimulationServer};
 
-use crate::errors::{engine, input};
+use crate::errors::{engine, input, unconnected};
 use crate::simulation::any;
 
 /// Offers a simulation until interrupted.
@@ -39,7 +39,11 @@ pub fn serve(
     };
     let mut failure: Option<PyErr> = None;
     py.detach(|| {
-        let server = SimulationServer::connect(vec![simulation], options).map_err(engine)?;
+        let server =
+            SimulationServer::connect(vec![simulation], options).map_err(|error| match &error {
+                ServeError::Connect(error) => unconnected(error),
+                _ => engine(error),
+            })?;
         // Both callbacks run in turn on this thread; the cell lets both report the first error.
         let failed = std::cell::RefCell::new(&mut failure);
         server.run(

@@ -171,6 +171,14 @@ prefix_option: Decorator = click.option(
 )
 
 
+wait_option: Decorator = click.option(
+    "--wait",
+    type=click.FloatRange(0, 31 * 86400.0),
+    metavar="SECONDS",
+    help="How long to wait for a broker that does not answer yet. Default: not at all.",
+)
+
+
 def experiment_broker(broker: str | None, of_experiment: str | None, servers: object) -> str | None:
     """The broker of an experiment: the option, then the experiment file, then the environment.
 

@@ -15,6 +15,7 @@ from swarmwright.cli._options import (
     experiment_broker,
     json_option,
     servers_option,
+    wait_option,
 )
 from swarmwright.cli._output import Output, show_warnings
 
@@ -35,6 +36,7 @@ from swarmwright.cli._output import Output, show_warnings
     help="Folder for the results. Default: a new one in runs/.",
 )
 @servers_option
+@wait_option
 @watch_options
 @observe_options
 @json_option
@@ -44,6 +46,7 @@ def command(
     seed: int | None,
     out: Path | None,
     servers: Servers | None,
+    wait: float | None,
     tensorboard: Path | None,
     mlflow: str | None,
     log: Path | None,
@@ -71,6 +74,7 @@ def command(
             on_progress=on_progress,
             broker=broker,
             servers=servers,
+            wait=wait,
             seed=seed,
             out=out,
         ),

@@ -15,6 +15,7 @@ from swarmwright.cli._options import (
     experiment_broker,
     json_option,
     servers_option,
+    wait_option,
 )
 from swarmwright.cli._output import Output, show_warnings
 
@@ -30,6 +31,7 @@ from swarmwright.cli._output import Output, show_warnings
     text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
 )
 @servers_option
+@wait_option
 @click.option(
     "--generations",
     type=WholeNumber(min=1),
@@ -43,6 +45,7 @@ def command(
     run: Path,
     broker: str | None,
     servers: Servers | None,
+    wait: float | None,
     generations: int | None,
     tensorboard: Path | None,
     mlflow: str | None,
@@ -80,6 +83,7 @@ def command(
             on_progress=on_progress,
             broker=broker,
             servers=servers,
+            wait=wait,
         ),
         tensorboard=tensorboard,
         mlflow=mlflow,

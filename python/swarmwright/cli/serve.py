@@ -14,7 +14,14 @@ from swarmwright._suggest import unknown
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observed_servers
-from swarmwright.cli._options import DEFAULT_BROKER, WholeNumber, broker_option, json_option, prefix_option
+from swarmwright.cli._options import (
+    DEFAULT_BROKER,
+    WholeNumber,
+    broker_option,
+    json_option,
+    prefix_option,
+    wait_option,
+)
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
 from swarmwright.cli._supervisor import Ended, Event, Supervisor
@@ -51,6 +58,7 @@ LARGEST_ID = 2**31 - 1
     metavar="SECONDS",
     help="How long an episode may wait for an agent's actuators before it is given up.",
 )
+@wait_option
 @observe_options
 @json_option
 def command(
@@ -60,6 +68,7 @@ def command(
     count: int,
     prefix: str,
     step_timeout: float,
+    wait: float | None,
     log: Path | None,
     log_level: str,
     metrics: tuple[str, int] | None,
@@ -78,7 +87,13 @@ def command(
         first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
     elif first + count - 1 > LARGEST_ID:
         raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
-    shared = {"simulation": simulation, "broker": broker, "prefix": prefix, "step_timeout": step_timeout}
+    shared = {
+        "simulation": simulation,
+        "broker": broker,
+        "prefix": prefix,
+        "step_timeout": step_timeout,
+        "wait": wait or 0.0,
+    }
     settings = [{**shared, "id": first + i} for i in range(count)]
     from_keyring(broker)
     output = Output(as_json=as_json)
