@@ -28,13 +28,18 @@ class Measurement:
 
 @dataclass
 class Samples:
-    """The samples of one quantity, one per repetition. aim: what the ratio should be, such as "<= 1.5"."""
+    """The samples of one quantity, one per repetition. aim: what the ratio should be, such as "<= 1.5".
+
+    row, column: its place in a table of things that are measured alike, beside the list of everything.
+    """
 
     name: str
     unit: str
     against: "Samples | None" = None
     aim: str = ""
     values: list[float] = field(default_factory=list)
+    row: str = ""
+    column: str = ""
 
     def add(self, value: float) -> None:
         """Keep the next repetition's value."""
@@ -66,7 +71,16 @@ def write(path: Path, samples: Iterable[Samples]) -> None:
 
 
 def show(samples: Iterable[Samples], title: str) -> None:
-    """Print the measurements as one table."""
+    """Print the measurements: those that have a place in a table of their own there, all others in a list."""
+    every = list(samples)
+    placed = [one for one in every if one.row]
+    if len(placed) < len(every):
+        _print(_list([one for one in every if not one.row], title))
+    if placed:
+        _print(_grid(placed, title))
+
+
+def _list(samples: Iterable[Samples], title: str) -> Table:
     table = Table(title=title, title_justify="left")
     table.add_column("measured")
     table.add_column("median", justify="right")
@@ -80,6 +94,26 @@ def show(samples: Iterable[Samples], title: str) -> None:
         spread = f"{_figure(min(one.values))} .. {_figure(max(one.values))}"
         ratio = "" if line.ratio is None else f"{line.ratio:.2f}"
         table.add_row(line.name, _figure(line.value), spread, line.unit, line.against or "", ratio, one.aim)
+    return table
+
+
+def _grid(samples: Iterable[Samples], title: str) -> Table:
+    """Medians, a line for each row."""
+    rows: dict[str, dict[str, str]] = {}
+    units: dict[str, str] = {}
+    for one in samples:
+        rows.setdefault(one.row, {})[one.column] = _figure(one.measurement().value)
+        units[one.column] = one.unit
+    table = Table(title=title, title_justify="left")
+    table.add_column("server")
+    for column, unit in units.items():
+        table.add_column(f"{column}\n{unit}", justify="right")
+    for row, figures in rows.items():
+        table.add_row(row, *(figures.get(column, "") for column in units))
+    return table
+
+
+def _print(table: Table) -> None:
     console = Console()
     if not console.is_terminal:
         console = Console(width=190)

@@ -1,58 +1,126 @@
-"""Simulation wrappers by language: one server of Minisim each, on one broker.
+"""Simulation wrappers: one server of each on one broker, in every mode, its start-up and its memory.
 
-Minisim is the same to the bit in all of them; what differs is the language, the wrapper, and the algorithm:
-the built-in server evaluates offloaded candidates in lanes, the others one after the other.
+Minisim is the same to the bit in every language; what differs is the language, the wrapper, and the
+algorithm: the built-in server and that in numpy evaluate many episodes at once, the others one by one.
+The adapters show what remains of an environment's or a simulator's own speed.
 """
 
 import contextlib
 import json
+import os
 import shutil
 import subprocess
+import sysconfig
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.measurement import Samples
 from benchmarks.processes import PATIENCE, PROGRAM, ROOT, Broker, embedded, peak_memory
-from benchmarks.rollout import Block, minisim
+from benchmarks.rollout import LAYERED, Block
 from swarmwright import _engine
 
 JAR = ROOT / "wrappers" / "java" / "target" / "minisim.jar"
 CPP = ROOT / "wrappers" / "cpp" / "build" / "minisim"
-PYTHON = ROOT / "tests" / "python" / "own" / "minisim.py"
-TITLE = 'title = "minisim in Python"'
+OWN = ROOT / "tests" / "python" / "own"
+ENKI = Path(f"/usr/lib/python3/dist-packages/pyenki{sysconfig.get_config_var('EXT_SUFFIX')}")
+
+MODES = ("stepwise", "batched", "offloaded")
+COLUMNS = {"start-up": "ms", **dict.fromkeys(MODES, "evaluations/s"), "peak memory": "MB"}
+"""What is measured of each server, and its unit."""
+FIRST = 4
+"""Evaluations at first; what counts is the last measurement, which programs are warm for."""
+LASTS = 0.4
+"""Seconds that are aimed at for one measurement."""
+MOST = 200_000
+"""Evaluations of one measurement; more would not change it."""
 
 
-def commands(folder: Path) -> dict[str, list[str]]:
-    """How a server is started in each language, but for broker, id and prefix."""
-    source = PYTHON.read_text(encoding="utf-8")
-    if TITLE not in source:
-        raise SystemExit(f"{PYTHON} does not say {TITLE}")
+@dataclass(frozen=True)
+class Subject:
+    """command: what starts it, but for broker, id, prefix. same: whether all modes give the same bits."""
+
+    command: list[str]
+    title: str = "minisim"
+    parameters: Mapping[str, Any] = field(default_factory=lambda: {"placement": "random", "maxSteps": 15})
+    sensors: int = 4
+    actuators: int = 1
+    dimensions: int = 2
+    same: bool = True
+
+    def block(self, candidates: int) -> Block:
+        """Random networks with 8 hidden nodes; the first ones of a larger block."""
+        controller = {**LAYERED, "sensors": self.sensors, "actuators": self.actuators}
+        return Block(self.title, dict(self.parameters), controller, candidates)
+
+
+def _renamed(folder: Path, name: str, title: str) -> str:
+    """Copy a simulation of the tests, so that it has the title of the built-in one; its name for `serve`."""
+    source = (OWN / f"{name}.py").read_text(encoding="utf-8")
+    line = f'title = "{title}"'
+    if line not in source:
+        raise SystemExit(f"{OWN / name}.py does not say {line}")
+    copy = folder / f"{name}.py"
+    copy.write_text(source.replace(line, 'title = "minisim"'), encoding="utf-8")
+    return f"{copy}:Minisim"
+
+
+def subjects(folder: Path) -> dict[str, Subject]:
+    """Every server by its row in the table."""
     for built in (JAR, CPP):
         if not built.exists():
             raise SystemExit(f"{built.relative_to(ROOT)} is missing; `make java cpp` builds it")
-    own = folder / "minisim.py"
-    own.write_text(source.replace(TITLE, 'title = "minisim"'), encoding="utf-8")
     java = shutil.which("java")
     if java is None:
         raise SystemExit("Java is missing; `make java` installs it")
-    return {
-        "Rust (built in)": [*PROGRAM, "serve", "minisim"],
-        "Python": [*PROGRAM, "serve", f"{own}:Minisim"],
-        "Java": [java, "-jar", str(JAR)],
-        "C++": [str(CPP)],
+
+    def served(name: str) -> list[str]:
+        return [*PROGRAM, "serve", name]
+
+    found = {
+        "Minisim, Rust (built in)": Subject(served("minisim")),
+        "Minisim, C++": Subject([str(CPP)]),
+        "Minisim, Java": Subject([java, "-jar", str(JAR)]),
+        "Minisim, Python": Subject(served(_renamed(folder, "minisim", "minisim in Python"))),
+        "Minisim, numpy": Subject(served(_renamed(folder, "minisim_batch", "minisim in numpy"))),
+        "Gymnasium, CartPole": Subject(served("gymnasium:CartPole-v1"), "CartPole-v1", {}),
+        "PettingZoo, 3 agents, 25 steps": Subject(
+            served("pettingzoo:mpe2.simple_spread_v3"), "mpe2.simple_spread_v3", {}, 18, 5
+        ),
+        "MuJoCo, 4 rovers, 50 steps": Subject(
+            served("swarmwright.adapters.mujoco:Rovers"),
+            "mujoco rovers",
+            {"agents": 4, "steps": 50},
+            12,
+            2,
+            3,
+        ),
     }
+    if ENKI.is_file():
+        found["Enki, 4 e-pucks, 50 steps"] = Subject(
+            served("swarmwright.adapters.enki:EPucks"),
+            "enki e-pucks",
+            {"agents": 4, "steps": 50},
+            8,
+            2,
+            2,
+            False,
+        )
+    return found
 
 
 class Server:
-    """A server in some language, ready once made. start_up: seconds until then."""
+    """A server of some kind, ready once made. start_up: seconds until then."""
 
     def __init__(self, command: list[str], broker: Broker, prefix: str) -> None:
         options = ["--broker", broker.url, "--id", "1", "--prefix", prefix]
+        paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]  # where one in Python finds the tests'
         start = time.perf_counter()
         self._process = subprocess.Popen(
             [*command, *options],
@@ -60,6 +128,7 @@ class Server:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         )
         assert self._process.stdout is not None
         said = []
@@ -90,12 +159,14 @@ class Server:
 
 
 @contextlib.contextmanager
-def _pool(broker: Broker, prefix: str, block: Block, mode: str) -> Iterator[_engine.Pool]:
+def _pool(broker: Broker, prefix: str, subject: Subject, mode: str) -> Iterator[_engine.Pool]:
     pool = _engine.Pool(
         broker.url,
-        simulation=block.title,
-        parameters=block.parameters,
-        requirements='{"dimensions": 2}',
+        simulation=subject.title,
+        parameters=json.dumps(subject.parameters),
+        requirements=json.dumps({"dimensions": subject.dimensions}),
+        sensors=subject.sensors,
+        actuators=subject.actuators,
         prefix=prefix,
         tool="bench",
         mode=mode,
@@ -107,64 +178,67 @@ def _pool(broker: Broker, prefix: str, block: Block, mode: str) -> Iterator[_eng
         pool.close()
 
 
-def _evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], float, int]:
-    """The fitness, (candidates,); seconds; steps over the broker."""
+def _evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], float]:
+    """The fitness, (candidates,); seconds."""
     start = time.perf_counter()
     fitness, _, journal = pool.evaluate(block.architecture, block.genomes, [0])
     seconds = time.perf_counter() - start
-    attempts = [json.loads(line) for line in journal.splitlines()]
-    errors = [attempt["error"] for attempt in attempts if attempt.get("error")]
+    errors = [error for line in journal.splitlines() if (error := json.loads(line).get("error"))]
     if errors:
         raise SystemExit(f"an evaluation failed: {errors[0]}")
-    return fitness[:, 0], seconds, sum(int(attempt.get("steps") or 0) for attempt in attempts)
+    return fitness[:, 0], seconds
 
 
 class WrapperSuite:
-    """Rates of one server, against those of the built-in one."""
+    """Rates of one server of each kind, Minisim's against those of the built-in one."""
 
     def __init__(self, scale: int = 1) -> None:
         self._stack = contextlib.ExitStack()
         folder = self._stack.enter_context(tempfile.TemporaryDirectory())
-        self._commands = commands(Path(folder))
+        self._subjects = subjects(Path(folder))
         self._broker = self._stack.enter_context(embedded())
-        self._stepwise = minisim(max(2, 200 // scale), placement="random", maxSteps=15)
-        self._offloaded = minisim(max(20, 2_000 // scale), placement="random", maxSteps=15)
-        self._samples: dict[str, dict[str, Samples]] = {}
-        for measured, unit in (
-            ("start-up", "ms"),
-            ("stepwise", "steps/s"),
-            ("offloaded", "evaluations/s"),
-            ("peak memory", "MB"),
-        ):
+        self._lasts = LASTS / scale
+        self._samples: dict[tuple[str, str], Samples] = {}
+        for measured, unit in COLUMNS.items():
             floor: Samples | None = None
-            for language in self._commands:
-                one = Samples(f"{language}: {measured}", unit, floor)
+            for row, subject in self._subjects.items():
+                against = floor if subject.title == "minisim" else None
+                one = Samples(f"{row}: {measured}", unit, against, row=row, column=measured)
                 floor = floor or one
-                self._samples.setdefault(measured, {})[language] = one
+                self._samples[row, measured] = one
 
     def repeat(self) -> None:
         """Take one sample of everything, with new servers."""
-        for number, (language, command) in enumerate(self._commands.items()):
+        for number, (row, subject) in enumerate(self._subjects.items()):
             prefix = f"bench/wrappers/{number}"
-            with contextlib.closing(Server(command, self._broker, prefix)) as server:
-                self._samples["start-up"][language].add(server.start_up * 1e3)
-                self._measure(language, prefix)
-                self._samples["peak memory"][language].add(server.peak_memory())
+            with contextlib.closing(Server(subject.command, self._broker, prefix)) as server:
+                self._samples[row, "start-up"].add(server.start_up * 1e3)
+                found = [self._measure(row, subject, mode, prefix) for mode in MODES]
+                self._samples[row, "peak memory"].add(server.peak_memory())
+            if subject.title == "minisim":
+                found.append(subject.block(max(map(len, found))).run())
+            for one in found if subject.same else []:
+                common = min(len(one), len(found[-1]))
+                if one[:common].tobytes() != found[-1][:common].tobytes():
+                    raise SystemExit(f"{row}: another fitness in another mode, or than in this process")
 
-    def _measure(self, language: str, prefix: str) -> None:
-        for mode, block in (("stepwise", self._stepwise), ("offloaded", self._offloaded)):
-            with _pool(self._broker, prefix, block, mode) as pool:
-                # The first time, programs are compiled as they run, and the pool learns how fast they are.
-                _evaluate(pool, block)
-                found, seconds, steps = _evaluate(pool, block)
-            if found.tobytes() != block.run().tobytes():
-                raise SystemExit(f"{language}, {mode}: another fitness than in this process")
-            work = steps if mode == "stepwise" else block.candidates
-            self._samples[mode][language].add(work / seconds)
+    def _measure(self, row: str, subject: Subject, mode: str, prefix: str) -> NDArray[np.float64]:
+        """Take as many evaluations as last long enough; their fitness."""
+        with _pool(self._broker, prefix, subject, mode) as pool:
+            count, seconds = FIRST, 0.0
+            while seconds < self._lasts / 2:
+                found, seconds = _evaluate(pool, subject.block(count))
+                rate = count / seconds
+                if count == MOST:
+                    break
+                # Rates rise with the number of evaluations, so the first ones say little.
+                count = min(MOST, max(2 * count, int(min(16 * count, rate * self._lasts))))
+        self._samples[row, mode].add(rate)
+        return found
 
     def samples(self) -> list[Samples]:
-        """Everything measured, in the order of the table."""
-        return [one for by_language in self._samples.values() for one in by_language.values()]
+        """Everything measured, row by row."""
+        return [self._samples[row, measured] for row in self._subjects for measured in COLUMNS]
 
     def close(self) -> None:
         """End everything that was started."""

@@ -18,6 +18,8 @@ KEYS = {"name", "value", "unit", "against", "ratio"}
 @pytest.mark.timeout(600)  # it may build the wrappers for Java and C++
 @pytest.mark.skipif(shutil.which("cargo") is None, reason="the bare client is compiled by cargo")
 def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: Path) -> None:
+    from benchmarks.wrappers import COLUMNS
+
     jar()
     build()
     file = tmp_path / "build" / "bench.json"
@@ -54,10 +56,13 @@ def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: 
         # Nothing is faster than what the processor can do, and nothing here is a thousand times slower.
         assert 0.001 < bound["ratio"] < 1
     assert by_name["offloaded, one evaluation there and back"]["value"] > 0
-    for language in ("Python", "Java", "C++"):
-        for measured in ("start-up", "stepwise", "offloaded", "peak memory"):
-            one = by_name[f"{language}: {measured}"]
-            assert one["against"] == f"Rust (built in): {measured}"
+    for row in ("Python", "numpy", "Java", "C++"):
+        for measured in COLUMNS:
+            one = by_name[f"Minisim, {row}: {measured}"]
+            assert one["against"] == f"Minisim, Rust (built in): {measured}"
+    for row in ("Gymnasium, CartPole", "MuJoCo, 4 rovers, 50 steps"):
+        assert all(by_name[f"{row}: {measured}"]["against"] is None for measured in COLUMNS)
+        assert row in result.stdout
     for word in ("ratio", "aim", "<= 1.5", ">= 0.8", str(file)):
         assert word in result.stdout, result.stdout
 
