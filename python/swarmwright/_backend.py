@@ -25,6 +25,7 @@ from swarmwright._local_servers import LocalServers, automatic_count
 from swarmwright._own._names import is_own
 from swarmwright._patience import patiently
 from swarmwright._suggest import did_you_mean, unknown
+from swarmwright.adapters._name import LIBRARIES
 from swarmwright.representations import Representation
 from swarmwright.representations._base import Genomes
 
@@ -265,10 +266,13 @@ def _metrics(expression: FitnessExpression | None) -> tuple[str, ...]:
 
 def _require_here(simulation: str) -> None:
     if not _simulations.is_here(simulation):
-        raise InputError(
-            f"simulation: {unknown('simulation', simulation, _simulations.titles())}; "
-            "any other needs a broker on which a server offers it"
-        )
+        library, _, rest = simulation.partition(":")
+        hint = "any other needs a broker on which a server offers it"
+        if simulation.endswith(".py"):
+            hint = f"one in Python is named by its class, {simulation}:Class"
+        elif rest and did_you_mean(library, LIBRARIES):
+            hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
+        raise InputError(f"simulation: {unknown('simulation', simulation, _simulations.titles())}; {hint}")
 
 
 def _local_backend(experiment: Experiment) -> Backend:

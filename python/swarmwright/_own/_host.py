@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright._errors import InputError, SimulationError
 from swarmwright._own._base import Simulation
-from swarmwright._own._batch import BatchSimulation, Single
+from swarmwright._own._batch import BatchSimulation
 from swarmwright._own._describe import Description, describe
 from swarmwright._own._lanes import Lanes, Many
 from swarmwright._own._parameter import filled_in
@@ -52,7 +52,7 @@ class Host:
         self._kind = kind
         self._report = report or (lambda _reason, _traceback: None)
         self._reported: set[str] = set()
-        self._simulation: Simulation | Single | None = None
+        self._simulation: Simulation | BatchSimulation | None = None
         if description is None:
             self._simulation = self._made()
             description = describe(self._simulation, kind.__name__)
@@ -83,15 +83,20 @@ class Host:
         parameters that are refused, SimulationError when the code fails.
         """
         values, seed = self._parameters(parameters)
+        if isinstance(self._simulation, BatchSimulation):
+            return self._only(self._started(values, np.array([seed], np.uint64)))
         return self._seen("reset", self._call("reset", values, seed), first=True)
 
     def step(self, actions: NDArray[np.float32]) -> Seen:
         """Go on by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
+        if isinstance(self._simulation, BatchSimulation):
+            return self._only(self.go(actions[None]))
         return self._seen("step", self._call("step", actions), first=False)
 
     def fitness(self) -> float:
         """Return the fitness. Raises SimulationError when the code fails."""
-        returned = self._call("fitness")
+        batch = isinstance(self._simulation, BatchSimulation)
+        returned = self.results(metrics=False)[0, 0] if batch else self._call("fitness")
         value = _number(returned)
         if not math.isfinite(value):
             self._fail(f"fitness: {_short(returned)} returned, expected a finite number")
@@ -99,9 +104,14 @@ class Host:
 
     def measure(self) -> list[float]:
         """Return the metrics, in the order of `metrics`. Raises SimulationError when the code fails."""
+        if isinstance(self._simulation, BatchSimulation):
+            return self._measured(dict(zip(self._names, self.results(metrics=True)[1:, 0], strict=True)))
         returned = self._call("measure")
         if not isinstance(returned, Mapping):
             self._fail(f"measure: {_short(returned)} returned, expected a mapping from names to numbers")
+        return self._measured(returned)
+
+    def _measured(self, returned: Mapping[str, Any]) -> list[float]:
         values = []
         for name, _ in self.metrics:
             if name not in returned:
@@ -131,21 +141,31 @@ class Host:
         parameters: as for `reset`; the seed in them does not count. seeds: (episodes,).
         """
         values, _ = self._parameters(parameters)
-        assert isinstance(self._simulation, Single)
+        return self._started(values, seeds)
+
+    def _started(self, values: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
         self._many = Lanes(self.sensors, len(seeds), self.max_agents, self._fail)
-        return self._many.seen("reset", self._on_all("reset", values, seeds), self._on_all)
+        return self._many.seen("reset", self._call("reset", values, seeds), self._call)
 
     def go(self, actions: NDArray[np.float32]) -> Many:
         """Go on by one step; actions: (episodes, agents, actuators). Raises SimulationError."""
-        return self._many.seen("step", self._on_all("step", actions), self._on_all)
+        return self._many.seen("step", self._call("step", actions), self._call)
+
+    def _only(self, many: Many) -> Seen:
+        """What is seen of the only episode of a BatchSimulation."""
+        acts, rows, over = many
+        return np.flatnonzero(acts[0]).astype(np.uint32), rows[0], bool(over[0])
 
     def results(self, metrics: bool) -> NDArray[np.float64]:
         """Return fitness and, where wanted, all metrics of all episodes, (1 + metrics, episodes).
 
         Those of episodes that have not ended may be anything. Raises SimulationError when the code fails.
         """
-        names = [name for name, _ in self.metrics] if metrics else []
-        return self._many.results(names, self._on_all)
+        return self._many.results(self._names if metrics else [], self._call)
+
+    @property
+    def _names(self) -> list[str]:
+        return [name for name, _ in self.metrics]
 
     def _parameters(self, parameters: str) -> tuple[dict[str, Any], int]:
         """Make the object where there is none; return what it is reset with, and the seed."""
@@ -158,11 +178,6 @@ class Host:
         except InputError as error:
             raise _engine.InputError(str(error)) from None
         return values, seed
-
-    def _on_all(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
-        """Call a method of a BatchSimulation."""
-        assert isinstance(self._simulation, Single)
-        return self._call(method, *arguments, of=self._simulation.batch)
 
     def _seen(self, method: str, returned: Any, *, first: bool) -> Seen:  # noqa: ANN401 - whatever it returns
         """Check observations; ask who acts."""
@@ -231,10 +246,10 @@ class Host:
             )
         return np.unique(agents).astype(np.uint32)
 
-    def _call(self, method: str, *arguments: Any, of: Any = None) -> Any:  # noqa: ANN401 - whatever the code takes and returns
+    def _call(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
         """Call a method of the user's; what it raises becomes SimulationError."""
         try:
-            return getattr(self._simulation if of is None else of, method)(*arguments)
+            return getattr(self._simulation, method)(*arguments)
         except (InputError, _engine.InputError) as error:
             if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
@@ -242,10 +257,15 @@ class Host:
         except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
 
-    def _made(self) -> Simulation | Single:
+    def _made(self) -> Simulation | BatchSimulation:
+        missing = sorted(getattr(self._kind, "__abstractmethods__", ()))
+        if missing:
+            raise InputError(
+                f"{self._kind.__name__}: has no method {', '.join(missing)}; "
+                "a simulation needs reset, step, done and fitness"
+            )
         try:
-            made = self._kind()
-            return Single(made) if isinstance(made, BatchSimulation) else made
+            return self._kind()
         except InputError:  # what it needs is not there
             raise
         except Exception as error:  # noqa: BLE001 - a user's code may fail in any way

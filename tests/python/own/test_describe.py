@@ -178,6 +178,11 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
             "there.py:A",
             "there.py:3: ZeroDivisionError while it is imported: division by zero",
         ),
+        (
+            "from swarmwright import Simulation as S\nclass A(S):\n def reset(self, parameters, seed): pass",
+            "there.py:A",
+            "A: has no method done, fitness, step; a simulation needs reset, step, done and fitness",
+        ),
         ("import no_such_thing", "there.py:A", "there.py:1: ModuleNotFoundError while it is imported"),
     ],
 )

@@ -31,7 +31,7 @@ _MODEL = """
       height="256"/>
     <material name="floor" texture="tiles" texrepeat="1 1" texuniform="true"/>
     <material name="wall" rgba="0.55 0.57 0.6 {clear}"/>
-    <material name="pillar" rgba="0.35 0.37 0.4 1"/>
+    <material name="pillar" rgba="0.35 0.37 0.4 0.6"/>
     <material name="robot" rgba="0 0.45 0.7 1"/>
     <material name="dark" rgba="0.13 0.13 0.13 1"/>
     <material name="nose" rgba="0.9 0.62 0 1"/>

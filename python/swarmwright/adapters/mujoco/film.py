@@ -19,7 +19,7 @@ from swarmwright._own._parameter import declared, filled_in
 from swarmwright._run import Run
 from swarmwright.adapters.mujoco._robots import Robots
 
-COLORS = 64
+COLORS = 200
 LAST_FRAME = 1500  # milliseconds
 
 
@@ -37,7 +37,7 @@ def frames(
     """
     seen: Any = robots.reset(parameters, seed)
     camera = mujoco.MjvCamera()
-    camera.lookat[:] = (0, 0, 0.2)
+    camera.lookat[:] = (0, -robots.arena.depth / 20, 0.2)
     camera.distance = 1.25 * max(robots.arena.width, robots.arena.depth)
     camera.azimuth, camera.elevation = 90, -55
     found = []
@@ -78,10 +78,20 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
     values = filled_in(declared(kind.parameters, kind.__name__), parameters)
     seed = run.seeds(run.best.generation)[episode]
     pictures = frames(kind(), run.best.controller, values, seed, size)
-    palette = pictures[-1].quantize(COLORS)
+    # Of what is rare, too: robots are small.
+    palette = _strip(pictures[:: max(1, len(pictures) // 4)]).quantize(COLORS)
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     durations = [round(1000 * kind.frame_seconds)] * (len(indexed) - 1) + [LAST_FRAME]
     indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=True)
+
+
+def _strip(pictures: list[Image.Image]) -> Image.Image:
+    """Put pictures of one size side by side."""
+    width, height = pictures[0].size
+    strip = Image.new("RGB", (width * len(pictures), height))
+    for place, picture in enumerate(pictures):
+        strip.paste(picture, (width * place, 0))
+    return strip
 
 
 @click.command()
