@@ -17,6 +17,8 @@ from swarmwright.representations import REPRESENTATIONS, Representation
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
+ELSEWHERE = frozenset({"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements"})
+"""Keys that say where and how it is computed, and not what."""
 _SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts", "faults")
 
 

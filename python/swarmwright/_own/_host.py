@@ -305,9 +305,9 @@ def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
 
 
 def _seed(value: Any) -> int:  # noqa: ANN401 - any JSON value
-    whole = isinstance(value, int | float) and not isinstance(value, bool) and float(value).is_integer()
-    if not whole or not 0 <= value < 2**64:
-        raise InputError(f"seed: {value!r} found, expected an integer from 0 to 2**64 - 1")
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 <= value < 2**64 or value != int(value):
+        raise InputError(f"seed: {_short(value)} found, expected an integer from 0 to 2**64 - 1")
     return int(value)
 
 

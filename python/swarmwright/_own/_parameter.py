@@ -68,7 +68,12 @@ class Parameter:
 
 
 def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON value
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond binary64
+        return False
 
 
 def declared(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:

@@ -5,12 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright._experiment import Experiment
+from swarmwright._experiment import ELSEWHERE, Experiment
+from swarmwright._flat import flat
 from swarmwright._run import Run
 from swarmwright._simulations import description, titles
 
-_SAME_RESULT = frozenset({"seed", "servers", "broker", "prefix", "mode", "timeouts", "requirements"})
-"""Keys of an experiment that make no group: the seed, and what says where it is computed and not what."""
+_NO_GROUP = ELSEWHERE | {"seed"}
+"""Keys of an experiment in which runs of a group may differ."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,10 @@ def group(runs: Sequence[Run]) -> tuple[list[Kin], list[str]]:
         The groups, and notes on what was left out.
     """
     kept, notes = _once(runs)
-    flat = [_flat(run.experiment) for run in kept]
-    keys = _distinguishing(flat)
+    flattened = [_flat(run.experiment) for run in kept]
+    keys = _distinguishing(flattened)
     found: dict[str, tuple[dict[str, Any], list[Run]]] = {}
-    for run, values in zip(kept, flat, strict=True):
+    for run, values in zip(kept, flattened, strict=True):
         # An option that a kind does not have is left out; a parameter may have been left out by its author.
         differs = {key: values.get(key) for key in keys if key in values or key.startswith("parameters.")}
         found.setdefault(json.dumps(differs, sort_keys=True, default=str), (differs, []))[1].append(run)
@@ -73,20 +74,11 @@ def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
 
 def _flat(experiment: Experiment) -> dict[str, Any]:
     """Return the experiment with nested keys joined by points."""
-    flat: dict[str, Any] = {}
-
-    def walk(prefix: str, value: Any) -> None:  # noqa: ANN401 - any nested value
-        if isinstance(value, dict):
-            for key, inner in value.items():
-                walk(f"{prefix}.{key}" if prefix else str(key), inner)
-        else:
-            flat[prefix] = _plain(value)
-
     mapping = experiment.to_mapping()
     # A parameter that is not given has its default; a foreign simulation keeps its defaults to itself.
     mapping["parameters"] = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
-    walk("", {key: value for key, value in mapping.items() if key not in _SAME_RESULT})
-    return flat
+    kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
+    return {name: _plain(value) for name, value in flat(kept).items()}
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file

@@ -9,7 +9,7 @@ from typing import Any, Self
 from swarmwright import _backend
 from swarmwright._backend import Servers
 from swarmwright._errors import InputError
-from swarmwright._experiment import Experiment
+from swarmwright._experiment import ELSEWHERE, Experiment
 from swarmwright._local_servers import LocalServers
 from swarmwright._loop import OnGeneration
 from swarmwright._optimize import optimize, resume
@@ -18,9 +18,7 @@ from swarmwright._store import FILE
 from swarmwright._store._writer import check_folder
 from swarmwright._sweep._file import Sweep, Variant
 
-_ELSEWHERE = frozenset(
-    {"servers", "broker", "prefix", "mode", "timeouts", "requirements", "sensors", "actuators"}
-)
+_NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""
 
 
@@ -69,7 +67,7 @@ def tasks(sweep: Sweep) -> list[Task]:
 
 def _same(experiment: Experiment) -> str:
     values: dict[str, Any] = {
-        key: value for key, value in experiment.to_mapping().items() if key not in _ELSEWHERE
+        key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
     }
     return json.dumps(values, sort_keys=True, default=str)
 

@@ -1,9 +1,9 @@
 """What callbacks have in common."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from swarmwright._loop import Generation
@@ -55,14 +55,3 @@ def figures(generation: "Generation") -> dict[str, float]:
         "evaluations/failed": float(generation.failed),
         "evaluations/per_second": generation.evaluations_per_second,
     }
-
-
-def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Return nested values as text by dotted name: {"method": {"kind": "x"}} as {"method.kind": "x"}."""
-    result: dict[str, str] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            result |= flat(value, f"{prefix}{name}.")
-        else:
-            result[prefix + name] = str(value)
-    return result

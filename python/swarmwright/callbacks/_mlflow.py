@@ -8,7 +8,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from swarmwright._errors import InputError, RunError
-from swarmwright.callbacks._base import Callback, figures, flat
+from swarmwright._flat import flat
+from swarmwright.callbacks._base import Callback, figures
 
 if TYPE_CHECKING:
     from swarmwright._experiment import Experiment
@@ -61,8 +62,7 @@ class MLflow(Callback):
             self._client = MlflowClient(tracking_uri=uri)
             found = self._client.get_experiment_by_name(group)
             place = found.experiment_id if found else self._client.create_experiment(group)
-            name = experiment.path.stem if experiment is not None and experiment.path is not None else None
-            self._run = self._client.create_run(place, run_name=name).info.run_id
+            self._run = self._client.create_run(place, run_name=_name(experiment)).info.run_id
             if experiment is not None:
                 self._describe(experiment)
         except Exception as error:  # whatever its many back ends raise
@@ -76,7 +76,7 @@ class MLflow(Callback):
     def _describe(self, experiment: "Experiment") -> None:
         from mlflow.entities import Param
 
-        values = flat(experiment.to_mapping())
+        values = {key: str(value) for key, value in flat(experiment.to_mapping()).items()}
         parameters = [Param(name, value[:_LONGEST]) for name, value in values.items()]
         for first in range(0, len(parameters), _MOST_PARAMETERS):
             self._client.log_batch(self._run, params=parameters[first : first + _MOST_PARAMETERS])
@@ -133,6 +133,14 @@ class MLflow(Callback):
             self._ended = True
             with suppress(Exception):  # whatever its many back ends raise; it has been warned already
                 self._client.set_terminated(self._run, "FAILED")
+
+
+def _name(experiment: "Experiment | None") -> str | None:
+    """Name a run by its experiment file; one that goes on by its folder, as all have experiment.yaml."""
+    path = None if experiment is None else experiment.path
+    if path is None:
+        return None
+    return path.absolute().parent.name if path.name == "experiment.yaml" else path.stem
 
 
 def _first_line(error: Exception) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, callbacks, optimize
-from swarmwright.callbacks._base import flat
+from swarmwright._flat import flat
 
 EXPERIMENT = Experiment.from_mapping(
     {
@@ -66,6 +66,18 @@ def uri(empty: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
     shutil.copy(empty, tmp_path / "mlflow.db")
     return "sqlite:///mlflow.db"
+
+
+def test_a_run_that_goes_on_is_named_by_its_folder(uri: str, tmp_path: Path) -> None:
+    from mlflow import MlflowClient
+
+    run = optimize(EXPERIMENT.replace(method={"generations": 1}), out=tmp_path / "swarm-7")
+    EXPERIMENT.save(tmp_path / "mine.yaml")
+    names = []
+    for experiment in (run.experiment, Experiment.load(tmp_path / "mine.yaml"), EXPERIMENT):
+        with callbacks.MLflow(uri, experiment) as told:
+            names.append(MlflowClient(tracking_uri=uri).get_run(told.run_id).info.run_name)
+    assert names[:2] == ["swarm-7", "mine"]
 
 
 def test_mlflow_has_the_run(uri: str, tmp_path: Path) -> None:
@@ -138,7 +150,7 @@ def test_callbacks_are_joined() -> None:
 
 
 def test_nested_values_become_flat() -> None:
-    assert flat({"a": {"b": {"c": 1}, "d": [1, 2]}, "e": "x"}) == {"a.b.c": "1", "a.d": "[1, 2]", "e": "x"}
+    assert flat({"a": {"b": {"c": 1}, "d": [1, 2]}, "e": "x"}) == {"a.b.c": 1, "a.d": [1, 2], "e": "x"}
 
 
 def test_options_of_the_program(program: Any, uri: str, tmp_path: Path) -> None:

@@ -105,6 +105,8 @@ def test_parameters_are_filled_in() -> None:
     [
         ({"count": 0}, "count: 0 found, expected at least 1"),
         ({"count": 1.5}, "count: 1.5 found, expected an integer"),
+        ({"count": 10**400}, "count: 10+ found, expected an integer"),
+        ({"speed": -(10**400)}, "speed: -10+ found, expected a number"),
         ({"count": True}, "count: True found, expected an integer"),
         ({"speed": "fast"}, "speed: 'fast' found, expected a number"),
         ({"on": 1}, "on: 1 found, expected a boolean"),

@@ -105,6 +105,14 @@ def test_parameters_that_the_code_refuses(servers: Any) -> None:
         )
 
 
+@pytest.mark.parametrize("seed", ["-1", "0.5", "1e999", "true", "NaN", "1" + 400 * "0", f"{2**64}"])
+def test_seeds_that_are_none(seed: str) -> None:
+    with pytest.raises(
+        _engine.InputError, match=r"seed: .* found, expected an integer from 0 to 2\*\*64 - 1"
+    ):
+        Host(Walk).reset(f'{{"seed": {seed}}}')
+
+
 def test_a_failure_is_reported_once_with_its_traceback() -> None:
     reports: list[tuple[str, str]] = []
     host = Host(Walk, lambda reason, trace: reports.append((reason, trace)))

@@ -8,9 +8,10 @@ def test_runs_that_differ_in_seed_or_place_are_one_group(tmp_path: Path) -> None
     many = [
         *runs(tmp_path, [1.0, 2.0]),
         KnownRun(tmp_path / "x", [[1.0]], seed=9, servers=3, mode="stepwise", broker="mqtt://there"),
+        KnownRun(tmp_path / "y", [[1.0]], seed=10, faults={"audit": 0.1}),
     ]
     kins, notes = group(many)
-    assert [(kin.label, len(kin.runs)) for kin in kins] == [("minisim, nnga", 3)]
+    assert [(kin.label, len(kin.runs)) for kin in kins] == [("minisim, nnga", 4)]
     assert notes == []
 
 
