@@ -49,6 +49,8 @@ pub(crate) struct Piece {
     pub tries: u32,
     /// Of these, those of which the server itself said that they failed.
     pub reported: u32,
+    /// Of these, those that were not answered in time.
+    pub late: u32,
     /// What was said the last time.
     pub reason: String,
     pub purpose: Purpose,
@@ -77,6 +79,7 @@ impl Piece {
         Self {
             evaluations,
             tries: 0,
+            late: 0,
             reported: 0,
             reason: String::new(),
             purpose: Purpose::Work,

@@ -115,6 +115,8 @@ pub(crate) enum Blame {
     Evaluation,
     /// The server went down, fell silent, or sent what cannot be used.
     Server,
+    /// No answer came in time, of a server that is perhaps only slow.
+    Late,
 }
 
 /// The decisions of one optimization tool.
@@ -317,7 +319,10 @@ impl Machine {
             let mut blocks = false;
             for job in &jobs {
                 match job {
-                    Job::Episode(hash) => self.end_run(server, hash),
+                    Job::Episode(hash) => {
+                        self.over(hash, server, false);
+                        self.end_run(server, hash);
+                    }
                     Job::Request(number) => match requests.get(number) {
                         Some(Request {
                             batch: Some(batch), ..
@@ -476,6 +481,7 @@ impl Machine {
             Blame::Nobody => return self.ledger.put_back(&piece),
             Blame::Broker => return self.ledger.put_back(&piece.halved()),
             Blame::Evaluation | Blame::Server => {}
+            Blame::Late => piece.late += 1,
         }
         let faults = &self.config.faults;
         let (attempts, quarantine) = (faults.attempts, faults.quarantine);
@@ -599,7 +605,9 @@ impl Machine {
         let slots = &self.offers.slots;
         let looking = self.work_number == 0 || !self.finished();
         let few = slots.is_empty() || slots.values().any(|slot| !slot.usable());
-        self.ledger.queued() > 0 || (looking && few)
+        // Another tool may have been faster on its server; see `beaten`.
+        let waiting = self.runs.values().any(|run| !run.begun());
+        self.ledger.queued() > 0 || waiting || (looking && few)
     }
 
     /// The connection broke: the work under way on it is lost, and nobody's fault.

@@ -274,7 +274,11 @@ impl Offers {
             (Some(ended), false)
         };
         match state {
-            State::Ready => (None, slot.jobs.is_empty()),
+            // What it says to an episode that it may not have begun is learnt from its answer to a question.
+            State::Ready => {
+                let asked = |job: &Job| matches!(job, Job::Episode(_));
+                (None, slot.jobs.iter().all(asked))
+            }
             State::Lost => ended(self.remove(id), format!("server {id} was lost"), true),
             State::Busy if elsewhere && slot.jobs.is_empty() && slot.usable() => {
                 self.slots.remove(&id);

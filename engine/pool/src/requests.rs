@@ -105,7 +105,7 @@ impl Machine {
         )]
         let expected = rate.map_or(0.0, |rate| LEASE * piece.len() as f64 / rate);
         // A server may have become slower than it was when it was measured.
-        let more = 4f64.powi(i32::try_from(piece.tries.min(8)).unwrap_or(8));
+        let more = 4f64.powi(i32::try_from(piece.late.min(8)).unwrap_or(8));
         let lease = self.config.step_timeout.as_secs_f64().max(expected) * more;
         let message = ToServer::Evaluate(Evaluate {
             version: EXTENSION_VERSION,
@@ -302,7 +302,7 @@ impl Machine {
         if let Some(reason) = reason.or_else(|| without(&message, &metrics)) {
             let server = request.server;
             self.requests.insert(number, request);
-            return self.fail_server(server, &format!("server {server}: {reason}"), now);
+            return self.misbehaved(server, &reason, now);
         }
         self.offers.finished(request.server, &Job::Request(number));
         let (count, since) = (
@@ -372,7 +372,7 @@ impl Machine {
             }
             Err(reason) => {
                 self.requests.insert(number, request);
-                return self.fail_server(server, &format!("server {server}: {reason}"), now);
+                return self.misbehaved(server, &reason, now);
             }
         };
         if let Some(slot) = self.offers.slots.get_mut(&server) {
@@ -432,7 +432,7 @@ impl Machine {
         let reason = &refusal.reason;
         let jobs = match refusal.kind {
             RefusalKind::Failed => {
-                return self.fail_server(server, &format!("server {server}: {reason}"), now);
+                return self.misbehaved(server, reason, now);
             }
             RefusalKind::Taken => self.offers.remove(server),
             RefusalKind::Invalid => {
@@ -458,7 +458,7 @@ impl Machine {
         for piece in request.rest() {
             // What is left of several may have had company.
             let blame = match blame {
-                Blame::Server if piece.len() == 1 && !alone => Blame::Nobody,
+                Blame::Server | Blame::Late if piece.len() == 1 && !alone => Blame::Nobody,
                 blame => blame,
             };
             self.retry(piece, server, reason, blame, now);
@@ -491,13 +491,19 @@ impl Machine {
             if let Some(request) = self.requests.get(&number) {
                 let (server, reason) = (request.server, request.waiting_for(now).to_string());
                 self.counts.time_outs += 1;
-                self.fail_server(server, &reason, now);
+                self.fail_server(server, &reason, Blame::Late, now);
             }
         }
     }
 
+    /// A server sent what cannot be used.
+    fn misbehaved(&mut self, server: u64, reason: &str, now: Instant) {
+        let reason = format!("server {server}: {reason}");
+        self.fail_server(server, &reason, Blame::Server, now);
+    }
+
     /// A server failed: the oldest of its jobs is held against it, all are tried elsewhere, and it has a pause.
-    fn fail_server(&mut self, server: u64, reason: &str, now: Instant) {
+    fn fail_server(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
         self.warn(format!("{reason}; the work is tried again elsewhere"));
         self.let_go(server);
         self.failed(server, reason, now);
@@ -505,7 +511,7 @@ impl Machine {
             Some(slot) => slot.jobs.clone(),
             None => Vec::new(),
         };
-        self.fail_jobs(jobs, reason, Blame::Server, now);
+        self.fail_jobs(jobs, reason, blame, now);
     }
 }
 

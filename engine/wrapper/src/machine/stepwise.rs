@@ -22,30 +22,14 @@ impl Machine {
                     "ignoring a control message that starts a run that is under way".to_owned(),
                 );
             }
-            State::Running(run) => {
-                let holder = run
-                    .tool
-                    .clone()
-                    .unwrap_or_else(|| "another optimization tool".to_owned());
-                return self.complain(format!(
-                    "refusing to start a run for {}: taken by {holder}",
-                    asker(&control)
-                ));
-            }
-            State::Held { tool, .. } if control.tool.as_ref() != Some(tool) => {
-                let holder = tool.clone();
-                return self.complain(format!(
-                    "refusing to start a run for {}: held by {holder}",
-                    asker(&control)
-                ));
-            }
-            State::Stepping(_) | State::Working(_) => {
+            State::Running(_) | State::Stepping(_) | State::Working(_) => {
                 let holder = self.holder();
                 let holder = holder.as_deref().unwrap_or("another optimization tool");
-                return self.complain(format!(
-                    "refusing to start a run for {}: taken by {holder}",
-                    asker(&control)
-                ));
+                return self.turn_away(&control, &format!("taken by {holder}"), now);
+            }
+            State::Held { tool, .. } if control.tool.as_ref() != Some(tool) => {
+                let reason = format!("held by {tool}");
+                return self.turn_away(&control, &reason, now);
             }
             _ => {}
         }
@@ -97,6 +81,17 @@ impl Machine {
                 self.enter(tool.map_or(State::Free, held), now);
             }
         }
+    }
+
+    /// Another tool has the server. The one that came too late waits for its first step, and would not hear of it if the
+    /// other one was here for a moment only: presence is said again, also when it has not changed.
+    fn turn_away(&mut self, control: &Control, reason: &str, now: Instant) {
+        self.complain(format!(
+            "refusing to start a run for {}: {reason}",
+            asker(control)
+        ));
+        self.published = None;
+        self.changed_at.get_or_insert(now);
     }
 
     /// Tells the tool that an episode has ended without fitness, if it said where.
