@@ -27,6 +27,8 @@ seed: 4
 timeouts: {{discovery: 20, step: 1.5}}
 """
 SERVERS = (1, 2, 3)
+SECONDS = float(os.environ.get("SWARMWRIGHT_MISHAPS_SECONDS", "120"))
+"""How long the long test disturbs; 3600 was run once."""
 
 
 def described(mode: str, steps: int, generations: int) -> str:
@@ -113,7 +115,7 @@ def stage(
 def check(folder: Path, incidents: list[str], launch: Launch, quiet: Path) -> None:
     """The record is that of an undisturbed run, and the report has each incident."""
     local = launch("optimize", quiet, "--servers", "local", "--out", "local")
-    assert local.wait(60) == 0, local.stderr
+    assert local.wait(60 + SECONDS) == 0, local.stderr
     assert record(folder) == record(quiet.parent / "local"), incidents
     failed = [entry for entry in attempts(folder) if entry["error"]]
     told, errors = warnings(folder), [entry["error"] for entry in failed]
@@ -145,16 +147,14 @@ def test_one_after_the_other(stage: Any, launch: Launch, tmp_path: Path, mode: s
 
 
 @pytest.mark.long
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(300 + 2 * SECONDS)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_for_two_minutes(
-    stage: Any, launch: Launch, experiment: Experiment, tmp_path: Path, seed: int
-) -> None:
+def test_for_minutes(stage: Any, launch: Launch, experiment: Experiment, tmp_path: Path, seed: int) -> None:
     """In any order, also before the one has been got over by the time of the next."""
     play, incidents = stage("stepwise", 150, 1_000_000)
     draw = random.Random(seed)
     assert play.generations(), play.tool.stderr
-    end = time.monotonic() + 120
+    end = time.monotonic() + SECONDS
     while time.monotonic() < end:
         assert play.generations(draw.randint(0, 2)), (play.tool.stderr, incidents)
         match draw.randrange(6):

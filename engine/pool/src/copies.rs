@@ -199,9 +199,7 @@ impl Machine {
                 pieces.push(request.piece.clone());
             }
         }
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            slot.silent = true;
-        }
+        self.offers.fell_silent(server);
         let mut given = false;
         pieces.sort_by_key(Piece::first);
         for piece in pieces.into_iter().rev() {

@@ -61,7 +61,7 @@ impl Machine {
                 self.offers.remove(ended.server);
                 let blame = if ended.own_fault {
                     self.failed(ended.server, &ended.reason, now);
-                    Blame::Server
+                    Blame::Lost
                 } else {
                     Blame::Nobody
                 };

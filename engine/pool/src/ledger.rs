@@ -51,6 +51,8 @@ pub(crate) struct Piece {
     pub reported: u32,
     /// Of these, those that were not answered in time.
     pub late: u32,
+    /// How often a server was lost that had not begun with it; no attempts.
+    pub lost: u32,
     /// What was said the last time.
     pub reason: String,
     pub purpose: Purpose,
@@ -80,6 +82,7 @@ impl Piece {
             evaluations,
             tries: 0,
             late: 0,
+            lost: 0,
             reported: 0,
             reason: String::new(),
             purpose: Purpose::Work,

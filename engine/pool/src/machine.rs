@@ -115,6 +115,8 @@ pub(crate) enum Blame {
     Evaluation,
     /// The server went down, fell silent, or sent what cannot be used.
     Server,
+    /// The server went down, perhaps with what another tool had given it, if it had not begun.
+    Lost,
     /// No answer came in time, of a server that is perhaps only slow.
     Late,
 }
@@ -480,7 +482,11 @@ impl Machine {
         match blame {
             Blame::Nobody => return self.ledger.put_back(&piece),
             Blame::Broker => return self.ledger.put_back(&piece.halved()),
-            Blame::Evaluation | Blame::Server => {}
+            Blame::Lost if piece.lost < self.config.faults.attempts => {
+                piece.lost += 1;
+                return self.ledger.put_back(&piece);
+            }
+            Blame::Evaluation | Blame::Server | Blame::Lost => {}
             Blame::Late => piece.late += 1,
         }
         let faults = &self.config.faults;

@@ -325,6 +325,13 @@ impl Offers {
         }
     }
 
+    /// Nothing came from a server in time: it gets no work before it says something, at least an answer to a question.
+    pub(crate) fn fell_silent(&mut self, id: u64) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.silent = true;
+        }
+    }
+
     /// A server is new; its first work waits until `until`, or for longer where it has failed again and again.
     pub(crate) fn introduce(&mut self, id: u64, until: Instant, now: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {

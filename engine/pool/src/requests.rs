@@ -458,7 +458,10 @@ impl Machine {
         for piece in request.rest() {
             // What is left of several may have had company.
             let blame = match blame {
-                Blame::Server | Blame::Late if piece.len() == 1 && !alone => Blame::Nobody,
+                Blame::Server | Blame::Lost | Blame::Late if piece.len() == 1 && !alone => {
+                    Blame::Nobody
+                }
+                Blame::Lost => Blame::Server,
                 blame => blame,
             };
             self.retry(piece, server, reason, blame, now);
@@ -491,6 +494,7 @@ impl Machine {
             if let Some(request) = self.requests.get(&number) {
                 let (server, reason) = (request.server, request.waiting_for(now).to_string());
                 self.counts.time_outs += 1;
+                self.offers.fell_silent(server);
                 self.fail_server(server, &reason, Blame::Late, now);
             }
         }

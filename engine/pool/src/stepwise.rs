@@ -156,6 +156,10 @@ impl Machine {
         self.offers
             .finished(run.server, &Job::Episode(hash.to_owned()));
         self.over(hash, run.server, false);
+        let blame = match blame {
+            Blame::Lost if run.begun() => Blame::Server,
+            blame => blame,
+        };
         self.record_run(&run, Some(reason.to_owned()), None, now);
         self.retry(run.piece, run.server, reason, blame, now);
     }
@@ -244,6 +248,7 @@ impl Machine {
             self.end_run(server, &hash);
             if run_refused.is_none() {
                 self.counts.time_outs += 1;
+                self.offers.fell_silent(server);
             }
             self.failed(server, &reason, now);
             self.fail_episode(&hash, &reason, Blame::Server, now);
