@@ -4,6 +4,7 @@ Source: Bettini, Kortvelesy, Blumenkamp, Prorok, VMAS: A vectorized multi-agent 
 learning, DARS 2022, https://github.com/proroklab/VectorizedMultiAgentSimulator.
 """
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -14,13 +15,16 @@ from numpy.typing import NDArray
 
 from swarmwright._errors import InputError
 from swarmwright._own._batch import BatchSimulation
+from swarmwright.adapters._environment import environment_seed
 
 
 class Vmas(BatchSimulation):
     """A scenario with continuous actions; the fitness is the mean over agents of each one's sum of rewards.
 
-    All agents are steered by the same controller, so they must sense and act alike. Parameters of an
-    experiment go to the scenario; `max_steps` ends an episode, after 100 steps by default.
+    All agents are steered by the same controller, so they must sense and act alike. Actuators are scaled to
+    the ranges of agents. Parameters of an experiment go to the scenario; `max_steps` ends an episode, after
+    100 steps by default. Where a scenario draws random numbers in its steps, for noise, an episode depends
+    on those beside it, and the modes differ.
     """
 
     environment: ClassVar[str] = ""
@@ -34,7 +38,6 @@ class Vmas(BatchSimulation):
     def __init__(self) -> None:
         env = self._make(1, {})
         self.sensors, self.actuators = self._sizes(env)
-        self.max_agents = env.n_agents
         self._env = env
         self._made_of: tuple[int, dict[str, Any]] = (1, {})
 
@@ -49,9 +52,9 @@ class Vmas(BatchSimulation):
                     f"as {self.environment}?{next(iter(parameters))}=.."
                 )
         for index, seed in enumerate(seeds.tolist()):
-            # Each episode has its own chance, whoever is beside it.
-            torch.manual_seed(seed & 0x7FFF_FFFF_FFFF_FFFF)
-            self._env.reset_at(index)
+            # Each episode has its own chance, whoever is beside it; VMAS keeps a generator to itself.
+            self._env.seed(environment_seed(seed))
+            self._env.reset_at(index, return_observations=False)
         self._rewards = np.zeros(len(seeds))
         self._over = np.zeros(len(seeds), bool)
         return self._rows(
@@ -62,8 +65,8 @@ class Vmas(BatchSimulation):
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
         """Go on by one step."""
-        ranges = [float(np.max(agent.u_range)) for agent in self._env.agents]
-        given = [torch.as_tensor(actions[:, index] * ranges[index]) for index in range(len(self._env.agents))]
+        spaces = enumerate(self._env.action_space)
+        given = [torch.as_tensor(_scaled(actions[:, index], space)) for index, space in spaces]
         seen, rewards, dones, _ = self._env.step(given)
         gained = np.stack([np.asarray(reward, float) for reward in rewards], axis=1)
         self._rewards += np.where(self._over, 0.0, gained.sum(axis=1) / len(rewards))
@@ -81,15 +84,25 @@ class Vmas(BatchSimulation):
     def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - VMAS's own
         given = {"max_steps": 100, **self.options, **parameters}
         try:
-            return vmas.make_env(
-                scenario=self.environment, num_envs=episodes, device="cpu", continuous_actions=True, **given
-            )
+            with warnings.catch_warnings():
+                # That is how it says that a parameter is unknown.
+                warnings.filterwarnings("error", message="Scenario kwargs")
+                return vmas.make_env(
+                    scenario=self.environment,
+                    num_envs=episodes,
+                    device="cpu",
+                    continuous_actions=True,
+                    **given,
+                )
         except Exception as error:  # libraries complain in their own ways
-            raise InputError(f"Vmas {self.environment}: {type(error).__name__}: {error}") from error
+            where = f"{', '.join(parameters)}: " if parameters else ""
+            raise InputError(f"{where}Vmas {self.environment}: {type(error).__name__}: {error}") from error
 
     def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - VMAS's own
         seen = {space.shape for space in env.observation_space}
         acts = {space.shape for space in env.action_space}
+        if None in seen:
+            raise InputError(f"Vmas {self.environment}: its observations are dictionaries, not numbers")
         if len(seen) != 1 or len(acts) != 1:
             raise InputError(
                 f"Vmas {self.environment}: its agents differ, so one controller cannot steer all"
@@ -98,3 +111,10 @@ class Vmas(BatchSimulation):
 
     def _rows(self, seen: Any) -> NDArray[np.float64]:  # noqa: ANN401 - tensors, one for each agent
         return np.stack([np.asarray(rows, float) for rows in seen], axis=1)
+
+
+def _scaled(actions: NDArray[np.float32], space: Any) -> NDArray[np.float32]:  # noqa: ANN401 - one of gym's
+    """Scale -1..1 to the range of each actuator, (episodes, actuators)."""
+    middle, half = (space.high + space.low) / 2, (space.high - space.low) / 2
+    scaled: NDArray[np.float32] = np.clip(middle + half * actions, space.low, space.high)
+    return scaled

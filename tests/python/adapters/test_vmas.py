@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from swarmwright import Experiment, adapters, optimize
+from swarmwright import Experiment, InputError, adapters, evaluate, optimize
 from swarmwright.testing import check_batch_simulation
 from tests.python.records import same_record
 
@@ -28,3 +29,19 @@ def test_one_record_in_every_mode(tmp_path: Path) -> None:
     here = optimize(experiment("auto"), servers="local", out=tmp_path / "here")
     for mode in ("batched", "offloaded"):
         same_record(optimize(experiment(mode), servers=1, out=tmp_path / mode), here)
+
+
+def test_seeds_matter() -> None:
+    one = Experiment.from_mapping(
+        {"simulation": "vmas:navigation", "parameters": {"max_steps": 3, "seed": 1}}
+    )
+    genomes = np.ones((1, one.genome_size), np.float32)
+    other = one.replace(parameters={"seed": 2})
+    fitness = [evaluate(each, genomes, servers="local")[0] for each in (one, other, one)]
+    assert fitness[0] == fitness[2] != fitness[1]
+
+
+def test_parameters_that_the_scenario_does_not_know() -> None:
+    one = Experiment.from_mapping({"simulation": "vmas:navigation", "parameters": {"n_agent": 3}})
+    with pytest.raises(InputError, match=r"n_agent: Vmas navigation: .* not used by the scenario"):
+        evaluate(one, np.ones((1, one.genome_size), np.float32), servers="local")
