@@ -51,7 +51,7 @@ class Stage:
 
     def _serve(self, server: int) -> Program:
         arguments = ["serve", "minisim", "--broker", self.broker.url, "--id", server, "--count", 1, "--json"]
-        program: Program = self.launch(*arguments, "--step-timeout", "3")
+        program: Program = self.launch(*arguments, "--step-timeout", "3", "--wait", "60")
         return program
 
     def _pid(self, server: int) -> int:
@@ -79,11 +79,11 @@ class Stage:
         self.broker.start()
 
     def kill_tool(self) -> None:
-        """Resumed, it goes on. A tool begins only where a broker answers, so that is waited for."""
+        """Resumed, it goes on."""
         self.incidents.append("tool killed")
         self.tool.signal(signal.SIGKILL)
         self.tool.process.wait(10)
-        self.tool = self.launch("resume", "result", "--broker", self.broker.url, "--json")
+        self.tool = self.launch("resume", "result", "--broker", self.broker.url, "--json", "--wait", "60")
         self.seen = 0
         self.generations()
 

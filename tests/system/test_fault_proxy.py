@@ -43,9 +43,9 @@ def test_through_bad_networks(
     proxies = [cleanup.enter_context(FaultProxy(broker.port, seed)) for seed in (0, *SERVERS)]
     for server, proxy in zip(SERVERS, proxies[1:], strict=True):
         arguments = ["serve", "minisim", "--broker", proxy.url, "--id", server, "--count", 1]
-        launch(*arguments, "--step-timeout", "3")
+        launch(*arguments, "--step-timeout", "3", "--wait", "30")
     path.write_text(f"{path.read_text()}mode: {mode}\n")
-    run = launch("optimize", path, "--broker", proxies[0].url, "--out", "result")
+    run = launch("optimize", path, "--broker", proxies[0].url, "--out", "result", "--wait", "30")
     assert run.wait(50) == 0, run.stderr
 
     faults = sum((proxy.faults for proxy in proxies), Counter[str]())
