@@ -49,8 +49,8 @@ pub(crate) enum Outcome {
     Stepped,
     /// The simulation has moved on by itself and will again.
     WentOn,
-    /// The episode has ended.
-    Finished(Fitness),
+    /// The episode has ended; and why its metrics are missing, if they are.
+    Finished(Fitness, Option<Failure>),
     /// The simulation failed.
     Failed(Failure),
 }
@@ -142,13 +142,8 @@ impl Run {
                 Ok(false) => return self.step_by_itself(simulation, now),
                 Err(reason) => return Outcome::Failed(reason),
             }
-            return match guarded(|| simulation.fitness()).and_then(finite) {
-                Ok(fitness) => Outcome::Finished(Fitness {
-                    simulation: Some(self.title.clone()),
-                    simulation_hash: self.hash.clone(),
-                    fitness,
-                    metrics: self.measured(simulation),
-                }),
+            return match self.outcome(simulation) {
+                Ok((fitness, unmeasured)) => Outcome::Finished(fitness, unmeasured),
                 Err(reason) => Outcome::Failed(reason),
             };
         }
@@ -172,17 +167,34 @@ impl Run {
         Outcome::Stepped
     }
 
+    /// A tool that hears of failures hears of those of the metrics, too; another one would wait for the fitness in vain.
+    fn outcome(&self, simulation: &dyn Simulation) -> Result<(Fitness, Option<Failure>), Failure> {
+        let fitness = guarded(|| simulation.fitness()).and_then(finite)?;
+        let (metrics, unmeasured) = match self.measured(simulation) {
+            Ok(metrics) => (metrics, None),
+            Err(failure) if self.reply.is_none() => (BTreeMap::new(), Some(failure)),
+            Err(failure) => return Err(failure),
+        };
+        let message = Fitness {
+            simulation: Some(self.title.clone()),
+            simulation_hash: self.hash.clone(),
+            fitness,
+            metrics,
+        };
+        Ok((message, unmeasured))
+    }
+
     /// All metrics by name, but for those that no message can carry: the tool may not need them.
-    fn measured(&self, simulation: &dyn Simulation) -> BTreeMap<String, f64> {
+    fn measured(&self, simulation: &dyn Simulation) -> Result<BTreeMap<String, f64>, Failure> {
         if self.metrics.is_empty() {
-            return BTreeMap::new();
+            return Ok(BTreeMap::new());
         }
-        let values = guarded(|| simulation.metrics()).unwrap_or_default();
+        let values = guarded(|| simulation.metrics())?;
         let names = self.metrics.iter().map(|metric| metric.name.to_string());
-        names
+        Ok(names
             .zip(values)
             .filter(|(_, value)| value.is_finite())
-            .collect()
+            .collect())
     }
 
     fn step_by_itself(&mut self, simulation: &mut dyn Simulation, now: Instant) -> Outcome {

@@ -5,11 +5,19 @@ mod common;
 
 use common::{ID, Server, batch, bits, object, request};
 use serde_json::{Value, json};
-use swarmwright_protocol::{RefusalKind, ToServer, Topic, U64s};
+use swarmwright_protocol::{RefusalKind, ToServer, ToTool, Topic, U64s};
 use swarmwright_worlds::Minisim;
 
 /// The fitness message of an episode of the walk in which no agent moves.
 fn stepwise(trouble: &str) -> Value {
+    let server = walked(trouble, None);
+    let (topic, payload) = server.published.last().unwrap();
+    assert_eq!(*topic, Topic::Fitness, "{:?}", server.warnings);
+    serde_json::from_slice(payload).unwrap()
+}
+
+/// A server after such an episode, for a tool that wants to hear of failures there.
+fn walked(trouble: &str, reply: Option<&str>) -> Server {
     let mut server = Server::of_walks();
     let hash = "h";
     let parameters =
@@ -17,15 +25,13 @@ fn stepwise(trouble: &str) -> Value {
     server.say(Topic::Parameters, &parameters);
     server.say(
         Topic::Control,
-        &json!({"server": ID, "simulation_hash": hash}),
+        &json!({"server": ID, "simulation_hash": hash, "tool": "lab", "reply": reply}),
     );
     for _ in 0..4 {
         let actuator = json!({"simulation_hash": hash, "agent": 0, "actuator": [0.5]});
         server.say(Topic::Actuator, &actuator);
     }
-    let (topic, payload) = server.published.last().unwrap();
-    assert_eq!(*topic, Topic::Fitness, "{:?}", server.warnings);
-    serde_json::from_slice(payload).unwrap()
+    server
 }
 
 #[test]
@@ -41,6 +47,27 @@ fn a_stepwise_fitness_comes_with_all_metrics_that_a_message_can_carry() {
     let message = stepwise("metrics panic");
     assert_eq!(message.get("metrics"), None);
     assert_eq!(message["fitness"].as_f64(), Some(fitness));
+    let warnings = walked("metrics panic", None).warnings;
+    assert_eq!(
+        warnings,
+        ["the metrics are left out: the simulation panicked: no ruler"]
+    );
+}
+
+#[test]
+fn metrics_that_fail_are_a_failure_to_a_tool_that_hears_of_it() {
+    let server = walked("metrics panic", Some("swarmwright/v1/tool/lab"));
+    assert!(
+        server
+            .published
+            .iter()
+            .all(|(topic, _)| *topic != Topic::Fitness)
+    );
+    let [(topic, ToTool::Failed(failed))] = &server.replies[..] else {
+        panic!("{:?}", server.replies);
+    };
+    assert_eq!(topic, "swarmwright/v1/tool/lab");
+    assert_eq!(failed.reason, "the simulation panicked: no ruler");
 }
 
 #[test]

@@ -95,6 +95,17 @@ def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, 
     assert {reason.split(":")[0] for reason in reasons} == {f"Walk.{method}"}
 
 
+def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
+    """Stepwise, where a server does not know which of them are wanted."""
+    genomes = np.zeros((2, experiment("").genome_size), np.float32)
+    one = experiment("measure", mode="stepwise")
+    with open_backend(one, servers=1) as backend:
+        found = backend.evaluate(Crews.of(one.representation(), genomes), [0, 1], lambda *_: None)
+    assert np.isnan(found.fitness).tolist() == [[True, False], [True, False]]
+    reasons = {entry["error"] for entry in found.journal if entry.get("error")}
+    assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}
+
+
 @pytest.mark.parametrize("servers", ["local", 1])
 def test_parameters_that_the_code_refuses(servers: Any) -> None:
     with pytest.raises((RunError, InputError), match="trouble: refused found, expected none"):

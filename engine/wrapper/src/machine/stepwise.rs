@@ -193,7 +193,10 @@ impl Machine {
                     self.sense(now);
                 }
             }
-            Outcome::Finished(fitness) => {
+            Outcome::Finished(fitness, unmeasured) => {
+                if let Some(failure) = unmeasured {
+                    self.complain(format!("the metrics are left out: {}", failure.reason));
+                }
                 self.actions
                     .push(Action::Publish(Topic::Fitness, fitness.encode()));
                 self.leave(now);
