@@ -166,16 +166,22 @@ fn control_from_others_moves_nothing_and_from_the_holder_releases() {
     assert_eq!(server.jobs.len(), 1);
     assert!(!server.answers(Some("bob")));
     server.say(Topic::Control, &control(false, "ada"));
-    // What is being computed has to stop first; nobody is told what came out.
-    assert!(taken(&mut server, "bob").unwrap().contains("given up"));
+    // What is being computed has to stop first, and nobody is told what came out. Who asks meanwhile comes next.
     assert!(!server.answers(None));
+    let start = || ToServer::Start(batch(5));
+    server.ask(start());
+    let refused = server.sensors()[0].error.clone().unwrap();
+    assert_eq!(refused.kind, RefusalKind::Taken);
+    assert!(refused.reason.contains("given up"), "{refused:?}");
+    assert_eq!(taken(&mut server, "bob"), None);
+    assert!(taken(&mut server, "ada").unwrap().contains("bob"));
     server.replies.clear();
     server.compute();
-    assert!(server.replies.is_empty());
-    assert!(server.answers(None));
-    assert_eq!(taken(&mut server, "bob"), None);
+    assert!(
+        matches!(&server.replies[..], [(topic, ToTool::Evaluated(found))]
+        if topic.ends_with("bob") && found.error.is_none() && found.request == 99)
+    );
     // Held: at once.
-    server.compute();
     assert!(!server.answers(None));
     server.say(Topic::Control, &control(false, "bob"));
     assert!(server.answers(None));

@@ -25,7 +25,7 @@ impl Machine {
             // It came twice.
             return;
         }
-        let started = match self.taken(&tool) {
+        let started = match self.computing().or_else(|| self.taken(&tool)) {
             Some(refusal) => Err(refusal),
             None => self.prepare_batch(message, now).inspect_err(|refusal| {
                 self.complain(format!("refusing a batch of {tool}: {}", refusal.reason));
@@ -44,6 +44,21 @@ impl Machine {
                 self.send_sensors(reply, message);
             }
         }
+    }
+
+    /// Why a batch cannot begin while a request is being computed.
+    fn computing(&self) -> Option<Refusal> {
+        let State::Working(work) = &self.state else {
+            return None;
+        };
+        let reason = match work.holder() {
+            Some(holder) => format!("computing an evaluation for {holder}"),
+            None => "stopping an evaluation that was given up".to_owned(),
+        };
+        Some(Refusal {
+            kind: RefusalKind::Taken,
+            reason,
+        })
     }
 
     fn prepare_batch(&mut self, message: BatchStart, now: Instant) -> Result<Batch, Refusal> {

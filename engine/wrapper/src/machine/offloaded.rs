@@ -26,31 +26,33 @@ const LONGEST_LEASE: f64 = 1e6;
 
 /// The requests of the tool that has the server.
 pub(crate) struct Work {
-    tool: String,
+    /// None once the work was given up, until somebody asks again.
+    tool: Option<String>,
     /// The request that is being computed.
     request: u64,
     abort: Arc<AtomicBool>,
     waiting: VecDeque<Request>,
     bytes: usize,
-    /// Nobody waits for what is being computed.
-    released: bool,
+    /// Nobody waits for what is being computed: it is being stopped.
+    given_up: bool,
 }
 
 impl Work {
     pub fn holder(&self) -> Option<String> {
-        (!self.released).then(|| self.tool.clone())
+        self.tool.clone()
     }
 
     /// Whether a request is being computed, or waits.
     fn has(&self, tool: &str, request: u64) -> bool {
         let mut waiting = self.waiting.iter();
-        !self.released
-            && self.tool == tool
-            && (self.request == request || waiting.any(|other| other.number == request))
+        let computed = !self.given_up && self.request == request;
+        self.tool.as_deref() == Some(tool)
+            && (computed || waiting.any(|other| other.number == request))
     }
 
     pub fn release(&mut self) {
-        self.released = true;
+        self.tool = None;
+        self.given_up = true;
         self.abort.store(true, Ordering::Relaxed);
         self.waiting.clear();
         self.bytes = 0;
@@ -63,10 +65,9 @@ impl Work {
     }
 
     pub fn taken(&self, tool: &str) -> Option<Refusal> {
-        let reason = if self.released {
-            "stopping an evaluation that was given up".to_owned()
-        } else if self.tool != tool {
-            format!("taken by {}", self.tool)
+        let other = self.tool.as_deref().filter(|holder| *holder != tool);
+        let reason = if let Some(other) = other {
+            format!("taken by {other}")
         } else if self.waiting.len() >= MOST_WAITING || self.bytes >= MOST_BYTES {
             format!("{} requests of this tool are waiting", self.waiting.len())
         } else {
@@ -105,16 +106,22 @@ impl Machine {
             (Ok(request), State::Working(work)) => {
                 work.bytes += request.size();
                 work.waiting.push_back(request);
+                if work.tool.is_none() {
+                    // What was given up stops in a moment; this one follows.
+                    work.tool = Some(tool);
+                    self.turns.held_by(self.holder(), true, now);
+                    self.changed_at.get_or_insert(now);
+                }
             }
             (Ok(request), _) => {
                 let abort = self.compute(request);
                 let work = Work {
-                    tool,
+                    tool: Some(tool),
                     request: number,
                     abort,
                     waiting: VecDeque::new(),
                     bytes: 0,
-                    released: false,
+                    given_up: false,
                 };
                 self.enter(State::Working(work), now);
             }
@@ -254,11 +261,13 @@ impl Machine {
         let State::Working(work) = &mut self.state else {
             return;
         };
-        if work.released {
+        let Some(tool) = work.tool.clone() else {
             return self.enter(State::Free, now);
+        };
+        if std::mem::take(&mut work.given_up) {
+            return self.next_request(now);
         }
         if let Err(refusal) = &result {
-            let tool = work.tool.clone();
             self.complain(format!(
                 "refusing an evaluation for {tool}: {}",
                 refusal.reason

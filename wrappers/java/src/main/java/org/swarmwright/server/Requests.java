@@ -37,7 +37,7 @@ abstract class Requests extends Occupancy {
       return;
     }
     try {
-      checkTaken(request.tool);
+      checkTaken(request);
       if (request instanceof Evaluate) {
         evaluate((Evaluate) request, now);
       } else {
@@ -51,10 +51,16 @@ abstract class Requests extends Occupancy {
     }
   }
 
-  private void checkTaken(String tool) {
+  private void checkTaken(Request request) {
+    String tool = request.tool;
     String reason = null;
-    if (state == State.WORKING) {
+    if (state == State.WORKING && request instanceof Evaluate) {
       reason = work.taken(tool);
+    } else if (state == State.WORKING) {
+      reason =
+          work.holder() == null
+              ? "stopping an evaluation that was given up"
+              : "computing an evaluation for " + work.holder();
     } else if (state == State.STEPPING && batch.start.tool.equals(tool)) {
       reason = "batch " + Long.toUnsignedString(batch.start.request) + " of this tool is under way";
     } else if (state == State.RUNNING
@@ -70,7 +76,10 @@ abstract class Requests extends Occupancy {
   private void evaluate(Evaluate request, long now) {
     Job job = replies.job(request, now);
     if (state == State.WORKING) {
-      work.add(job);
+      if (work.holder() == null && changedAt == null) {
+        changedAt = now;
+      }
+      work.add(request.tool, job);
       return;
     }
     enter(State.WORKING, now);
@@ -83,14 +92,16 @@ abstract class Requests extends Occupancy {
     if (state != State.WORKING) {
       return;
     }
-    if (work.isReleased()) {
+    if (work.holder() == null) {
       enter(State.FREE, now);
       return;
     }
-    if (job.error != null) {
-      complain("refusing an evaluation for " + work.tool + ": " + job.error.getMessage());
+    if (!work.wasGivenUp()) {
+      if (job.error != null) {
+        complain("refusing an evaluation for " + work.holder() + ": " + job.error.getMessage());
+      }
+      replies.send(job);
     }
-    replies.send(job);
     for (Job next = work.next(); next != null; next = work.next()) {
       if (next.expires == null || next.expires > now) {
         outbox.evaluate(next);

@@ -9,27 +9,32 @@ final class Work {
   private static final int MOST_WAITING = 4096;
   private static final long MOST_BYTES = 4L * MapReader.MAX_BLOCK;
 
-  final String tool;
+  private String tool;
   private final Deque<Job> waiting = new ArrayDeque<>();
   private Job current;
   private long bytes;
-  private boolean released;
+  private boolean givenUp;
 
   Work(String tool, Job first) {
     this.tool = tool;
     current = first;
   }
 
-  /** Who has the server; null once the work was given up. */
+  /** Who has the server; null once the work was given up, until somebody asks again. */
   String holder() {
-    return released ? null : tool;
+    return tool;
   }
 
-  boolean isReleased() {
-    return released;
+  /** Whether nobody waits for what has been computed; what comes next is waited for. */
+  boolean wasGivenUp() {
+    boolean before = givenUp;
+    givenUp = false;
+    return before;
   }
 
-  void add(Job job) {
+  /** Takes a request of a tool; where work was given up, it follows as soon as that has stopped. */
+  void add(String asking, Job job) {
+    tool = asking;
     bytes += job.size();
     waiting.add(job);
   }
@@ -45,7 +50,8 @@ final class Work {
 
   /** Gives everything up; what is being computed, as soon as it can be stopped. */
   void release() {
-    released = true;
+    tool = null;
+    givenUp = true;
     waiting.clear();
     bytes = 0;
     if (current != null) {
@@ -55,10 +61,7 @@ final class Work {
 
   /** Why no request of a tool is taken now; null if one is. */
   String taken(String other) {
-    if (released) {
-      return "stopping an evaluation that was given up";
-    }
-    if (!tool.equals(other)) {
+    if (tool != null && !tool.equals(other)) {
       return "taken by " + tool;
     }
     return waiting.size() >= MOST_WAITING || bytes >= MOST_BYTES
