@@ -351,7 +351,7 @@ class BrokerBackend:
         self._pool = pool
         self._servers = servers
         if _reports.wanted():
-            pool.listen(lambda text: _reports.tell(json.loads(text)))
+            pool.listen(lambda text: _reports.tell(json.loads(text)), warnings_only=_reports.only_warnings())
         self._expression = experiment.fitness_expression
         self.metrics = _metrics(self._expression)
         self.description = (

@@ -377,13 +377,15 @@ class Pool:
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
         """
-    def listen(self, on_report: Callable[[str], object]) -> None:
+    def listen(self, on_report: Callable[[str], object], *, warnings_only: bool = False) -> None:
         """Have `on_report` told what happens, as it happens: JSON objects with an `event`.
 
         {"event": "server", "server", "state": "ready"|"busy"|"lost"|"left"}; "attempt": as a line of the journal; "benched":
         {"server", "failures", "reason", "seconds"}; "warning": {"message"}; "broker_lost": {"reason"}; "broker_back"; "status",
         once a second and when work has ended: {"status": protocol/schemas/status.schema.json, "traffic": {"sent_bytes",
         "received_bytes", "sent_messages", "received_messages"}}. What it raises is dropped.
+
+        warnings_only: of these, "warning", "broker_lost" and "broker_back" alone.
         """
     def about(
         self, run: str | None = None, generation: int | None = None, generations: int | None = None

@@ -1,4 +1,4 @@
-"""What happens while a run is evaluated, told as it happens to whoever listens: logs, counters.
+"""What happens while a run is evaluated, told as it happens to whoever listens: logs, counters, people.
 
 A report is a mapping with an `event`, see `_engine.Pool.listen`. Nobody listens by default.
 """
@@ -10,17 +10,23 @@ from typing import Any
 Report = Mapping[str, Any]
 Listener = Callable[[Report], None]
 
-_listeners: list[Listener] = []
+WARNINGS = frozenset({"warning", "broker_lost", "broker_back"})
+
+_listeners: list[tuple[Listener, bool]] = []
 
 
 @contextmanager
-def listening(listener: Listener) -> Iterator[None]:
-    """Within the block, `listener` gets every report; it must not take long, for a run waits for it."""
-    _listeners.append(listener)
+def listening(listener: Listener, *, warnings_only: bool = False) -> Iterator[None]:
+    """Within the block, `listener` gets every report; it must not take long, for a run waits for it.
+
+    warnings_only: it gets those of `WARNINGS` alone, and the others are not even made for it.
+    """
+    entry = (listener, warnings_only)
+    _listeners.append(entry)
     try:
         yield
     finally:
-        _listeners.remove(listener)
+        _listeners.remove(entry)
 
 
 def wanted() -> bool:
@@ -28,7 +34,13 @@ def wanted() -> bool:
     return bool(_listeners)
 
 
+def only_warnings() -> bool:
+    """Whether those who listen want no more than warnings."""
+    return all(warnings_only for _, warnings_only in _listeners)
+
+
 def tell(report: Report) -> None:
-    """Give a report to everybody who listens."""
-    for listener in tuple(_listeners):
-        listener(report)
+    """Give a report to everybody who wants it."""
+    for listener, warnings_only in tuple(_listeners):
+        if not warnings_only or report["event"] in WARNINGS:
+            listener(report)

@@ -280,7 +280,7 @@ impl Machine {
             self.counts.retries += 1;
             return self.ledger.put_back(&piece.failed(server));
         }
-        self.warn(format!(
+        self.warn_alike(format!(
             "an audit failed after {} attempts: {reason}",
             piece.tries + 1
         ));

@@ -26,6 +26,8 @@ use crate::slot::{Job, Slot};
 use crate::work::{Attempt, Work, WorkError};
 
 const COMPLAINTS: usize = 1000;
+/// What is counted where there are more kinds of warnings than that.
+const OTHERS: &str = "an evaluation failed for yet another reason";
 /// Servers that are told one by one that they are free.
 const MOST_TOLD: usize = 100;
 
@@ -147,6 +149,8 @@ pub struct Machine {
     /// Servers that may still wait for this tool since its connection broke, each with its last hash.
     pub(crate) left_behind: BTreeMap<u64, Option<String>>,
     pub(crate) complaints: HashSet<String>,
+    /// Warnings that were made, and how many that are the same have not been told of since.
+    pub(crate) alike: BTreeMap<String, u64>,
     /// Reasons for which episodes failed in simulations, and whether a stack was told.
     pub(crate) troubles: HashMap<String, bool>,
     pub(crate) actions: Vec<Action>,
@@ -212,6 +216,7 @@ impl Machine {
             journal: Vec::new(),
             left_behind: BTreeMap::new(),
             complaints: HashSet::new(),
+            alike: BTreeMap::new(),
             troubles: HashMap::new(),
             actions: Vec::new(),
             lonely_since: None,
@@ -506,7 +511,7 @@ impl Machine {
             }
             let downs = self.ledger.downs(evaluation);
             if downs >= quarantine {
-                self.warn(format!(
+                self.warn_alike(format!(
                     "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
                 ));
                 self.counts.quarantined += 1;
@@ -514,7 +519,7 @@ impl Machine {
             }
             if certain || piece.reported + downs >= attempts {
                 let tries = piece.tries + 1;
-                self.warn(format!(
+                self.warn_alike(format!(
                     "an evaluation failed after {tries} attempts: {reason}"
                 ));
                 return self.give_up(&piece, false, now);
@@ -659,6 +664,26 @@ impl Machine {
 
     pub(crate) fn warn(&mut self, text: String) {
         self.actions.push(Action::Warn(text));
+    }
+
+    /// A warning of which many may be alike: it is made once, and then counted.
+    pub(crate) fn warn_alike(&mut self, text: String) {
+        if let Some(more) = self.alike.get_mut(&text) {
+            *more += 1;
+        } else if self.alike.len() < COMPLAINTS {
+            self.warn(text.clone());
+            self.alike.insert(text, 0);
+        } else {
+            *self.alike.entry(OTHERS.to_owned()).or_default() += 1;
+        }
+    }
+
+    /// How many warnings were not made since the last call, as others had been that were the same.
+    pub fn take_alike(&mut self) -> Vec<String> {
+        let counted = self.alike.iter_mut().filter(|(_, more)| **more > 0);
+        counted
+            .map(|(text, more)| format!("and {} more alike: {text}", std::mem::take(more)))
+            .collect()
     }
 
     /// A warning that is made only once, however often its cause comes back.

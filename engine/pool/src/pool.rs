@@ -27,6 +27,9 @@ const ASK_TICK: Duration = Duration::from_micros(5);
 /// After such a time without a look, what came meanwhile is read before anybody is thought to be late.
 const AWAY: Duration = Duration::from_millis(300);
 
+/// How often it is told how many warnings were like those before.
+const COUNT: Duration = Duration::from_secs(10);
+
 /// How often those who watch are told how it stands.
 const TELL: Duration = Duration::from_secs(1);
 
@@ -125,6 +128,8 @@ pub struct Pool {
     /// When the machine needs a tick, as it said when it was asked last, and when to ask again.
     tick_at: Instant,
     ask_at: Instant,
+    /// When to tell how many warnings were like those before.
+    count_at: Instant,
     /// When it was last looked what came.
     looked: Instant,
     discovery_timeout: Duration,
@@ -207,6 +212,7 @@ impl Pool {
             tell_at: now,
             tick_at: now,
             ask_at: now,
+            count_at: now + COUNT,
             looked: now,
             probation,
             topics,
@@ -433,10 +439,22 @@ impl Pool {
         if self.tell_at <= now {
             self.tell(false, now);
         }
+        if self.count_at <= now {
+            self.count_alike(now);
+        }
         self.act();
         self.hear(wake.min(self.tick_at));
         self.act();
         self.reporter.look(&self.machine, self.looked);
+    }
+
+    /// Tells of the warnings that were like those before.
+    fn count_alike(&mut self, now: Instant) {
+        self.count_at = now + COUNT;
+        for text in self.machine.take_alike() {
+            self.reporter.tell(&Report::Warning(&text));
+            self.warnings.push(text);
+        }
     }
 
     fn ask_tick(&mut self, now: Instant) {
@@ -547,6 +565,7 @@ impl Pool {
     pub fn close(mut self) {
         self.machine.release();
         self.act();
+        self.count_alike(Instant::now());
         self.tell(true, Instant::now());
         self.connection.close(Duration::from_secs(1));
     }

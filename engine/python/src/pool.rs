@@ -118,8 +118,16 @@ impl PyPool {
     }
 
     /// Has somebody told what happens, a JSON object each; what the callback raises is dropped.
-    fn listen(&mut self, on_report: Py<PyAny>) -> PyResult<()> {
+    #[pyo3(signature = (on_report, *, warnings_only=false))]
+    fn listen(&mut self, on_report: Py<PyAny>, warnings_only: bool) -> PyResult<()> {
         self.pool()?.listen(Box::new(move |told: &Report<'_>| {
+            let is_warning = matches!(
+                told,
+                Report::Warning(_) | Report::BrokerLost(_) | Report::BrokerBack
+            );
+            if warnings_only && !is_warning {
+                return;
+            }
             let text = report(told).to_string();
             Python::attach(|py| {
                 if let Err(error) = on_report.call1(py, (text,)) {

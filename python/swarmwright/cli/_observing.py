@@ -1,7 +1,7 @@
 """What `optimize`, `resume`, `sweep` and `serve` tell programs: a log, and figures for Prometheus."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ import click
 
 from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._output import Output
+from swarmwright.cli._warnings import Warnings
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
@@ -94,11 +95,13 @@ class ToolObserver:
 
 @contextmanager
 def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
-    """Open what is wanted of an optimization tool, for the time of a `with` block."""
+    """Open what is wanted of an optimization tool for the time of a `with` block, and show its warnings."""
     from swarmwright._reports import listening
 
     with ExitStack() as stack:
         log = stack.enter_context(Log(wanted.log, wanted.log_level))
+        warnings = stack.enter_context(closing(Warnings()))
+        stack.enter_context(listening(warnings.report, warnings_only=True))
         figures = None
         if log:
             stack.enter_context(listening(log.report))

@@ -1,0 +1,68 @@
+"""What a pool warns of, for people: the first of each kind, then how many more there are."""
+
+import re
+import sys
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from swarmwright._reports import Report
+
+PAUSE = 10.0
+"""Seconds between two counts of one kind."""
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+_COUNT = re.compile(r"and \d+ more alike: ")
+"""How those lines begin that count already, the pool's and those below."""
+
+
+class Warnings:
+    """Shows warnings on standard error, where lines that differ in numbers alone are of one kind."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[str, _Kind] = {}
+
+    def report(self, report: "Report") -> None:
+        """Show what a pool told, see `_engine.Pool.listen`."""
+        match report["event"]:
+            case "warning":
+                self._warn(str(report["message"]))
+            case "broker_lost":
+                self._warn(f"lost the broker ({report['reason']}); trying again")
+            case "broker_back":
+                self._warn("the broker is back")
+
+    def _warn(self, text: str) -> None:
+        if _COUNT.match(text):
+            _show(text)
+            return
+        key = _NUMBER.sub("0", text)
+        kind = self._kinds.get(key)
+        if kind is None:
+            self._kinds[key] = _Kind(text)
+            _show(text)
+            return
+        kind.more += 1
+        if time.monotonic() - kind.told >= PAUSE:
+            kind.count()
+
+    def close(self) -> None:
+        """Tell of those that have not been told of."""
+        for kind in self._kinds.values():
+            kind.count()
+
+
+class _Kind:
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.more = 0
+        self.told = time.monotonic()
+
+    def count(self) -> None:
+        if self.more:
+            _show(f"and {self.more} more alike: {self.text}")
+        self.more, self.told = 0, time.monotonic()
+
+
+def _show(text: str) -> None:
+    # Looked up each time: while a progress bar is shown, standard error is redirected above it.
+    print(f"swarmwright: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,75 @@
+"""Warnings of a run: the first of each kind, then how many more."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Run
+from swarmwright.cli._warnings import Warnings
+
+FRAGILE = """\
+import numpy as np
+from swarmwright import Simulation
+
+class Fragile(Simulation):
+    title, dimensions, sensors, actuators, determinism = "fragile", 1, 1, 1, "bitwise"
+
+    def reset(self, parameters, seed):
+        self.x, self.left = 0.0, 5
+        return np.array([[0.0]])
+
+    def step(self, actions):
+        self.x, self.left = self.x + float(actions[0, 0]), self.left - 1
+        if self.x > 1:
+            raise ValueError("the wheel came off")
+        return np.array([[self.x]])
+
+    def done(self):
+        return self.left == 0
+
+    def fitness(self):
+        return self.x
+"""
+
+
+def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    experiment = tmp_path / "fragile.yaml"
+    experiment.write_text(
+        "simulation: fragile.py:Fragile\nservers: 1\nseed: 1\n"
+        "method: {kind: random_search, population: 60, generations: 4}\n"
+    )
+    done = program("optimize", "fragile.yaml", "--out", "run", "--log", "log", "--json")
+    assert done.returncode == 0, done.stderr
+    result = Run.open(tmp_path / "run")
+    reasons = [attempt.error for attempt in result.attempts() if attempt.error]
+    failed = int((result.record.episodes != result.record.episodes).sum())
+    assert len(reasons) == 2 * failed > 20, "nothing of it is lost"
+    reason = "Fragile.step: ValueError: the wheel came off (fragile.py:14)"
+    assert set(reasons) == {reason}
+    lines = [line for line in done.stderr.splitlines() if "failed" in line]
+    once = f"an evaluation failed after 2 attempts: {reason}"
+    assert lines[1:] == [f"swarmwright: {once}", f"swarmwright: and {failed - 1} more alike: {once}"]
+    logged = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    told = [line["message"] for line in logged if line["event"] == "warning"]
+    assert told[1:] == [once, f"and {failed - 1} more alike: {once}"]
+
+
+def test_lines_that_differ_in_numbers_alone_are_of_one_kind(capsys: pytest.CaptureFixture[str]) -> None:
+    warnings = Warnings()
+    for server in range(1, 5):
+        warnings.report({"event": "warning", "message": f"server {server} is silent for {server}.5 s"})
+    warnings.report({"event": "broker_lost", "reason": "end of file"})
+    warnings.report({"event": "broker_back"})
+    warnings.report({"event": "warning", "message": "and 7 more alike: counted already"})
+    warnings.close()
+    warnings.close()
+    assert capsys.readouterr().err.splitlines() == [
+        "swarmwright: server 1 is silent for 1.5 s",
+        "swarmwright: lost the broker (end of file); trying again",
+        "swarmwright: the broker is back",
+        "swarmwright: and 7 more alike: counted already",
+        "swarmwright: and 3 more alike: server 1 is silent for 1.5 s",
+    ]
