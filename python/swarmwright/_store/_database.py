@@ -139,8 +139,8 @@ def _settle(connection: sqlite3.Connection) -> None:
 def transaction(connection: sqlite3.Connection, file: Path) -> Iterator[None]:
     """Commit all or nothing. Raises RunError when the disk does not take it."""
     with errors(file, RunError):
-        connection.execute("BEGIN IMMEDIATE")
         try:
+            connection.execute("BEGIN IMMEDIATE")  # Ctrl-C may come right behind it
             yield
             connection.execute("COMMIT")
         except BaseException:
