@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyRead
 use pyo3::prelude::*;
 use serde_json::Value;
 use swarmwright_controllers::Controller;
-use swarmwright_worlds::{Block, RolloutError};
+use swarmwright_worlds::{Block, ParameterError, Parameters, RolloutError, Together};
 
 use crate::simulation::{Hosted, Trouble, or_fail, refused};
 
@@ -47,6 +47,116 @@ impl Seen {
         self.over.clear();
         self.over.extend(over.as_array());
         Ok(())
+    }
+}
+
+/// The episodes of a batch, which are stepped together.
+#[derive(Default)]
+pub struct Group {
+    seen: Seen,
+    /// By episode.
+    acting: Vec<Vec<u32>>,
+    /// By episode; those that have ended have theirs.
+    results: Vec<Vec<f64>>,
+    wanted: Vec<usize>,
+}
+
+impl Group {
+    /// Looks at what a call has returned; asks for the results of the episodes that have ended with it.
+    fn look(&mut self, host: &Hosted, ended: &[bool]) {
+        let agents = self.seen.agents.max(1);
+        self.acting = self
+            .seen
+            .acting
+            .chunks(agents)
+            .map(|acts| {
+                (0..)
+                    .zip(acts)
+                    .filter(|(_, a)| **a)
+                    .map(|(i, _)| i)
+                    .collect()
+            })
+            .collect();
+        if ended == self.seen.over {
+            return;
+        }
+        let numbers = 1 + self.wanted.len();
+        let mut results = vec![f64::NAN; self.seen.over.len() * numbers];
+        results_of(host, ended, &self.seen.over, &self.wanted, &mut results);
+        let rows = results.chunks_exact(numbers);
+        for (index, (place, row)) in self.results.iter_mut().zip(rows).enumerate() {
+            if self.seen.over[index] && !ended[index] {
+                *place = row.to_vec();
+            }
+        }
+    }
+}
+
+impl Together for Hosted {
+    fn start(
+        &mut self,
+        parameters: &Parameters,
+        seeds: &[u64],
+        wanted: &[usize],
+    ) -> Result<(), ParameterError> {
+        let text = Value::Object(parameters.clone()).to_string();
+        let mut group = Group {
+            results: vec![Vec::new(); seeds.len()],
+            wanted: wanted.to_vec(),
+            ..Group::default()
+        };
+        let started = self.call(|python| {
+            let seeds = PyArray1::from_slice(python.py(), seeds);
+            let returned = python.call_method1("start", (text, seeds))?;
+            group.seen.take(&returned)
+        });
+        match started {
+            Err(Trouble::Refused(text)) => return Err(refused(&text)),
+            other => or_fail(other),
+        }
+        group.look(self, &vec![false; seeds.len()]);
+        self.group = group;
+        Ok(())
+    }
+
+    fn acting(&self, episode: usize) -> &[u32] {
+        self.group.acting.get(episode).map_or(&[], Vec::as_slice)
+    }
+
+    fn done(&self, episode: usize) -> bool {
+        self.group.seen.over.get(episode).copied().unwrap_or(true)
+    }
+
+    fn sense(&self, episode: usize, agent: u32, sensors: &mut [f32]) {
+        let row = episode * self.group.seen.agents + agent as usize;
+        let first = row * self.sensors();
+        let rows = &self.group.seen.observations;
+        if let Some(row) = rows.get(first..first + sensors.len()) {
+            sensors.copy_from_slice(row);
+        }
+    }
+
+    fn step(&mut self, actuators: &[f32]) {
+        let mut group = std::mem::take(&mut self.group);
+        let width = self.actuators();
+        let shape = [group.seen.over.len(), group.seen.agents, width];
+        let mut all = vec![0.0; shape.iter().product()];
+        let acts = group.seen.acting.iter();
+        let places = all.chunks_exact_mut(width).zip(acts).filter(|(_, a)| **a);
+        for ((place, _), row) in places.zip(actuators.chunks_exact(width)) {
+            place.copy_from_slice(row);
+        }
+        let ended = group.seen.over.clone();
+        or_fail(self.call(|python| {
+            let actions = PyArray1::from_vec(python.py(), all).reshape(shape)?;
+            group.seen.take(&python.call_method1("go", (actions,))?)
+        }));
+        group.look(self, &ended);
+        self.group = group;
+    }
+
+    fn results(&self, episode: usize) -> &[f64] {
+        self.group.results.get(episode).map_or(&[], Vec::as_slice)
     }
 }
 

@@ -12,7 +12,7 @@ use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
     Block, Description, Determinism, Failure, Means, MetricInfo, ParameterError, Parameters,
-    RolloutError, Scene, Simulation, fail, measure, rollout,
+    RolloutError, Scene, Simulation, Together, fail, measure, rollout,
 };
 use swarmwright_wrapper::guarded;
 
@@ -46,6 +46,8 @@ pub struct Hosted {
     done: bool,
     /// (agents, sensors), row-major.
     observations: Vec<f32>,
+    /// The episodes of a batch, where these are stepped together.
+    pub group: lanes::Group,
 }
 
 /// Whether an episode can be repeated; `_describe.py` has checked the name.
@@ -93,6 +95,7 @@ impl Hosted {
             acting: Vec::new(),
             done: true,
             observations: Vec::new(),
+            group: lanes::Group::default(),
         })
     }
 
@@ -247,6 +250,10 @@ impl Simulation for Hosted {
 
     fn lanes(&self) -> usize {
         self.lanes
+    }
+
+    fn together(&mut self) -> Option<&mut dyn Together> {
+        (self.lanes > 1).then_some(self)
     }
 
     fn evaluate(

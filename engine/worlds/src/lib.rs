@@ -10,6 +10,7 @@ mod registry;
 mod rollout;
 mod simulation;
 mod text;
+mod together;
 
 pub use block::{Block, Means};
 pub use emergency_exit::EmergencyExit;
@@ -23,3 +24,4 @@ pub use simulation::{
     Simulation, UnknownMetric, measure,
 };
 pub use text::{TextStyle, render};
+pub use together::Together;

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::{Block, Means, RolloutError};
+use crate::{Block, Means, RolloutError, Together};
 
 /// Problem-specific parameters, as they stand in a parameters message (D6.1, Schema 10).
 pub type Parameters = Map<String, Value>;
@@ -219,7 +219,13 @@ pub trait Simulation: Send {
         None
     }
 
-    /// Episodes that [`evaluate`](Self::evaluate) computes in about the time of one.
+    /// Many episodes stepped together; none for those who step one at a time. Who has it has
+    /// [`duplicate`](Self::duplicate), too, or steps one.
+    fn together(&mut self) -> Option<&mut dyn Together> {
+        None
+    }
+
+    /// Episodes that [`evaluate`](Self::evaluate) and [`together`](Self::together) compute in about the time of one.
     fn lanes(&self) -> usize {
         1
     }

@@ -7,15 +7,25 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, F64s, Failure, MAX_BLOCK,
     Refusal, U32s,
 };
-use swarmwright_worlds::{Description, Failure as Cause, Simulation, measure};
+use swarmwright_worlds::{
+    Description, Failure as Cause, Parameters, Simulation, Together, measure,
+};
 
+use crate::group::Group;
 use crate::guard::{all_finite, guarded};
 use crate::job::{add_failure, invalid};
 
 struct Episode {
-    simulation: Box<dyn Simulation>,
+    /// Its own; none where it has ended, or is stepped by a group.
+    simulation: Option<Box<dyn Simulation>>,
     /// How many of the rows are its agents; none once it has ended.
     rows: Option<usize>,
+}
+
+/// An episode as it is looked at: alone, or as one of a group.
+enum View<'a> {
+    Alone(&'a dyn Simulation),
+    Member(&'a dyn Together, usize),
 }
 
 /// A batch that is being stepped.
@@ -38,6 +48,10 @@ pub(crate) struct Batch {
     metrics: Vec<String>,
     wanted: Vec<usize>,
     episodes: Vec<Episode>,
+    /// What steps them, where one simulation steps all.
+    group: Option<Group>,
+    /// Simulations that are not needed in this batch any more.
+    spare: Vec<Box<dyn Simulation>>,
     rows: usize,
     /// Episodes that failed since the last message.
     failed: Vec<Failure>,
@@ -49,7 +63,7 @@ fn note(failed: &mut Vec<Failure>, episode: usize, cause: Cause) {
 }
 
 impl Batch {
-    /// Resets a simulation for each seed. The simulations come back when it cannot be.
+    /// Resets a simulation for each seed, or the only one for all of them. The simulations come back when it cannot be.
     pub fn start(
         message: BatchStart,
         simulation: usize,
@@ -74,21 +88,28 @@ impl Batch {
             actuators: description.actuators,
             metrics: message.metrics,
             wanted,
-            episodes: simulations
-                .into_iter()
-                .map(|simulation| Episode {
-                    simulation,
-                    rows: Some(0),
-                })
-                .collect(),
+            episodes: Vec::new(),
+            group: None,
+            spare: Vec::new(),
             rows: 0,
             failed: Vec::new(),
         };
-        let mut parameters = message.parameters;
-        for (index, seed) in message.seeds.0.into_iter().enumerate() {
+        let (mut parameters, seeds) = (message.parameters, message.seeds.0);
+        if seeds.len() > simulations.len() {
+            return batch.start_together(simulations, parameters, seeds);
+        }
+        batch
+            .episodes
+            .extend(simulations.into_iter().map(|own| Episode {
+                simulation: Some(own),
+                rows: Some(0),
+            }));
+        for (index, (seed, episode)) in seeds.into_iter().zip(&mut batch.episodes).enumerate() {
             parameters.insert("seed".to_owned(), seed.into());
-            let episode = &mut batch.episodes[index];
-            match guarded(|| episode.simulation.reset(&parameters)) {
+            let Some(simulation) = &mut episode.simulation else {
+                continue;
+            };
+            match guarded(|| simulation.reset(&parameters)) {
                 Ok(Ok(())) => {}
                 Ok(Err(error)) => {
                     return Err((invalid(error.to_string()), batch.into_simulations()));
@@ -102,12 +123,64 @@ impl Batch {
         Ok(batch)
     }
 
+    /// One simulation for all seeds.
+    fn start_together(
+        mut self,
+        mut simulations: Vec<Box<dyn Simulation>>,
+        parameters: Parameters,
+        seeds: Vec<u64>,
+    ) -> Result<Self, (Refusal, Vec<Box<dyn Simulation>>)> {
+        let Some(simulation) = simulations.pop() else {
+            return Err((
+                invalid("seeds: there is no simulation".to_owned()),
+                simulations,
+            ));
+        };
+        self.spare = simulations;
+        self.episodes.extend(seeds.iter().map(|_| Episode {
+            simulation: None,
+            rows: Some(0),
+        }));
+        let mut group = Group::new(simulation, parameters, seeds, self.actuators);
+        let started = group.start(&self.wanted);
+        self.group = Some(group);
+        match started {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err((invalid(error.to_string()), self.into_simulations())),
+            Err(_) => self.apart(),
+        }
+        Ok(self)
+    }
+
+    /// Which episodes have not ended.
+    fn running(&self) -> Vec<bool> {
+        self.episodes.iter().map(|e| e.rows.is_some()).collect()
+    }
+
+    /// The group's code has failed: each episode goes on alone, but for those that fail again.
+    fn apart(&mut self) {
+        let Some(group) = self.group.take() else {
+            return;
+        };
+        let (simulation, alone) = group.apart(&self.running());
+        self.spare.push(simulation);
+        for (index, (episode, alone)) in self.episodes.iter_mut().zip(alone).enumerate() {
+            match alone {
+                None => {}
+                Some(Ok(simulation)) => episode.simulation = Some(simulation),
+                Some(Err(cause)) => {
+                    episode.rows = None;
+                    note(&mut self.failed, index, cause);
+                }
+            }
+        }
+    }
+
     /// The simulations, for the next batch.
     pub fn into_simulations(self) -> Vec<Box<dyn Simulation>> {
-        self.episodes
-            .into_iter()
-            .map(|episode| episode.simulation)
-            .collect()
+        let own = self.episodes.into_iter().filter_map(|e| e.simulation);
+        let group = self.group.map(Group::into_simulation);
+        group.into_iter().chain(self.spare).chain(own).collect()
     }
 
     /// Whether all episodes have ended, or failed.
@@ -119,6 +192,14 @@ impl Batch {
     pub fn go_on(&mut self, now: Instant) -> bool {
         self.waiting_since = now;
         self.goes_on = false;
+        let running = self.running();
+        if let Some(group) = &mut self.group {
+            self.goes_on = group.goes_on(&running);
+            if self.goes_on && group.step(&[], &running).is_err() {
+                self.apart();
+            }
+            return self.goes_on;
+        }
         for (index, episode) in self.episodes.iter_mut().enumerate() {
             if episode.rows.is_none() {
                 continue;
@@ -151,10 +232,14 @@ impl Batch {
                 continue;
             }
             let before = (message.agents.0.len(), message.sensors.0.len());
-            match guarded(|| episode.sense(self.sensors, &mut message)).and_then(|result| result) {
-                Ok(0) => {
+            let Some(view) = View::of(episode.simulation.as_deref(), self.group.as_mut(), index)
+            else {
+                continue;
+            };
+            match guarded(|| view.sense(self.sensors, &mut message)).and_then(|result| result) {
+                Ok(None) => {
                     episode.rows = None;
-                    match episode.end(&self.wanted, &self.metrics) {
+                    match view.end(&self.wanted, &self.metrics) {
                         Ok(results) => {
                             message.ended.0.push(number(index));
                             message.fitness.0.push(results[0]);
@@ -166,7 +251,7 @@ impl Batch {
                         Err(cause) => note(&mut message.failed, index, cause),
                     }
                 }
-                Ok(rows) => {
+                Ok(Some(rows)) => {
                     episode.rows = Some(rows);
                     self.rows += rows;
                     let all = message.episodes.0.len() + rows;
@@ -216,17 +301,27 @@ impl Batch {
             .iter()
             .map(|value| value.clamp(-1.0, 1.0))
             .collect();
+        self.step += 1;
+        let running = self.running();
+        if let Some(group) = &mut self.group {
+            if group.step(&actuators, &running).is_err() {
+                self.apart();
+            }
+            return Ok(());
+        }
         let mut rest = &actuators[..];
         for (index, episode) in self.episodes.iter_mut().enumerate() {
             let Some(rows) = episode.rows else { continue };
             let own;
             (own, rest) = rest.split_at(rows * self.actuators);
-            if let Err(cause) = guarded(|| episode.simulation.step(own)) {
+            let Some(simulation) = &mut episode.simulation else {
+                continue;
+            };
+            if let Err(cause) = guarded(|| simulation.step(own)) {
                 episode.rows = None;
                 note(&mut self.failed, index, cause);
             }
         }
-        self.step += 1;
         Ok(())
     }
 
@@ -251,34 +346,66 @@ impl Batch {
 }
 
 impl Episode {
+    /// Steps a simulation that has not ended and asks for nobody's actuators.
+    fn step_by_itself(&mut self) -> bool {
+        let Some(simulation) = &mut self.simulation else {
+            return false;
+        };
+        let alone = simulation.acting().is_empty() && !simulation.done();
+        if alone {
+            simulation.step(&[]);
+        }
+        alone
+    }
+}
+
+impl<'a> View<'a> {
+    fn of(
+        own: Option<&'a dyn Simulation>,
+        group: Option<&'a mut Group>,
+        index: usize,
+    ) -> Option<Self> {
+        match own {
+            Some(simulation) => Some(Self::Alone(simulation)),
+            None => Some(Self::Member(group?.episodes()?, index)),
+        }
+    }
+
     /// The fitness and the metrics that are wanted.
     fn end(&self, wanted: &[usize], names: &[String]) -> Result<Vec<f64>, Cause> {
-        let results = guarded(|| {
-            let mut results = vec![self.simulation.fitness(); 1 + wanted.len()];
-            measure(&*self.simulation, wanted, &mut results[1..]);
-            results
+        let results = guarded(|| match self {
+            Self::Alone(simulation) => {
+                let mut results = vec![simulation.fitness(); 1 + wanted.len()];
+                measure(*simulation, wanted, &mut results[1..]);
+                results
+            }
+            Self::Member(group, index) => group.results(*index).to_vec(),
         })?;
         all_finite(&results, names)?;
         Ok(results)
     }
 
-    /// Steps a simulation that has not ended and asks for nobody's actuators.
-    fn step_by_itself(&mut self) -> bool {
-        let alone = self.simulation.acting().is_empty() && !self.simulation.done();
-        if alone {
-            self.simulation.step(&[]);
+    fn read(&self, agent: u32, sensors: &mut [f32]) {
+        match self {
+            Self::Alone(simulation) => simulation.sense(agent, sensors),
+            Self::Member(group, index) => group.sense(*index, agent, sensors),
         }
-        alone
     }
 
-    /// Appends agents and sensors; how many rows.
-    fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<usize, Cause> {
-        let acting = self.simulation.acting();
+    /// Appends agents and sensors; how many rows, none when the episode has ended.
+    fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<Option<usize>, Cause> {
+        let (acting, done) = match self {
+            Self::Alone(simulation) => (simulation.acting(), simulation.acting().is_empty()),
+            Self::Member(group, index) => (group.acting(*index), group.done(*index)),
+        };
+        if done {
+            return Ok(None);
+        }
         for &agent in acting {
             let start = message.sensors.0.len();
             message.sensors.0.resize(start + sensors, 0.0);
             let row = &mut message.sensors.0[start..];
-            self.simulation.sense(agent, row);
+            self.read(agent, row);
             if let Some(index) = row.iter().position(|value| !value.is_finite()) {
                 let value = row[index];
                 let reason =
@@ -287,7 +414,7 @@ impl Episode {
             }
             message.agents.0.push(agent);
         }
-        Ok(acting.len())
+        Ok(Some(acting.len()))
     }
 }
 

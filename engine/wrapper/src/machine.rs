@@ -58,6 +58,8 @@ struct Offer {
     description: Description,
     /// Most episodes of a batch.
     batch: usize,
+    /// Whether the simulation steps the episodes of a batch by itself.
+    together: bool,
     /// Episodes that are computed in about the time of one.
     lanes: usize,
     /// None while it is at work elsewhere: in a job, or in a batch.
@@ -67,12 +69,20 @@ struct Offer {
 }
 
 impl Offer {
-    fn new(simulation: Box<dyn Simulation>) -> Self {
+    fn new(mut simulation: Box<dyn Simulation>) -> Self {
         let several = matches!(guarded(|| simulation.duplicate()), Ok(Some(_)));
+        let together = several && simulation.together().is_some();
+        let lanes = simulation.lanes();
+        let most = if together {
+            MAX_BATCH.min(lanes)
+        } else {
+            MAX_BATCH
+        };
         Self {
             description: simulation.description(),
-            batch: if several { MAX_BATCH } else { 1 },
-            lanes: simulation.lanes(),
+            batch: if several { most } else { 1 },
+            together,
+            lanes,
             simulation: Some(simulation),
             spares: Vec::new(),
         }

@@ -35,9 +35,10 @@ class BatchSimulation(Described):
 
     All episodes have the same parameters and as many agents; each has its own seed and its own controllers.
     Wherever a `Simulation` can be used, this can be, too. A controller that travels to the server is
-    evaluated with up to `lanes` others at once; in the modes stepwise and batched, and for parameter sets,
-    there is one episode in the arrays. For the same result in every mode, no episode may depend on how many
-    there are: `swarmwright.testing.check_batch_simulation` tries that.
+    evaluated with up to `lanes` others at once, and a batch has up to `lanes` or 256 episodes; in the mode
+    stepwise, and for parameter sets that travel, there is one episode in the arrays. For the same result in
+    every mode, no episode may depend on how many there are: `swarmwright.testing.check_batch_simulation`
+    tries that. When a method raises, episodes are repeated one by one, so that only those fail that do alone.
     """
 
     lanes: int = 1024

@@ -55,7 +55,7 @@ def check_batch_simulation(
             ended |= fresh
         if ended.all():
             return
-        actions = random.uniform(-1, 1, (*seen[0].shape, kind.actuators)).astype(np.float32)
+        actions = random.uniform(-1, 1, (*seen[0].shape, together.actuators)).astype(np.float32)
         actions[~seen[0]] = 0
         seen = together.go(actions)
         single = [now if ended[i] else alone[i].go(actions[i : i + 1]) for i, now in enumerate(single)]

@@ -71,7 +71,7 @@ impl Machine {
                 offer.batch
             )));
         }
-        let simulations = offer.gather(wanted)?;
+        let simulations = offer.gather(if offer.together { 1 } else { wanted })?;
         let description = offer.description.clone();
         Batch::start(message, index, &description, simulations, now).map_err(
             |(refusal, simulations)| {

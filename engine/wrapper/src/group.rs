@@ -1,0 +1,136 @@
+//! Episodes of a batch whose simulation steps them together; and how they go on one by one when its code fails.
+
+use swarmwright_worlds::{Failure as Cause, ParameterError, Parameters, Simulation, Together};
+
+use crate::guard::guarded;
+
+/// A simulation, what its episodes began with, and what was done in them since.
+pub(crate) struct Group {
+    simulation: Box<dyn Simulation>,
+    parameters: Parameters,
+    seeds: Vec<u64>,
+    /// By episode, one row of actuators behind the other: what it takes to repeat the episode alone.
+    log: Vec<Vec<f32>>,
+    steps: usize,
+    actuators: usize,
+}
+
+/// An episode that goes on alone, or why it does not.
+pub(crate) type Alone = Result<Box<dyn Simulation>, Cause>;
+
+impl Group {
+    pub fn new(
+        simulation: Box<dyn Simulation>,
+        parameters: Parameters,
+        seeds: Vec<u64>,
+        actuators: usize,
+    ) -> Self {
+        Self {
+            simulation,
+            parameters,
+            log: vec![Vec::new(); seeds.len()],
+            seeds,
+            steps: 0,
+            actuators,
+        }
+    }
+
+    /// Resets all episodes; whether the parameters are taken. `wanted`: indices of metrics.
+    ///
+    /// # Errors
+    /// What the code says when it fails: then [`apart`](Self::apart) is called for.
+    pub fn start(&mut self, wanted: &[usize]) -> Result<Result<(), ParameterError>, Cause> {
+        guarded(|| match self.simulation.together() {
+            Some(episodes) => episodes.start(&self.parameters, &self.seeds, wanted),
+            None => Ok(()),
+        })
+    }
+
+    /// The episodes.
+    pub fn episodes(&mut self) -> Option<&mut dyn Together> {
+        self.simulation.together()
+    }
+
+    /// Whether some episode has not ended, and in all of these nobody acts.
+    pub fn goes_on(&mut self, running: &[bool]) -> bool {
+        let Some(episodes) = self.simulation.together() else {
+            return false;
+        };
+        let mut going = (0..running.len()).filter(|&i| running[i] && !episodes.done(i));
+        let first = going.next();
+        first
+            .into_iter()
+            .chain(going)
+            .all(|index| episodes.acting(index).is_empty())
+            && first.is_some()
+    }
+
+    /// Makes a step of all episodes, a row of actuators for each agent that acts in one that runs.
+    ///
+    /// # Errors
+    /// What the code says when it fails: then [`apart`](Self::apart) is called for.
+    pub fn step(&mut self, actuators: &[f32], running: &[bool]) -> Result<(), Cause> {
+        self.steps += 1;
+        let Some(episodes) = self.simulation.together() else {
+            return Ok(());
+        };
+        let mut all = Vec::with_capacity(actuators.len());
+        let mut rest = actuators;
+        for (index, (log, runs)) in self.log.iter_mut().zip(running).enumerate() {
+            let count = episodes.acting(index).len() * self.actuators;
+            if *runs {
+                let own;
+                (own, rest) = rest.split_at(count.min(rest.len()));
+                log.extend_from_slice(own);
+                all.extend_from_slice(own);
+            } else {
+                // Whether it has ended or failed, nobody asks for it again.
+                log.clear();
+                all.resize(all.len() + count, 0.0);
+            }
+        }
+        guarded(|| episodes.step(&all))
+    }
+
+    /// Repeats the episodes that run, each in a simulation of its own, up to where they were when the code failed: one of
+    /// them fails again, the others go on. Gives the group's simulation back as well.
+    pub fn apart(self, running: &[bool]) -> (Box<dyn Simulation>, Vec<Option<Alone>>) {
+        let episodes = running
+            .iter()
+            .enumerate()
+            .map(|(index, runs)| runs.then(|| self.alone(index)))
+            .collect();
+        (self.simulation, episodes)
+    }
+
+    fn alone(&self, index: usize) -> Alone {
+        let mut parameters = self.parameters.clone();
+        parameters.insert("seed".to_owned(), self.seeds[index].into());
+        guarded(|| {
+            let mut simulation = self
+                .simulation
+                .duplicate()
+                .ok_or_else(|| Cause::from("there can be no other simulation".to_owned()))?;
+            simulation
+                .reset(&parameters)
+                .map_err(|error| Cause::from(error.to_string()))?;
+            let mut rest = &self.log[index][..];
+            for _ in 0..self.steps {
+                if simulation.done() {
+                    break;
+                }
+                let count = (simulation.acting().len() * self.actuators).min(rest.len());
+                let own;
+                (own, rest) = rest.split_at(count);
+                simulation.step(own);
+            }
+            Ok(simulation)
+        })
+        .and_then(|alone| alone)
+    }
+
+    /// The simulation, for the next batch.
+    pub fn into_simulation(self) -> Box<dyn Simulation> {
+        self.simulation
+    }
+}
