@@ -23,8 +23,8 @@ class Vmas(BatchSimulation):
 
     All agents are steered by the same controller, so they must sense and act alike. Actuators are scaled to
     the ranges of agents. Parameters of an experiment go to the scenario; `max_steps` ends an episode, after
-    100 steps by default. Where a scenario draws random numbers in its steps, for noise, an episode depends
-    on those beside it, and the modes differ.
+    100 steps by default. Where a scenario draws random numbers in its steps, for noise, or for all episodes
+    at once, as road_traffic does, an episode depends on those beside it, and the modes differ.
     """
 
     environment: ClassVar[str] = ""
@@ -68,9 +68,10 @@ class Vmas(BatchSimulation):
         spaces = enumerate(self._env.action_space)
         given = [torch.as_tensor(_scaled(actions[:, index], space)) for index, space in spaces]
         seen, rewards, dones, _ = self._env.step(given)
-        gained = np.stack([np.asarray(reward, float) for reward in rewards], axis=1)
+        # Some scenarios give columns, of one number each.
+        gained = np.stack([np.asarray(reward, float).reshape(len(actions)) for reward in rewards], axis=1)
         self._rewards += np.where(self._over, 0.0, gained.sum(axis=1) / len(rewards))
-        self._over = self._over | np.asarray(dones, bool)
+        self._over = self._over | np.asarray(dones, bool).reshape(len(actions))
         return self._rows(seen)
 
     def done(self) -> NDArray[np.bool_]:

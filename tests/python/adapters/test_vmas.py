@@ -12,9 +12,17 @@ from tests.python.records import same_record
 pytest.importorskip("vmas", reason="VMAS is not installed")
 
 
-def test_one_record_in_every_mode(tmp_path: Path) -> None:
-    check_batch_simulation(adapters.simulation("vmas:navigation"), {"max_steps": 5})  # type: ignore[arg-type]
+@pytest.mark.parametrize("scenario", ["navigation", "wheel", "simple_spread", "balance"])
+def test_an_episode_does_not_depend_on_others(scenario: str) -> None:
+    check_batch_simulation(adapters.simulation(f"vmas:{scenario}"), {"max_steps": 5})  # type: ignore[arg-type]
 
+
+def test_agents_that_differ() -> None:
+    with pytest.raises(InputError, match="simple_tag: its agents differ"):
+        Experiment.from_mapping({"simulation": "vmas:simple_tag"})
+
+
+def test_one_record_in_every_mode(tmp_path: Path) -> None:
     def experiment(mode: str) -> Experiment:
         return Experiment.from_mapping(
             {
