@@ -35,7 +35,7 @@ MODES = ("stepwise", "batched", "offloaded")
 COLUMNS = {"start-up": "ms", **dict.fromkeys(MODES, "evaluations/s"), "peak memory": "MB"}
 """What is measured of each server, and its unit."""
 FIRST = 4
-"""Evaluations at first; what counts is the last measurement, which programs are warm for."""
+"""Evaluations at first; as many as last long enough follow."""
 LASTS = 0.4
 """Seconds that are aimed at for one measurement."""
 MOST = 200_000
@@ -225,14 +225,15 @@ class WrapperSuite:
     def _measure(self, row: str, subject: Subject, mode: str, prefix: str) -> NDArray[np.float64]:
         """Take as many evaluations as last long enough; their fitness."""
         with _pool(self._broker, prefix, subject, mode) as pool:
-            count, seconds = FIRST, 0.0
-            while seconds < self._lasts / 2:
+            count, seconds, warm = FIRST, 0.0, 0.0
+            # Java's programs are compiled as they run, so what comes first says little.
+            while seconds < self._lasts / 2 or warm < self._lasts:
+                warm += seconds
                 found, seconds = _evaluate(pool, subject.block(count))
                 rate = count / seconds
                 if count == MOST:
                     break
-                # Rates rise with the number of evaluations, so the first ones say little.
-                count = min(MOST, max(2 * count, int(min(16 * count, rate * self._lasts))))
+                count = min(MOST, max(FIRST, int(min(16 * count, rate * self._lasts))))
         self._samples[row, mode].add(rate)
         return found
 
