@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -96,14 +97,22 @@ SUBJECTS = {
     "numpy": Subject(served(f"{ROOT}/tests/python/own/minisim_batch.py:Minisim"), MANY),
     "mujoco rovers": Subject(served("swarmwright.adapters.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
     "mujoco quadrotors": Subject(served("swarmwright.adapters.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
+    "vmas": Subject(
+        served("vmas:navigation"),
+        {"max_steps": 5},
+        skipped=UNLIMITED | {"S8.1", "S8.2", "S9.5", "S9.7"},
+    ),
     "enki": Subject(served("swarmwright.adapters.enki:EPucks"), ROBOTS, skipped=UNLIMITED | BY_CHANCE),
+}
+
+NEEDS = {
+    "enki": needs_enki,
+    "vmas": pytest.mark.skipif(find_spec("vmas") is None, reason="VMAS is not installed"),
 }
 
 
 @pytest.mark.timeout(600)  # it may build the wrappers
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=needs_enki) if name == "enki" else name for name in SUBJECTS]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=NEEDS.get(name, ())) for name in SUBJECTS])
 def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", f"{ROOT / 'python'}:{ROOT}")  # where some subjects import from

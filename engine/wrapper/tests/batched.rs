@@ -5,7 +5,7 @@ mod common;
 
 use std::time::Duration;
 
-use common::{STEP_TIMEOUT, Server, Walk, batch, bits, object};
+use common::{Crowd, STEP_TIMEOUT, Server, Walk, batch, bits, object};
 use serde_json::json;
 use swarmwright_protocol::{BatchSensors, BatchStart, RefusalKind, ToServer, ToTool, Topic, U64s};
 use swarmwright_worlds::Simulation;
@@ -66,14 +66,26 @@ fn expected(message: &BatchStart) -> Vec<Option<f64>> {
 #[test]
 fn episodes_are_stepped_side_by_side_and_each_ends_on_its_own() {
     let mut server = Server::of_walks();
-    for (number, count) in [(1, 1), (2, 256), (3, 7)] {
+    side_by_side(&mut server, &[1, 256, 7]);
+}
+
+#[test]
+fn a_simulation_steps_its_episodes_together() {
+    let mut server = Server::new(vec![Box::<Crowd>::default()]);
+    side_by_side(&mut server, &[1, 100, 7]);
+    let mut message = batch(9);
+    message.seeds = U64s((0..101).collect());
+    server.ask(ToServer::Start(message));
+    let refusal = server.sensors().remove(0).error.unwrap();
+    assert!(refusal.reason.contains("at most 100"), "{refusal:?}");
+}
+
+fn side_by_side(server: &mut Server, counts: &[u64]) {
+    for (number, &count) in (1..).zip(counts) {
         let mut message = batch(number);
         message.seeds = U64s((0..count).map(|seed| seed * 37).collect());
         message.parameters = object(json!({"agents": 5}));
-        assert_eq!(
-            play(&mut server, message.clone()),
-            (expected(&message), vec![])
-        );
+        assert_eq!(play(server, message.clone()), (expected(&message), vec![]));
         assert!(
             server.answers(Some("ada")) && !server.answers(Some("bob")),
             "held"
@@ -104,8 +116,17 @@ fn an_episode_without_agents_has_its_fitness_at_once() {
 
 #[test]
 fn an_episode_that_fails_is_named_and_the_others_go_on() {
+    fails_alone(Server::of_walks);
+}
+
+#[test]
+fn an_episode_that_fails_amid_others_that_are_stepped_with_it_fails_alone() {
+    fails_alone(|| Server::new(vec![Box::<Crowd>::default()]));
+}
+
+fn fails_alone(made: fn() -> Server) {
     for trouble in ["panic", "fail", "reset", "sensor", "fitness"] {
-        let mut server = Server::of_walks();
+        let mut server = made();
         let mut message = batch(1);
         message.seeds = U64s(vec![1, 3, 4, 6, 7]);
         let healthy = expected(&message);
