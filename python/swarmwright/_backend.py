@@ -105,8 +105,17 @@ class Backend(Protocol):
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Run controllers as they come: first `crews`, then those that `feed` returns."""
 
-    def about(self, run: str, generation: int | None, generations: int) -> None:
-        """Say what the evaluations that follow are for, to those who watch."""
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Say what the evaluations that follow are for, to those who watch.
+
+        evaluations: where several generations are under way, episodes done before, and those of the whole run.
+        """
 
     def incidents(self) -> dict[str, int]:
         """How often something went wrong, or was done about it, so far: what did at all, by name."""
@@ -322,7 +331,13 @@ class LocalBackend:
         )
         return Results(fitness, metrics, [])
 
-    def about(self, run: str, generation: int | None, generations: int) -> None:
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
         """Nobody watches: there is no broker."""
 
     def incidents(self) -> dict[str, int]:
@@ -367,9 +382,15 @@ class BrokerBackend:
             hint = "" if _simulations.is_here(title) else did_you_mean(title, known)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
 
-    def about(self, run: str, generation: int | None, generations: int) -> None:
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
         """Tell those who watch the broker."""
-        self._pool.about(run, generation, generations)
+        self._pool.about(run, generation, generations, evaluations)
 
     def incidents(self) -> dict[str, int]:
         """Return what the pool counted."""

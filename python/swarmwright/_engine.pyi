@@ -388,7 +388,11 @@ class Pool:
         warnings_only: of these, "warning", "broker_lost" and "broker_back" alone.
         """
     def about(
-        self, run: str | None = None, generation: int | None = None, generations: int | None = None
+        self,
+        run: str | None = None,
+        generation: int | None = None,
+        generations: int | None = None,
+        evaluations: tuple[int, int] | None = None,
     ) -> None:
         """Say what the evaluations that follow are for: those who watch the broker are told."""
     def counts(self) -> str:

@@ -178,9 +178,12 @@ class Loop:
             genomes = np.concatenate([genomes, self._method.kept()])
         return genomes, self._ranking.seeds(self._first_seed, number)
 
-    def _announce(self, backend: Backend, generation: int | None) -> None:
+    def _announce(
+        self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
+    ) -> None:
         """Tell the backend what it works for; others may watch it."""
-        backend.about(self._store.folder.resolve().name, generation, self._method.options.generations)
+        run, generations = self._store.folder.resolve().name, self._method.options.generations
+        backend.about(run, generation, generations, evaluations)
 
     def _watched(self, on_progress: Progress | None) -> Progress:
         """Return the callback that also notes what is waited for."""

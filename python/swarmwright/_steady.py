@@ -106,7 +106,8 @@ class SteadyLoop(Loop):
             return None if self._method.done else self._weights(self._ask_all())
 
         self._ask_all()
-        self._announce(backend, None)  # several are under way
+        done, whole = (count * len(self._seeds) for count in (first, self._method.budget))
+        self._announce(backend, None, (done, whole))  # several are under way
         crews = Crews.of(self._representation, np.array(self._flying, dtype=np.float32))
         backend.stream(crews, self._seeds, feed, self._watched(on_progress))
         return stopped

@@ -74,6 +74,42 @@ def test_the_watch_names_the_server_that_is_waited_for(
         assert program.stderr == ""
 
 
+def test_the_watch_shows_how_far_a_run_in_steady_state_is(
+    embedded: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment
+) -> None:
+    """Evaluations count from the run's beginning, also when it is resumed; no generation is under way."""
+    serve(embedded.url, count=2)
+    watcher = launch("servers", "--watch", "--json", "--every", 0.2, "--broker", embedded.url)
+    lines = launch("servers", "--watch", "--every", 0.2, "--broker", embedded.url)
+    path = experiment(
+        "simulation: minisim\nmode: stepwise\nseed: 1\nranking: {episodes: 2}\nparameters: {maxSteps: 100}\n"
+        "method: {kind: nnga, population: 20, generations: 100000, operation: steady_state}\n"
+    )
+    tool = launch("optimize", path, "--broker", embedded.url, "--out", "steady", "--json")
+    tool.until(lambda program: len(program.lines) >= 2, "two generations")
+
+    def far(view: dict[str, Any], done: int) -> bool:
+        return any(one.get("run") == "steady" and one["done"] >= done for one in view["tools"])
+
+    seen = until(watcher, "two generations' evaluations", lambda view: far(view, 80))["tools"][0]
+    assert seen["total"] == 20 * 100000 * 2
+    assert "generation" not in seen
+    lines.until(
+        lambda program: any("run steady, 0 % of 4000000 evaluations" in line for line in program.lines), "it"
+    )
+    tool.signal(signal.SIGINT)
+    assert tool.wait() == 130
+    until(watcher, "its farewell", lambda view: not view["tools"])
+    count = len(views(watcher))
+    again = launch("resume", "steady", "--broker", embedded.url, "--json")
+    again.until(lambda program: len(program.lines) >= 1, "a generation")
+    watcher.until(lambda _: any(far(view, 1) for view in views(watcher)[count:]), "the resumed run")
+    first = next(view for view in views(watcher)[count:] if far(view, 1))
+    assert first["tools"][0]["done"] >= 80
+    again.signal(signal.SIGINT)
+    assert again.wait() == 130
+
+
 def test_a_run_goes_well_where_access_rules_know_no_status(
     tmp_path: Any, cleanup: Any, launch: Launch, experiment: Experiment
 ) -> None:

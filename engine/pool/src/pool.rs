@@ -7,7 +7,7 @@ use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
     TooLarge,
 };
-use swarmwright_protocol::{Activity, Topic, TopicError, Topics};
+use swarmwright_protocol::{Activity, Status, Topic, TopicError, Topics};
 
 use crate::counts::Counts;
 use crate::demand::Demand;
@@ -42,6 +42,8 @@ pub struct About {
     pub generation: Option<u64>,
     /// Generations of the whole run.
     pub generations: Option<u64>,
+    /// In steady state: how many evaluations had been done before the work, and how many the whole run has.
+    pub evaluations: Option<(u64, u64)>,
 }
 
 /// How a pool is to work.
@@ -347,7 +349,7 @@ impl Pool {
             let now = Instant::now();
             if self.machine.finished() {
                 on_progress(self, self.machine.done(), "");
-                let status = self.machine.status(now);
+                let status = self.stand(now);
                 self.reporter.tell(&Report::Status(
                     &status,
                     self.connection.traffic(),
@@ -389,12 +391,21 @@ impl Pool {
         self.reporter = Reporter::new(listener);
     }
 
-    /// Tells those who watch how it stands.
-    fn tell(&mut self, left: bool, now: Instant) {
-        self.tell_at = now + TELL;
+    /// How it stands, and with what.
+    fn stand(&self, now: Instant) -> Status {
         let mut status = self.machine.status(now);
         status.run = self.about.run.clone();
         (status.generation, status.generations) = (self.about.generation, self.about.generations);
+        if let Some((before, total)) = self.about.evaluations {
+            (status.done, status.total) = (status.done + before, total);
+        }
+        status
+    }
+
+    /// Tells those who watch how it stands.
+    fn tell(&mut self, left: bool, now: Instant) {
+        self.tell_at = now + TELL;
+        let mut status = self.stand(now);
         if left {
             status.state = Activity::Left;
         }

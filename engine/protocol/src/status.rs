@@ -169,7 +169,7 @@ pub struct Status {
     /// Evaluations that have ended.
     #[serde(with = "id")]
     pub done: u64,
-    /// Evaluations that were asked for; those of a generation, or in steady state all so far.
+    /// Evaluations to be done: those of the generation, or in steady state those of the whole run.
     #[serde(with = "id")]
     pub total: u64,
     /// Work under way, what was silent for the longest time first; at most [`MOST_LISTED`].

@@ -138,17 +138,19 @@ impl PyPool {
         Ok(())
     }
 
-    #[pyo3(signature = (run=None, generation=None, generations=None))]
+    #[pyo3(signature = (run=None, generation=None, generations=None, evaluations=None))]
     fn about(
         &mut self,
         run: Option<String>,
         generation: Option<u64>,
         generations: Option<u64>,
+        evaluations: Option<(u64, u64)>,
     ) -> PyResult<()> {
         self.pool()?.set_about(About {
             run,
             generation,
             generations,
+            evaluations,
         });
         Ok(())
     }

@@ -57,7 +57,7 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
     status = tool.status
     generation, generations = status.get("generation"), status.get("generations")
     how_far = "-" if generation is None else str(generation + 1)
-    if generations is not None:
+    if generation is not None and generations is not None:
         how_far += f" of {generations}"
     evaluations = (
         "looks for servers" if status["state"] == "looking" else f"{status['done']} of {status['total']}"
@@ -76,6 +76,18 @@ def headline(view: View, broker: str) -> tuple[str, str]:
         return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
     count = len(view.servers)
     return f"{count} server{'s' if count != 1 else ''}, nobody is waited for", "dim"
+
+
+def _course(tool: ToolRow) -> str:
+    """Say how far a tool is, so that it changes now and then."""
+    _, run, generation, _, _ = tool_cells(tool)
+    status = tool.status
+    if status["state"] == "looking" or not status["total"]:
+        return f"run {run}"
+    if status.get("generation") is None:
+        tenths = 10 * status["done"] // status["total"]
+        return f"run {run}, {10 * tenths} % of {status['total']} evaluations"
+    return f"run {run}, generation {generation}"
 
 
 class Screen:
@@ -137,8 +149,7 @@ class Lines:
             offered = f" ({', '.join(server.simulations)})" if server.simulations else ""
             now[f"server {server.server}"] = f"{server.state or 'known to a tool'}{held}{offered}{pause}"
         for tool in view.tools:
-            _, run, generation, _, _ = tool_cells(tool)
-            now[f"tool {tool.status['tool']}"] = f"run {run}, generation {generation}"
+            now[f"tool {tool.status['tool']}"] = _course(tool)
         blocking = view.blocking
         if view.broker_lost is not None:
             now["broker"] = headline(view, self._broker)[0]
