@@ -114,7 +114,7 @@ class Backend(Protocol):
     ) -> None:
         """Say what the evaluations that follow are for, to those who watch.
 
-        evaluations: where several generations are under way, episodes done before, and those of the whole run.
+        evaluations: where several generations are under way, episodes done before and of the whole run.
         """
 
     def incidents(self) -> dict[str, int]:

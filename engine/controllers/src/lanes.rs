@@ -4,7 +4,7 @@
 
 use std::hint::black_box;
 
-use swarmwright_lanes::{Int, Lanes, Mask};
+use swarmwright_lanes::{Int, Lanes, MOST_LANES, Mask};
 
 use crate::functions::lanes as functions;
 use crate::{Activation, Architecture, FullyMeshed, Layered, MealyFsm, OutputRange};
@@ -18,9 +18,6 @@ pub struct LaneController<'a, L> {
     genomes: Vec<&'a [f32]>,
     scratch: Vec<L>,
 }
-
-/// Most lanes of a vector.
-const MOST_LANES: usize = 64;
 
 impl<'a, L: Lanes> LaneController<'a, L> {
     /// Controllers without weights; `load` gives them some.

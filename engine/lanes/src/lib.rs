@@ -32,8 +32,11 @@ mod x86;
 pub use level::{Kernel, Level};
 pub use pair::{Pair, PairInt, PairMask};
 
-/// Most lanes of any instruction set that is not a [`Pair`].
-const MOST_LANES: usize = 16;
+/// Most lanes of a vector of any instruction set that is not a [`Pair`].
+pub const MOST_LANES_UNPAIRED: usize = 16;
+
+/// Most lanes of any vector, pairs of pairs included.
+pub const MOST_LANES: usize = 4 * MOST_LANES_UNPAIRED;
 
 /// A vector of binary32, one number per lane, and its companions: integers and conditions.
 ///
@@ -91,7 +94,7 @@ pub trait Lanes: Copy {
     /// `rows[l][from + i]`. Panics when there are fewer rows than lanes or a row is too short.
     #[inline(always)]
     fn transpose(rows: &[&[f32]], from: usize, columns: &mut [Self]) {
-        let mut lanes = [0.0; MOST_LANES];
+        let mut lanes = [0.0; MOST_LANES_UNPAIRED];
         for (index, column) in columns.iter_mut().enumerate() {
             for lane in 0..Self::WIDTH {
                 lanes[lane] = rows[lane][from + index];

@@ -47,21 +47,20 @@ pub enum WorkError {
 /// Numbers that are looked at together: a loop without a way out is one that the compiler can do in vectors.
 const TOGETHER: usize = 1024;
 
-/// What all controllers of some work have in common; arguments and errors as for [`Work::new`].
+/// Whether genomes and seeds are some work for controllers that have this in common.
 ///
 /// # Errors
 /// As for [`Work::new`].
 pub fn check_work(
-    architecture: &str,
+    architecture: &Architecture,
     genomes: &[f32],
     seeds: &[u64],
-) -> Result<Architecture, WorkError> {
-    let checked = Architecture::from_json(architecture)?;
-    check_genomes(&checked, genomes)?;
+) -> Result<(), WorkError> {
+    check_genomes(architecture, genomes)?;
     if seeds.is_empty() {
         return Err(WorkError::NoEpisode);
     }
-    Ok(checked)
+    Ok(())
 }
 
 fn check_genomes(architecture: &Architecture, genomes: &[f32]) -> Result<(), WorkError> {
@@ -94,12 +93,26 @@ impl Work {
     /// # Errors
     /// A specification that is none; numbers that are not finite or no whole number of genomes; no seed.
     pub fn new(architecture: &str, genomes: Vec<f32>, seeds: Vec<u64>) -> Result<Self, WorkError> {
-        let checked = check_work(architecture, &genomes, &seeds)?;
+        let read = Architecture::from_json(architecture)?;
+        Self::of(read, architecture, genomes, seeds)
+    }
+
+    /// As [`new`](Self::new), where the specification has been read: `architecture` is what it says.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of(
+        architecture: Architecture,
+        specification: &str,
+        genomes: Vec<f32>,
+        seeds: Vec<u64>,
+    ) -> Result<Self, WorkError> {
+        check_work(&architecture, &genomes, &seeds)?;
         let mut specification: Map<String, Value> =
-            serde_json::from_str(architecture).unwrap_or_default();
+            serde_json::from_str(specification).unwrap_or_default();
         specification.remove("weights");
         Ok(Self {
-            architecture: Arc::new(checked),
+            architecture: Arc::new(architecture),
             specification,
             genomes,
             forgotten: 0,

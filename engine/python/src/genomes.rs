@@ -11,12 +11,10 @@ use crate::errors::input;
 
 /// The numbers of an array (candidates, weights), row-major, copied only where they do not lie like that in memory.
 pub fn rows<'a>(
-    architecture: &str,
+    architecture: &Architecture,
     genomes: &'a PyReadonlyArray2<'_, f32>,
 ) -> PyResult<Cow<'a, [f32]>> {
-    let weights = Architecture::from_json(architecture)
-        .map_err(input)?
-        .weight_count();
+    let weights = architecture.weight_count();
     let columns = genomes.shape()[1];
     if columns != weights {
         return Err(input(format!(
@@ -35,8 +33,9 @@ pub fn work(
     genomes: &PyReadonlyArray2<'_, f32>,
     seeds: Vec<u64>,
 ) -> PyResult<Work> {
-    let rows = rows(architecture, genomes)?.into_owned();
-    Work::new(architecture, rows, seeds).map_err(input)
+    let read = Architecture::from_json(architecture).map_err(input)?;
+    let rows = rows(&read, genomes)?.into_owned();
+    Work::of(read, architecture, rows, seeds).map_err(input)
 }
 
 /// Each row as text: the shortest decimals that read back as the same binary32, with commas between.

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
+use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
 use swarmwright_pool::{check_work, rectangle};
 use swarmwright_worlds::{self as worlds, Block, Means, RolloutError};
@@ -74,8 +75,9 @@ pub fn evaluate<'py>(
         .map_err(input)?;
     let means = means(level, threads)?;
     let parameters = object("parameters", parameters)?;
-    let rows = rows(architecture, &genomes)?;
-    let architecture = check_work(architecture, &rows, &seeds).map_err(input)?;
+    let architecture = Architecture::from_json(architecture).map_err(input)?;
+    let rows = rows(&architecture, &genomes)?;
+    check_work(&architecture, &rows, &seeds).map_err(input)?;
     let block = Block {
         architecture: &architecture,
         genomes: &rows,

@@ -185,13 +185,8 @@ impl PyPool {
         let mut raised: Option<PyErr> = None;
         let result = py.detach(|| {
             pool.evaluate(work, |done, waiting_for| {
-                let called = Python::attach(|py| {
-                    py.check_signals()?;
-                    on_progress.as_ref().map_or(Ok(()), |call| {
-                        call.call1(py, (done, total, waiting_for)).map(|_| ())
-                    })
-                });
-                called.map_err(|error| raised = Some(error)).is_ok()
+                let told = progress(on_progress.as_ref(), done, total, waiting_for);
+                told.map_err(|error| raised = Some(error)).is_ok()
             })
         });
         raised.map_or(Ok(()), Err)?;
@@ -240,13 +235,8 @@ impl PyPool {
                     })
                 },
                 |done, total, waiting_for| {
-                    let called = Python::attach(|py| {
-                        py.check_signals()?;
-                        on_progress.as_ref().map_or(Ok(()), |call| {
-                            call.call1(py, (done, total, waiting_for)).map(|_| ())
-                        })
-                    });
-                    called.map_err(|error| in_progress = Some(error)).is_ok()
+                    let told = progress(on_progress.as_ref(), done, total, waiting_for);
+                    told.map_err(|error| in_progress = Some(error)).is_ok()
                 },
             )
         });
@@ -260,6 +250,21 @@ impl PyPool {
             py.detach(|| pool.close());
         }
     }
+}
+
+/// Says how it stands, and lets Ctrl-C through; raises what the callback raises.
+fn progress(
+    call: Option<&Py<PyAny>>,
+    done: usize,
+    total: usize,
+    waiting_for: &str,
+) -> PyResult<()> {
+    Python::attach(|py| {
+        py.check_signals()?;
+        call.map_or(Ok(()), |call| {
+            call.call1(py, (done, total, waiting_for)).map(|_| ())
+        })
+    })
 }
 
 /// Something that happened, as JSON.

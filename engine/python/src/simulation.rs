@@ -8,7 +8,7 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 use serde_json::Value;
-use swarmwright_controllers::Controller;
+use swarmwright_controllers::{Architecture, Controller};
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
     Block, Description, Determinism, Failure, Means, MetricInfo, ParameterError, Parameters,
@@ -317,8 +317,9 @@ pub fn evaluate_own<'py>(
         .metrics_named(&metrics.unwrap_or_default())
         .map_err(input)?;
     let parameters = object("parameters", parameters)?;
-    let rows = rows(architecture, &genomes)?;
-    let architecture = check_work(architecture, &rows, &seeds).map_err(input)?;
+    let architecture = Architecture::from_json(architecture).map_err(input)?;
+    let rows = rows(&architecture, &genomes)?;
+    check_work(&architecture, &rows, &seeds).map_err(input)?;
     let block = Block {
         architecture: &architecture,
         genomes: &rows,

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, LaneController};
-use swarmwright_lanes::{Kernel, Lanes, Level, Pair};
+use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair};
 
 use crate::{ParameterError, Parameters, RolloutError, Simulation, measure, rollout};
 
@@ -111,9 +111,6 @@ pub(crate) trait LaneWorld: Sync + Sized {
     /// Writes each lane's value of the metric with this index in the description, as it is after `rollout`.
     fn metric<L: Lanes>(&self, room: &Self::Room<L>, index: usize, values: &mut [f64]);
 }
-
-/// Most lanes of any instruction set, in pairs.
-pub(crate) const MOST_LANES: usize = 64;
 
 struct Part<'a, W> {
     world: &'a W,

@@ -13,7 +13,7 @@ use swarmwright_worlds::{
 
 use crate::group::Group;
 use crate::guard::{all_finite, guarded};
-use crate::job::{add_failure, invalid};
+use crate::job::{add_failure, invalid, metrics_wanted};
 
 struct Episode {
     /// Its own; none where it has ended, or is stepped by a group.
@@ -71,9 +71,9 @@ impl Batch {
         simulations: Vec<Box<dyn Simulation>>,
         now: Instant,
     ) -> Result<Self, (Refusal, Vec<Box<dyn Simulation>>)> {
-        let wanted = match description.metrics_named(&message.metrics) {
+        let wanted = match metrics_wanted(description, &message.metrics) {
             Ok(wanted) => wanted,
-            Err(error) => return Err((invalid(error.to_string()), simulations)),
+            Err(refusal) => return Err((refusal, simulations)),
         };
         let mut batch = Self {
             tool: message.tool,

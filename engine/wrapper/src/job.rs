@@ -8,7 +8,8 @@ use serde_json::{Map, Value};
 use swarmwright_controllers::{Architecture, Controller};
 use swarmwright_protocol::{Failure, Refusal, RefusalKind};
 use swarmwright_worlds::{
-    Block, Failure as Cause, Means, Parameters, RolloutError, Simulation, measure, rollout,
+    Block, Description, Failure as Cause, Means, Parameters, RolloutError, Simulation, measure,
+    rollout,
 };
 
 use crate::guard::{all_finite, guarded};
@@ -294,6 +295,22 @@ fn is_refusal(error: &RolloutError) -> bool {
             | RolloutError::Mismatch { .. }
             | RolloutError::NotSteered { .. }
     )
+}
+
+/// The indices of the metrics that a request names.
+///
+/// # Errors
+/// A name that is none of the simulation's, or stands there twice.
+pub(crate) fn metrics_wanted(
+    description: &Description,
+    names: &[String],
+) -> Result<Vec<usize>, Refusal> {
+    let again = |(index, name): &(usize, &String)| names[..*index].contains(name);
+    if let Some((_, name)) = names.iter().enumerate().find(again) {
+        return Err(invalid(format!("metrics: {name:?} is named twice")));
+    }
+    let found = description.metrics_named(names);
+    found.map_err(|error| invalid(error.to_string()))
 }
 
 /// A request that this server cannot serve.

@@ -108,6 +108,8 @@ pub struct Machine {
     last: Option<(String, Option<String>)>,
     complaints: HashSet<String>,
     published: Option<(PresenceState, Option<String>)>,
+    /// What was published last, known or not, and since when it is so.
+    since: Option<((PresenceState, Option<String>), String)>,
     changed_at: Option<Instant>,
     /// The connection is broken: what would be published now is lost.
     offline: bool,
@@ -137,6 +139,7 @@ impl Machine {
             last: None,
             complaints: HashSet::new(),
             published: None,
+            since: None,
             changed_at: None,
             offline: false,
             turns: Turns::default(),
@@ -188,7 +191,7 @@ impl Machine {
             Ok(Message::ToServer(ToServer::Evaluate(message))) => self.evaluate(message, now),
             Ok(Message::ToServer(ToServer::Start(message))) => self.start_batch(message, now),
             Ok(Message::ToServer(ToServer::Actuators(message))) => self.step_batch(&message, now),
-            Ok(Message::Presence(presence)) => self.other_presence(&presence),
+            Ok(Message::Presence(presence)) => self.other_presence(&presence, now),
             Ok(_) => {}
             Err(error) => {
                 if topic == Topic::ToServer {

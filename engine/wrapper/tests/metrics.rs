@@ -109,6 +109,24 @@ fn an_answer_has_the_metrics_that_were_asked_for_and_no_others() {
 }
 
 #[test]
+fn a_metric_that_is_named_twice_is_refused() {
+    let mut server = Server::of_walks();
+    let names = || vec!["steps".to_owned(), "half".to_owned(), "steps".to_owned()];
+    let mut message = request(1);
+    message.metrics = names();
+    server.evaluate(message);
+    let block = server.results().remove(0).error.unwrap();
+    let mut start = batch(2);
+    start.metrics = names();
+    server.ask(ToServer::Start(start));
+    let batch = server.sensors().remove(0).error.unwrap();
+    for refusal in [block, batch] {
+        assert_eq!(refusal.kind, RefusalKind::Invalid);
+        assert_eq!(refusal.reason, "metrics: \"steps\" is named twice");
+    }
+}
+
+#[test]
 fn a_simulation_that_evaluates_blocks_itself_gives_them_too() {
     let mut server = Server::new(vec![Box::<Minisim>::default()]);
     let controller = json!({"version": 1, "kind": "layered", "sensors": 4, "actuators": 1, "hidden": [],

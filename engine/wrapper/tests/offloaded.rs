@@ -221,6 +221,30 @@ fn presence_says_who_has_the_server() {
 }
 
 #[test]
+fn a_server_in_whose_place_another_was_lost_says_again_since_when_it_is_there() {
+    let mut server = Server::of_walks();
+    let said = "2026-01-30T08:00:00Z";
+    server.machine.publish_presence(said.to_owned());
+    server.collect();
+    let (topic, payload) = server.published.pop().unwrap();
+    let mut other: Value = serde_json::from_slice(&payload).unwrap();
+    other["state"] = json!("lost");
+    other["since"] = json!("2001-01-01T00:00:00Z");
+    other["capabilities"]["swarmwright"]["instance"] = json!("another");
+    let name = Topics::default().presence(7);
+    server.receive(&name, other.to_string().as_bytes());
+    server.pass(Duration::ZERO);
+    let (again, repeated) = server.published.pop().unwrap();
+    assert_eq!((again, repeated), (topic, payload));
+    // What is new is so from now on.
+    server.evaluate(request(1));
+    server.pass(Duration::from_millis(200));
+    let (_, payload) = server.published.pop().unwrap();
+    let busy: Value = serde_json::from_slice(&payload).unwrap();
+    assert_eq!(busy["since"], json!("2026-01-31T12:00:00Z"));
+}
+
+#[test]
 fn what_cannot_be_served_is_refused_with_the_field_that_is_wrong() {
     let mut server = Server::of_walks();
     let change = |edit: &dyn Fn(&mut Evaluate)| {

@@ -19,7 +19,7 @@ use prepared::Prepared;
 use room::Room;
 
 /// Two vectors: with four, the agents leave the nearest cache.
-const MOST_LANES: usize = 32;
+const MOST_LANES: usize = 2 * swarmwright_lanes::MOST_LANES_UNPAIRED;
 /// Up to here the agents of two vectors stay near the processor.
 const FEW_AGENTS: usize = 1 << 12;
 

@@ -2,12 +2,12 @@
 
 use swarmwright_controllers::LaneController;
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
-use swarmwright_lanes::{Lanes, Mask};
+use swarmwright_lanes::{Lanes, MOST_LANES, Mask};
 
 use super::STEPS;
 use super::settings::Settings;
 use crate::ParameterError;
-use crate::block::{Block, LaneWorld, MOST_LANES};
+use crate::block::{Block, LaneWorld};
 
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 256;

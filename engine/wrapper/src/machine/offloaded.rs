@@ -14,7 +14,7 @@ use swarmwright_protocol::{
 
 use super::{Action, Machine, State};
 use crate::batch::answer;
-use crate::job::{Done, Evaluation, Job, Request, Setup, invalid};
+use crate::job::{Done, Evaluation, Job, Request, Setup, invalid, metrics_wanted};
 
 /// Requests that may wait, and the bytes that they may hold.
 const MOST_WAITING: usize = 4096;
@@ -220,9 +220,7 @@ impl Machine {
                 )));
             }
         }
-        let wanted = description
-            .metrics_named(&message.metrics)
-            .map_err(|error| invalid(error.to_string()))?;
+        let wanted = metrics_wanted(description, &message.metrics)?;
         let setup = Arc::new(Setup {
             simulation: index,
             controller: message.controller.clone(),

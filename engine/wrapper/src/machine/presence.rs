@@ -1,8 +1,10 @@
 //! What a server says of itself: capabilities, presence, and who else has its id.
 
+use std::time::Instant;
+
 use swarmwright_protocol::{Capabilities, Presence, State as PresenceState, Topic};
 
-use super::{Machine, Offer, State};
+use super::{Machine, Offer, SETTLE, State};
 use crate::notice::{Action, Notice};
 
 impl Machine {
@@ -51,7 +53,7 @@ impl Machine {
         }
     }
 
-    pub(super) fn other_presence(&mut self, presence: &Presence) {
+    pub(super) fn other_presence(&mut self, presence: &Presence, now: Instant) {
         let other = presence.capabilities.swarmwright.as_ref();
         let instance = other.and_then(|other| other.instance.as_ref());
         if presence.server != self.identity.id || instance == Some(&self.identity.instance) {
@@ -60,7 +62,7 @@ impl Machine {
         if presence.state == PresenceState::Lost {
             // Another server with this id is gone, and with its last will stands in the place of what is true.
             self.published = None;
-            self.publish_presence(presence.since.clone());
+            self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));
         } else {
             let host = other
                 .and_then(|other| other.host.clone())
@@ -87,10 +89,16 @@ impl Machine {
         if self.published.as_ref() == Some(&current) {
             return;
         }
+        // Said again, it is so since it was said first.
+        let since = match self.since.take() {
+            Some((said, before)) if said == current => before,
+            _ => since,
+        };
         self.actions.push(Action::Publish(
             Topic::Presence,
-            self.presence(state, since).encode(),
+            self.presence(state, since.clone()).encode(),
         ));
+        self.since = Some((current.clone(), since));
         self.actions.push(Action::Notice(match state {
             PresenceState::Busy => Notice::Busy(current.1.clone()),
             _ => Notice::Ready,

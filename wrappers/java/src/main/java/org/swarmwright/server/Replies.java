@@ -67,6 +67,9 @@ final class Replies {
   void checkMetrics(List<String> names) {
     List<String> known = offer.description().metrics();
     for (String name : names) {
+      if (names.indexOf(name) != names.lastIndexOf(name)) {
+        throw invalid("metrics: \"" + name + "\" is named twice");
+      }
       if (!known.contains(name)) {
         throw invalid(
             "metrics: \""
