@@ -113,7 +113,7 @@ def test_the_watch_shows_how_far_a_run_in_steady_state_is(
 def test_a_run_goes_well_where_access_rules_know_no_status(
     tmp_path: Any, cleanup: Any, launch: Launch, experiment: Experiment
 ) -> None:
-    """Those of an older `broker --init`: the tool's status is dropped, and nothing else."""
+    """Those of an older `broker --init`. Mosquitto 2.0.11 ends the connection of who publishes there."""
     from tests.system.ready_made import ReadyMade
 
     for kind in ("mosquitto", "embedded"):
@@ -125,7 +125,11 @@ def test_a_run_goes_well_where_access_rules_know_no_status(
         server = launch("serve", "minisim", "--id", 1, "--json", env=made.variables("server"))
         server.until_event("ready")
         out = tmp_path / f"out {kind}"
-        tool = launch("optimize", experiment(), "--out", out, env=made.variables("tool"))
-        assert tool.wait() == 0, tool.stderr
-        assert "lost" not in tool.stderr
+        path = experiment(LONG.format(mode="stepwise").replace("100000", "3"))
+        tool = launch("optimize", path, "--out", out, env=made.variables("tool"))
+        assert tool.wait(60) == 0, tool.stderr
+        if "lost the broker" in tool.stderr:
+            assert kind == "mosquitto"
+            assert "so it does not any more" in tool.stderr
+            assert "and 1 more alike: lost the broker" in tool.stderr
         server.stop()

@@ -30,6 +30,11 @@ const AWAY: Duration = Duration::from_millis(300);
 /// How often it is told how many warnings were like those before.
 const COUNT: Duration = Duration::from_secs(10);
 
+/// A connection that ends so soon after a status ended because of it, if it does so again and again: some brokers end
+/// that of a client that publishes where the access rules deny it (Mosquitto 2.0.11).
+const AT_ONCE: Duration = Duration::from_millis(100);
+const AGAIN: u32 = 2;
+
 /// How often those who watch are told how it stands.
 const TELL: Duration = Duration::from_secs(1);
 
@@ -127,6 +132,9 @@ pub struct Pool {
     status: String,
     about: About,
     tell_at: Instant,
+    /// When they were told last, and how often in a row the connection ended right after it.
+    told_at: Option<Instant>,
+    ended_at_once: u32,
     /// When the machine needs a tick, as it said when it was asked last, and when to ask again.
     tick_at: Instant,
     ask_at: Instant,
@@ -212,6 +220,8 @@ impl Pool {
             status: topics.status(&token),
             about: About::default(),
             tell_at: now,
+            told_at: None,
+            ended_at_once: 0,
             tick_at: now,
             ask_at: now,
             count_at: now + COUNT,
@@ -414,8 +424,11 @@ impl Pool {
             self.connection.traffic(),
             *self.machine.counts(),
         ));
-        self.connection
-            .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
+        if self.ended_at_once < AGAIN {
+            self.told_at = Some(now);
+            self.connection
+                .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
+        }
     }
 
     /// Metrics that servers with this simulation announce, sorted.
@@ -468,6 +481,27 @@ impl Pool {
         }
     }
 
+    /// The connection ended: perhaps since the broker does not let this tool say how it stands.
+    fn suspect_status(&mut self, now: Instant) {
+        let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
+        if !self.told_at.take().is_some_and(at_once) {
+            if self.ended_at_once < AGAIN {
+                self.ended_at_once = 0;
+            }
+            return;
+        }
+        self.ended_at_once += 1;
+        if self.ended_at_once == AGAIN {
+            let text = format!(
+                "the broker ends the connection whenever this tool publishes on {}, so it does not any more: those who \
+                 watch see nothing of it; mend the broker's access rules",
+                self.status
+            );
+            self.reporter.tell(&Report::Warning(&text));
+            self.warnings.push(text);
+        }
+    }
+
     fn ask_tick(&mut self, now: Instant) {
         self.tick_at = self.machine.next_tick();
         let servers = u32::try_from(self.machine.holdings().servers).unwrap_or(u32::MAX);
@@ -480,6 +514,10 @@ impl Pool {
         let now = Instant::now();
         self.looked = now;
         let came = !self.events.is_empty();
+        let is_lost = |event: &Event| matches!(event, Event::Disconnected { .. });
+        if self.events.iter().any(is_lost) {
+            self.suspect_status(now);
+        }
         for event in self.events.drain(..) {
             match event {
                 Event::Message(message) => {
