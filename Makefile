@@ -114,9 +114,9 @@ lint-protocol: protocol/node_modules/.package-lock.json
 
 # Apart from lint: cargo-deny takes minutes to compile, and both ask databases that no package registry mirrors.
 audit: $(VENV)/.engine
-	@command -v cargo-deny > /dev/null || $(CARGO) install --locked --quiet cargo-deny
+	@command -v cargo-deny > /dev/null || $(CARGO) install --locked --quiet --version '^0.20' cargo-deny
 	$(BIN)/python -m pip install --quiet --group audit
-	$(CARGO) deny $(MANIFEST) check --config engine/deny.toml
+	$(CARGO) deny $(MANIFEST) --config engine/deny.toml check
 	$(BIN)/pip-audit --strict --skip-editable --local
 
 protocol/node_modules/.package-lock.json: protocol/package.json protocol/package-lock.json
