@@ -1,10 +1,18 @@
 //! All servers that may get work, summed up once, so that a thousand of them are not looked at for each of a thousand.
 
+use std::time::Instant;
+
+use crate::dispatch::number;
 use crate::machine::Machine;
-use crate::slot::Slot;
+use crate::slot::{Job, Slot};
+
+/// Of more servers than these it is not worked out how they would share what is left.
+const MOST: usize = 256;
+/// Halvings of the time in which that is looked for.
+const HALVINGS: usize = 24;
 
 /// What does not change while work is given away.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Crowd {
     /// Those for which what failed elsewhere may wait.
     pub servers: Vec<u64>,
@@ -16,6 +24,14 @@ pub(crate) struct Crowd {
     /// The speeds of the fastest two.
     fastest: f64,
     second: f64,
+    /// Those whose speed is known: speed, and seconds until what they have is done. Empty until it is needed.
+    busy: Vec<Busy>,
+}
+
+struct Busy {
+    server: u64,
+    rate: f64,
+    until: f64,
 }
 
 /// The others, as one of the servers sees them.
@@ -63,7 +79,93 @@ impl Crowd {
     }
 }
 
+impl Crowd {
+    /// Somebody got work that takes so many seconds.
+    pub fn gave(&mut self, server: u64, seconds: f64) {
+        if let Some(busy) = self.busy.iter_mut().find(|busy| busy.server == server) {
+            busy.until += seconds;
+        }
+    }
+
+    /// In how many seconds all but one can have done so many evaluations more: whole ones, each on one server.
+    fn done_without(&self, server: u64, evaluations: usize) -> f64 {
+        let others = || self.busy.iter().filter(|busy| busy.server != server);
+        let wanted = number(evaluations);
+        let done = |by: f64| {
+            let each = others().map(|busy| ((by - busy.until) * busy.rate + 1e-6).floor().max(0.0));
+            each.sum::<f64>() >= wanted
+        };
+        let alone = others().map(|busy| busy.until + wanted / busy.rate);
+        let (mut early, mut late) = (0.0, alone.fold(f64::INFINITY, f64::min));
+        for _ in 0..HALVINGS {
+            let middle = (early + late) / 2.0;
+            if done(middle) {
+                late = middle;
+            } else {
+                early = middle;
+            }
+        }
+        late
+    }
+}
+
 impl Machine {
+    /// In how many seconds a server would have done so many evaluations more, and in how many the others those that are
+    /// queued; none where that is not worked out.
+    pub(crate) fn ends(
+        &self,
+        server: u64,
+        most: usize,
+        crowd: &mut Crowd,
+        now: Instant,
+    ) -> Option<(f64, f64)> {
+        if crowd.busy.is_empty() {
+            if crowd.measured > MOST {
+                return None;
+            }
+            let slots = self.offers.slots.iter();
+            let usable = slots.filter(|(_, slot)| slot.usable());
+            crowd.busy = usable
+                .filter_map(|(id, slot)| {
+                    Some(Busy {
+                        server: *id,
+                        rate: slot.rate?,
+                        until: self.busy_for(slot, slot.rate?, now),
+                    })
+                })
+                .collect();
+        }
+        let own = crowd.busy.iter().find(|busy| busy.server == server)?;
+        let ends = own.until + number(most) / own.rate;
+        Some((ends, crowd.done_without(server, self.ledger.queued())))
+    }
+
+    /// Seconds that what a server has will still take it.
+    fn busy_for(&self, slot: &Slot, rate: f64, now: Instant) -> f64 {
+        let mut seconds: f64 = 0.0;
+        for job in &slot.jobs {
+            let (piece, since) = match job {
+                Job::Episode(hash) => match self.runs.get(hash) {
+                    Some(run) => (&run.piece, run.started),
+                    None => continue,
+                },
+                Job::Request(number) => match self.requests.get(number) {
+                    Some(request) => (&request.piece, request.heard),
+                    None => continue,
+                },
+            };
+            let elapsed = now.saturating_duration_since(since).as_secs_f64();
+            let takes = number(piece.len()) / rate;
+            // The one behind waits; of the first one a part is done.
+            seconds += if seconds > 0.0 {
+                takes
+            } else {
+                (takes - elapsed).max(0.0)
+            };
+        }
+        seconds
+    }
+
     pub(crate) fn crowd(&self) -> Crowd {
         let mut crowd = Crowd {
             servers: self.usable_servers(),

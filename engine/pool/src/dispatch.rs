@@ -24,10 +24,10 @@ const ROOM: usize = 8192;
 const ROW: usize = 2;
 /// Blocks in flight to one server: one is computed, one waits.
 const IN_FLIGHT: usize = 2;
-/// A server is passed over when it would need this many times as long as all others for all that is left, and
-const PATIENCE: f64 = 2.0;
-/// this many seconds more.
-const GRACE: f64 = 0.05;
+/// A server is passed over when it would be done later than all others with all that is left, by more seconds than these.
+const GRACE: f64 = 0.005;
+/// Where it is not worked out when all others would be done: how many times as long a server may need.
+const ROUGHLY: f64 = 2.0;
 
 /// A number of evaluations from a measured speed.
 #[expect(
@@ -83,13 +83,13 @@ impl Machine {
         }
     }
 
-    fn give(&mut self, server: u64, crowd: &Crowd, now: Instant) {
+    fn give(&mut self, server: u64, crowd: &mut Crowd, now: Instant) {
         let Some(slot) = self.offers.slots.get(&server) else {
             return;
         };
         let most = self.most(slot, crowd);
         let alone = slot.rate.map_or(0.0, |rate| number(most) / rate);
-        if !self.is_worth_while(slot, alone, crowd) && !self.has_waited(server, alone, now) {
+        if !self.is_worth_while(server, most, crowd, now) && !self.has_waited(server, alone, now) {
             return;
         }
         let Some(slot) = self.offers.slots.get_mut(&server) else {
@@ -99,6 +99,7 @@ impl Machine {
         let Some(piece) = self.ledger.take(server, &crowd.servers, most) else {
             return;
         };
+        crowd.gave(server, alone);
         self.start(piece, server, now);
     }
 
@@ -194,10 +195,11 @@ impl Machine {
         }
     }
 
-    /// Whether a server has been passed over for so long that it could have done the work itself: the others are not as
-    /// fast as they were.
+    /// Whether a server that has nothing to do has been passed over for so long that it could have done the work itself:
+    /// the others are not as fast as they were.
     fn has_waited(&mut self, server: u64, alone: f64, now: Instant) -> bool {
-        let Some(slot) = self.offers.slots.get_mut(&server) else {
+        let slot = self.offers.slots.get_mut(&server);
+        let Some(slot) = slot.filter(|slot| slot.jobs.is_empty()) else {
             return false;
         };
         let since = *slot.passed_over.get_or_insert(now);
@@ -215,9 +217,12 @@ impl Machine {
         false
     }
 
-    /// Whether the work is done earlier with this server's help than without. `alone`: how long it would take, in seconds.
-    fn is_worth_while(&self, slot: &Slot, alone: f64, crowd: &Crowd) -> bool {
-        let Some(others) = crowd.without(slot) else {
+    /// Whether the work is done earlier with this server's help than without, if it gets `most` evaluations.
+    fn is_worth_while(&self, server: u64, most: usize, crowd: &mut Crowd, now: Instant) -> bool {
+        let Some(slot) = self.offers.slots.get(&server) else {
+            return false;
+        };
+        let (Some(rate), Some(others)) = (slot.rate, crowd.without(slot)) else {
             return true;
         };
         // What failed somewhere may need just this server.
@@ -226,6 +231,13 @@ impl Machine {
         }
         // However many the others are, one evaluation takes the fastest of them its time.
         let without = (number(self.ledger.queued()) / others.rates).max(1.0 / others.fastest);
-        alone <= PATIENCE * without + GRACE
+        let all = number(IN_FLIGHT * most) / rate;
+        if all <= without {
+            return true;
+        }
+        match self.ends(server, most, crowd, now) {
+            Some((ends, without)) => ends <= without + GRACE,
+            None => number(most) / rate <= ROUGHLY * without + GRACE,
+        }
     }
 }

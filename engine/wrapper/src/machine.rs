@@ -38,6 +38,8 @@ const TELL_AFTER: Duration = Duration::from_secs(5);
 const SETTLE: Duration = Duration::from_millis(150);
 /// Parameters messages kept for a control to come: of the tools that share the broker, few ask at once.
 const KEPT: usize = 8;
+/// Hashes of runs that are remembered, so that each begins once.
+const BEGUN: usize = 64;
 /// Different complaints that are remembered, so that each is made once.
 const COMPLAINTS: usize = 1000;
 
@@ -104,6 +106,8 @@ pub struct Machine {
     parameters: VecDeque<(String, Parameters)>,
     /// Titles by the hash of the discovery that named them.
     discovered: VecDeque<(String, String)>,
+    /// The last runs of tools that say where to reply, which give every run a hash of its own.
+    begun: VecDeque<String>,
     /// The run before, whose hash a control{run: false} may still name.
     last: Option<(String, Option<String>)>,
     complaints: HashSet<String>,
@@ -136,6 +140,7 @@ impl Machine {
             state: State::Free,
             parameters: VecDeque::new(),
             discovered: VecDeque::new(),
+            begun: VecDeque::new(),
             last: None,
             complaints: HashSet::new(),
             published: None,

@@ -8,7 +8,7 @@ use swarmwright_protocol::{
 };
 use swarmwright_worlds::Failure;
 
-use super::{Action, Machine, Offer, PATIENCE, State, asker};
+use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker};
 use crate::run::{NoStart, Outcome, Run};
 
 impl Machine {
@@ -34,6 +34,11 @@ impl Machine {
             _ => {}
         }
         let hash = control.simulation_hash.clone();
+        if control.reply.is_some() && self.begun.contains(&hash) {
+            // The message came twice: the tool, which may not know yet that the run is over, would go on with it.
+            return self
+                .complain("ignoring a control message that starts a run a second time".to_owned());
+        }
         let Some((_, parameters)) = self.parameters.iter().find(|(known, _)| *known == hash) else {
             return self.complain(format!(
                 "refusing to start a run for {}: no parameters came for its hash",
@@ -56,6 +61,12 @@ impl Machine {
             return;
         };
         let (tool, reply) = (control.tool.clone(), control.reply.clone());
+        if reply.is_some() {
+            if self.begun.len() >= BEGUN {
+                self.begun.pop_front();
+            }
+            self.begun.push_back(hash.clone());
+        }
         let title = description.title.clone();
         let template = Run::template(hash.clone(), title, index, control, now);
         match Run::start(&mut **simulation, &parameters, template) {
