@@ -8,8 +8,9 @@ use std::time::Instant;
 use swarmwright_protocol::Announcement;
 
 use crate::copies::Found;
+use crate::failures::Blame;
 use crate::ledger::Piece;
-use crate::machine::{Blame, Machine};
+use crate::machine::Machine;
 use crate::offers::Offers;
 
 /// Results of one evaluation that are not agreed upon yet.

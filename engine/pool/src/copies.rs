@@ -7,8 +7,9 @@
 use std::time::{Duration, Instant};
 
 use crate::dispatch::number;
+use crate::failures::Blame;
 use crate::ledger::{Piece, Purpose, rectangle};
-use crate::machine::{Blame, Machine};
+use crate::machine::Machine;
 use crate::mode::Way;
 use crate::requests::Request;
 use crate::run::Run;

@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Discovery, Presence, ServerMessage, Topic};
 
-use crate::machine::{Blame, Machine};
+use crate::failures::Blame;
+use crate::machine::Machine;
 use crate::offers::Answer;
 use crate::run::Run;
 use crate::slot::Job;

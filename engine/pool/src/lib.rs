@@ -4,12 +4,14 @@
 
 mod audit;
 mod batch;
+mod config;
 mod copies;
 mod counts;
 mod crowd;
 mod demand;
 mod discovery;
 mod dispatch;
+mod failures;
 mod health;
 mod holdings;
 mod ledger;
@@ -28,11 +30,12 @@ mod stepwise;
 mod watch;
 mod work;
 
+pub use config::{Config, Faults};
 pub use counts::Counts;
 pub use demand::Demand;
 pub use holdings::Holdings;
 pub use ledger::{Results, Settled, rectangle};
-pub use machine::{Action, Config, Faults, Machine};
+pub use machine::{Action, Machine};
 pub use mode::Mode;
 pub use offers::Offers;
 pub use pool::{About, Options, Pool, PoolError};

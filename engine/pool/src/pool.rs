@@ -9,11 +9,12 @@ use swarmwright_mqtt::{
 };
 use swarmwright_protocol::{Activity, Status, Topic, TopicError, Topics};
 
+use crate::config::{Config, Faults};
 use crate::counts::Counts;
 use crate::demand::Demand;
 use crate::discovery::PROBATION;
 use crate::ledger::{Results, Settled};
-use crate::machine::{Action, Config, Faults, Machine};
+use crate::machine::{Action, Machine};
 use crate::mode::Mode;
 use crate::report::{Listener, Report, Reporter};
 use crate::work::{Attempt, Work, WorkError};

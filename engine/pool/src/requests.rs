@@ -9,8 +9,9 @@ use swarmwright_protocol::{
 
 use crate::batch::Batch;
 use crate::copies::Found;
+use crate::failures::Blame;
 use crate::ledger::Piece;
-use crate::machine::{Action, Blame, Machine};
+use crate::machine::{Action, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::slot::Job;

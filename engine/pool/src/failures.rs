@@ -1,0 +1,208 @@
+//! What failed: whose fault it is, what becomes of the work, who is told.
+
+use std::time::Instant;
+
+use swarmwright_protocol::{MOST_REASON, MOST_STACK, shortened};
+
+use crate::ledger::{Piece, Purpose};
+use crate::machine::{Action, Machine};
+use crate::slot::Job;
+use crate::work::Attempt;
+
+/// Different warnings that are remembered, so that each is made once.
+const COMPLAINTS: usize = 1000;
+/// What is counted where there are more kinds of warnings than that.
+const OTHERS: &str = "an evaluation failed for yet another reason";
+
+/// Whose fault it is that work brought no result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Blame {
+    /// The server had other work.
+    Nobody,
+    /// The connection broke; perhaps it was more than the broker takes.
+    Broker,
+    /// The server says that it failed.
+    Evaluation,
+    /// The server went down, fell silent, or sent what cannot be used.
+    Server,
+    /// The server went down, perhaps with what another tool had given it, if it had not begun.
+    Lost,
+    /// No answer came in time, of a server that is perhaps only slow.
+    Late,
+}
+
+impl Machine {
+    /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
+    /// only waited.
+    pub(crate) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
+        self.fail_each(jobs, reason, blame, now);
+        self.dispatch(now);
+    }
+
+    pub(crate) fn fail_each(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
+        for (index, job) in jobs.into_iter().enumerate() {
+            // A connection is broken for all of them.
+            let blame = if index == 0 || blame == Blame::Broker {
+                blame
+            } else {
+                Blame::Nobody
+            };
+            match job {
+                Job::Episode(hash) => self.fail_episode(&hash, reason, blame, now),
+                Job::Request(number) => self.fail_request(number, reason, blame, now),
+            }
+        }
+    }
+
+    /// A server failed: it has a pause.
+    pub(crate) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
+        self.counts.server_failures += 1;
+        self.counts.benched += 1;
+        self.offers.bench(server, reason, now);
+    }
+
+    /// Work that brought no result is queued again, or has failed.
+    ///
+    /// Where several evaluations were sent together nobody knows which one was to blame: smaller parts are tried until
+    /// one is alone. What is said to have failed by a server that repeats itself to the bit fails elsewhere, too: once
+    /// more is enough, if the same is said of it.
+    pub(crate) fn retry(
+        &mut self,
+        mut piece: Piece,
+        server: u64,
+        reason: &str,
+        blame: Blame,
+        now: Instant,
+    ) {
+        if piece.purpose == Purpose::Audit {
+            return self.retry_audit(piece, server, reason, blame, now);
+        }
+        match blame {
+            Blame::Nobody => return self.ledger.put_back(&piece),
+            Blame::Broker => return self.ledger.put_back(&piece.halved()),
+            Blame::Lost if piece.lost < self.config.faults.attempts => {
+                piece.lost += 1;
+                return self.ledger.put_back(&piece);
+            }
+            Blame::Evaluation | Blame::Server | Blame::Lost => {}
+            Blame::Late => piece.late += 1,
+        }
+        let faults = &self.config.faults;
+        let (attempts, quarantine) = (faults.attempts, faults.quarantine);
+        if piece.len() == 1 {
+            let evaluation = piece.first();
+            if self.ledger.has_ended(evaluation) {
+                return;
+            }
+            let mut certain = false;
+            if blame == Blame::Evaluation {
+                piece.reported += 1;
+                certain = piece.reason == reason && self.offers.repeats_itself(server);
+                reason.clone_into(&mut piece.reason);
+            } else {
+                self.ledger.down(evaluation);
+            }
+            let downs = self.ledger.downs(evaluation);
+            if downs >= quarantine {
+                self.warn_alike(format!(
+                    "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
+                ));
+                self.counts.quarantined += 1;
+                return self.give_up(&piece, true, now);
+            }
+            if certain || piece.reported + downs >= attempts {
+                let tries = piece.tries + 1;
+                self.warn_alike(format!(
+                    "an evaluation failed after {tries} attempts: {reason}"
+                ));
+                return self.give_up(&piece, false, now);
+            }
+        }
+        self.counts.retries += 1;
+        self.ledger.put_back(&piece.failed(server));
+    }
+
+    /// Evaluations that have failed for good.
+    pub(crate) fn give_up(&mut self, piece: &Piece, everywhere: bool, now: Instant) {
+        for evaluation in piece.evaluations.clone() {
+            let failed = self.ledger.give_up(evaluation, everywhere);
+            self.counts.failed += u64::from(failed);
+            if failed && everywhere {
+                self.drop_copies(evaluation, "the evaluation is given up", now);
+            }
+        }
+    }
+
+    /// A line of the journal.
+    pub(crate) fn record(
+        &mut self,
+        attempt: Attempt,
+        piece: &Piece,
+        started: Instant,
+        now: Instant,
+    ) {
+        let (candidates, episodes) = self.ledger.extent(piece);
+        let attempt = Attempt {
+            candidate: candidates.start,
+            candidates: candidates.len(),
+            episode: episodes.start,
+            episodes: episodes.len(),
+            attempt: piece.tries + 1,
+            seconds: now.saturating_duration_since(started).as_secs_f64(),
+            ..attempt
+        };
+        self.journal.push((attempt, started));
+    }
+
+    /// An episode failed in the simulation's code: tells the user once for each reason. Returns the reason and, once,
+    /// the stack, of a length that can be kept.
+    pub(crate) fn trouble(
+        &mut self,
+        server: u64,
+        reason: String,
+        stack: Option<String>,
+    ) -> (String, Option<String>) {
+        let reason = shortened(reason, MOST_REASON);
+        if !self.troubles.contains_key(&reason) {
+            if self.troubles.len() >= COMPLAINTS {
+                return (reason, None);
+            }
+            self.warn(format!("an episode failed on server {server}: {reason}"));
+        }
+        let told = self.troubles.entry(reason.clone()).or_default();
+        let stack = stack.filter(|_| !*told);
+        *told |= stack.is_some();
+        (reason, stack.map(|stack| shortened(stack, MOST_STACK)))
+    }
+
+    pub(crate) fn warn(&mut self, text: String) {
+        self.actions.push(Action::Warn(text));
+    }
+
+    /// A warning of which many may be alike: it is made once, and then counted.
+    pub(crate) fn warn_alike(&mut self, text: String) {
+        if let Some(more) = self.alike.get_mut(&text) {
+            *more += 1;
+        } else if self.alike.len() < COMPLAINTS {
+            self.warn(text.clone());
+            self.alike.insert(text, 0);
+        } else {
+            *self.alike.entry(OTHERS.to_owned()).or_default() += 1;
+        }
+    }
+
+    /// How many warnings were not made since the last call, as others had been that were the same.
+    pub fn take_alike(&mut self) -> Vec<String> {
+        let counted = self.alike.iter_mut().filter(|(_, more)| **more > 0);
+        counted
+            .map(|(text, more)| format!("and {} more alike: {text}", std::mem::take(more)))
+            .collect()
+    }
+
+    /// A warning that is made only once, however often its cause comes back.
+    pub(crate) fn complain(&mut self, text: String) {
+        if self.complaints.len() < COMPLAINTS && self.complaints.insert(text.clone()) {
+            self.warn(text);
+        }
+    }
+}
