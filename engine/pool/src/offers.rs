@@ -404,6 +404,7 @@ impl Offers {
             .collect();
         for (id, slot) in &self.slots {
             let answer = match self.health.failures(*id) {
+                Some((1, failure)) => format!("fits, but failed: {failure}"),
                 Some((times, failure)) => format!(
                     "fits, but failed {times} times in a row, the last time because: {failure}"
                 ),

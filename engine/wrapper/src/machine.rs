@@ -281,7 +281,11 @@ impl Machine {
             State::Free => return,
         };
         if ours {
+            let was_held = matches!(self.state, State::Held { .. });
             self.free(now);
+            if was_held {
+                self.tell_at_once(now);
+            }
         } else {
             self.complain(format!(
                 "ignoring the end of a run that is not under way, from {}",
@@ -410,6 +414,11 @@ impl Machine {
         self.turns.held_by(holder, active, now);
         // A change back before anybody was told is none; the comparison is made when it is to be published.
         self.changed_at.get_or_insert(now);
+    }
+
+    /// A change of presence that is no matter of milliseconds.
+    fn tell_at_once(&mut self, now: Instant) {
+        self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));
     }
 
     /// Why a request of a tool is not served now: the server is taken for something else.

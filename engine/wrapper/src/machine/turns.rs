@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Refusal, RefusalKind};
 
-use super::{Machine, PATIENCE, SETTLE, State};
+use super::{Machine, PATIENCE, State};
 
 /// How long a tool has a server for itself before another one gets it.
 const TURN: Duration = Duration::from_secs(5);
@@ -88,7 +88,7 @@ impl Machine {
     pub(super) fn hand_over(&mut self, tool: String, now: Instant) {
         let until = now + RESERVED;
         self.enter(State::Held { tool, until }, now);
-        self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));
+        self.tell_at_once(now);
     }
 
     /// Answers the requests that wait when it is another tool's turn. Whether it is.
