@@ -1,12 +1,14 @@
 """The command: exit status, what it prints, files, what is wrong with its input."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 
+from swarmwright import _engine
 from tests.conftest import Run
 
 SERVE = f"{sys.executable} -m swarmwright serve minisim --broker {{broker}} --id {{id}}"
@@ -23,6 +25,24 @@ def test_a_server_is_tried_and_the_results_are_written(program: Run, tmp_path: P
     assert root.attrib["tests"] == "9"
     assert [suite.attrib["name"] for suite in root] == ["S1 Discovery", "S2 Episodes"]
     assert len(root.findall(".//testcase")) == 9
+
+
+def test_a_peer_that_runs_is_met_on_the_broker_of_the_environment(program: Run) -> None:
+    broker = _engine.Broker()
+    command = SERVE.format(broker=broker.url, id=4).split()
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    where = {"SWARMWRIGHT_BROKER": broker.url}
+    try:
+        result = program("conformance", "server", "--id", "4", "--rules", "S1", env=where)
+    finally:
+        server.terminate()
+        server.wait(10)
+        broker.stop()
+    assert result.returncode == 0, result.stderr
+    assert program("conformance", "server", "--id", "4", "--rules", "S1", env=where).returncode == 1
+    # One that the kit starts meets it on a broker of the kit's own.
+    started = program("conformance", "server", "--exec", SERVE, "--rules", "S1.1", env=where)
+    assert started.returncode == 0, started.stderr
 
 
 BROKEN = """\

@@ -186,7 +186,17 @@ def experiment_broker(broker: str | None, of_experiment: str | None, servers: ob
     """
     if broker is not None or of_experiment is not None or servers == "local":
         return broker
-    from_environment = os.environ.get(BROKER_VARIABLE)
-    if not from_environment:
-        return None
-    return BrokerUrl().convert(from_environment, None, None)
+    return _environment_broker()
+
+
+def peer_broker(broker: str | None, command: str | None) -> str | None:
+    """The broker on which a peer is tried: the option; for one without `command`, the environment.
+
+    None when none is named: then there is an own one.
+    """
+    return _environment_broker() if broker is None and command is None else broker
+
+
+def _environment_broker() -> str | None:
+    named = os.environ.get(BROKER_VARIABLE)
+    return BrokerUrl().convert(named, None, None) if named else None

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import WholeNumber, broker_option, json_option, prefix_option
+from swarmwright.cli._options import (
+    BROKER_VARIABLE,
+    WholeNumber,
+    broker_option,
+    json_option,
+    peer_broker,
+    prefix_option,
+)
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -33,7 +40,11 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
     """What both sides have."""
     options = [
         click.option("--exec", "start", metavar="COMMAND", help="Start the peer with this; see below."),
-        broker_option(default=None, text="Address of a broker. Default: an embedded one on a free port."),
+        broker_option(
+            default=None,
+            text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
+            "embedded one on a free port.",
+        ),
         prefix_option,
         click.option(
             "--rules",
@@ -150,7 +161,7 @@ def server_command(
     report = check_server(
         server=1 if server is None else server,
         command=start,
-        broker=broker,
+        broker=peer_broker(broker, start),
         prefix=prefix,
         simulation=simulation,
         dimensions=dimensions,
@@ -239,7 +250,7 @@ def optimizer_command(
     reporter = _Reporter(output)
     report = check_optimizer(
         command=start,
-        broker=broker,
+        broker=peer_broker(broker, start),
         prefix=prefix,
         simulation=simulation,
         sensors=sensors,
