@@ -5,6 +5,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +83,7 @@ def evolve(
 
         undrawn = False
         try:
-            run = work(tell, shown.evaluating)
+            run = work(tell, partial(reader.evaluating, shown))
         except InterruptedAtEnd as interrupt:
             run, undrawn = interrupt.run, True
         observer.ended(run)
@@ -113,11 +114,20 @@ class Reader:
     def show(self, progress: Progress, generation: "Generation") -> bool:
         """Show a generation; whether to go on."""
         check()
+        self._write(lambda: progress.generation(generation))
+        return not self.gone
+
+    def evaluating(self, progress: Progress, done: int, total: int, waiting_for: str) -> None:
+        """Show how far a generation is; when nobody reads any more, the run ends after it."""
+        self._write(lambda: progress.evaluating(done, total, waiting_for))
+
+    def _write(self, show: Callable[[], None]) -> None:
+        if self.gone:
+            return
         try:
-            progress.generation(generation)
+            show()
         except BrokenPipeError:
             self.gone = True
-        return not self.gone
 
 
 def _conclude(output: Output, run: "Run") -> None:

@@ -22,6 +22,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         # A terminal that cannot show a character shows a question mark rather than an error.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
+    status = 0
     try:
         with terminate_like_interrupt():
             status = _status(arguments)
@@ -29,7 +30,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         status = INTERRUPTED
     except BrokenPipeError:
-        status = _reader_gone()
+        _reader_gone()
     return status
 
 
@@ -117,9 +118,8 @@ def _complain(message: str) -> None:
         pass  # nobody reads; the exit status remains
 
 
-def _reader_gone() -> int:
+def _reader_gone() -> None:
     """The reader of the output left (`| head`): be quiet, and keep Python from complaining at exit."""
     sink = os.open(os.devnull, os.O_WRONLY)
     os.dup2(sink, sys.stdout.fileno())
     os.close(sink)
-    return 0

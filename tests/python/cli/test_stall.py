@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from swarmwright import Run
 from tests.python.cli.processes import children
 
 EXPERIMENT = """\
@@ -32,3 +33,18 @@ def test_it_is_said_who_is_waited_for(start: Any, tmp_path: Path) -> None:
     assert "s" in line.split("server ")[1]
     # The server wakes up and the run goes on.
     assert next(line for line in process.stdout if GENERATION in line)
+
+
+def test_a_reader_that_leaves_while_somebody_is_waited_for(start: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(EXPERIMENT)
+    process = start("optimize", "x.yaml", "--servers", "2", "--out", "result")
+    for _ in range(3):
+        assert GENERATION in process.stdout.readline()
+    server = children(process.pid)[0]
+    os.kill(server, signal.SIGSTOP)
+    process.stdout.close()
+    time.sleep(2.5)
+    os.kill(server, signal.SIGCONT)
+    assert process.wait(20) == 130
+    assert process.stderr.read() == ""
+    assert len(Run.open(tmp_path / "result").history) >= 3
