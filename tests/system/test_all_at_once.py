@@ -28,7 +28,7 @@ timeouts: {{discovery: 20, step: 1.5}}
 """
 SERVERS = (1, 2, 3)
 SECONDS = float(os.environ.get("SWARMWRIGHT_MISHAPS_SECONDS", "120"))
-"""How long the long test disturbs; 3600 was run once."""
+"""How long the long test disturbs; 3300 was run once."""
 
 
 def described(mode: str, steps: int, generations: int) -> str:
