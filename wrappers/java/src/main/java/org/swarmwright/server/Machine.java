@@ -2,7 +2,9 @@ package org.swarmwright.server;
 
 import com.google.gson.JsonObject;
 import java.util.LinkedHashMap;
+import java.util.LinkedHashSet;
 import java.util.Map;
+import java.util.Set;
 import org.swarmwright.extension.ToServer;
 import org.swarmwright.messages.Actuator;
 import org.swarmwright.messages.Capabilities;
@@ -30,12 +32,18 @@ final class Machine extends Requests {
   /** Parameters messages kept for a control to come: of the tools on a broker, few ask at once. */
   private static final int KEPT = 8;
 
+  /** Hashes of runs that are remembered, so that each begins once. */
+  private static final int BEGUN = 64;
+
   private final Topics topics;
 
   /** The last parameters by hash, the newest at the end. */
   private final Map<String, JsonObject> parameters = new LinkedHashMap<>();
 
   private String newestHash;
+
+  /** The last runs of tools that say where to reply, which give every run a hash of its own. */
+  private final Set<String> begun = new LinkedHashSet<>();
 
   /** The connection is broken: what would be published now is lost. */
   private boolean offline;
@@ -153,12 +161,26 @@ final class Machine extends Requests {
     boolean held = state == State.HELD && !holder.equals(control.getTool());
     if (held || state == State.RUNNING || state == State.STEPPING || state == State.WORKING) {
       complain("refusing to start a run for " + asker + ": taken by " + holderInWords());
+      tellAgain(now);
+      return;
+    }
+    boolean once = control.getReply() != null;
+    if (once && begun.contains(control.getSimulationHash())) {
+      // The message came twice: the tool, which may not know yet that the run is over, would go on
+      // with it.
+      complain("ignoring a control message that starts a run a second time");
       return;
     }
     JsonObject values = parameters.get(control.getSimulationHash());
     if (values == null) {
       complain("refusing to start a run for " + asker + ": no parameters came for its hash");
       return;
+    }
+    if (once) {
+      begun.add(control.getSimulationHash());
+      if (begun.size() > BEGUN) {
+        begun.remove(begun.iterator().next());
+      }
     }
     try {
       Run started = new Run(offer.first(), values, control);

@@ -184,6 +184,14 @@ abstract class Occupancy {
     }
   }
 
+  /** A tool that came too late hears of it, also when nothing has changed since. */
+  void tellAgain(long now) {
+    published = null;
+    if (changedAt == null) {
+      changedAt = now;
+    }
+  }
+
   /** Nobody knows any more what the server does. */
   void forgetPresence() {
     published = null;

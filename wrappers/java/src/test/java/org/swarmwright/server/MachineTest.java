@@ -239,6 +239,29 @@ class MachineTest {
     assertTrue(isFree(""));
   }
 
+  @Test
+  void aControlMessageThatComesTwiceBeginsNothing() {
+    String control = ", 'tool': 'ada', 'reply': 'swarmwright/v1/tool/t'";
+    startAndStep("h", "", control);
+    int messages = out.published.size();
+    say("control", "'server': 7, 'simulation_hash': 'h'" + control);
+    assertEquals(messages, out.published.size());
+    assertTrue(out.notices.toString().contains("starts a run a second time"));
+  }
+
+  @Test
+  void aToolThatComesTooLateHearsOfIt() {
+    say("parameters", "'server': 7, 'simulation_hash': 'h'");
+    say("control", "'server': 7, 'simulation_hash': 'h', 'tool': 'ada'");
+    now += SECOND;
+    machine.tick(now, "2026-01-01T00:00:00Z");
+    int messages = out.published.size();
+    say("control", "'server': 7, 'simulation_hash': 'i', 'tool': 'bob'");
+    now += SECOND;
+    machine.tick(now, "2026-01-01T00:00:01Z");
+    assertEquals(messages + 1, out.published.size());
+  }
+
   private void startAndStep(String hash, String parameters, String control) {
     say("parameters", "'server': 7, 'simulation_hash': '" + hash + "'" + parameters);
     say("control", "'server': 7, 'simulation_hash': '" + hash + "'" + control);
