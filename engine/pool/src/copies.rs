@@ -266,18 +266,8 @@ impl Machine {
         for (id, slot) in &self.offers.slots {
             let mut before = 0.0;
             for job in &slot.jobs {
-                let (piece, since) = match job {
-                    Job::Episode(hash) => match self.runs.get(hash) {
-                        Some(run) => (&run.piece, run.started),
-                        None => continue,
-                    },
-                    Job::Request(number) => match self.requests.get(number) {
-                        Some(request) if request.batch.is_some() => {
-                            (&request.piece, request.started)
-                        }
-                        Some(request) => (&request.piece, request.heard),
-                        None => continue,
-                    },
+                let Some((piece, since)) = self.piece_of(job) else {
+                    continue;
                 };
                 let elapsed = now.saturating_duration_since(since).as_secs_f64();
                 let expected = slot.rate.map_or(0.0, |rate| number(piece.len()) / rate);

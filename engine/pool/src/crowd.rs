@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use crate::dispatch::number;
+use crate::ledger::Piece;
 use crate::machine::Machine;
 use crate::slot::{Job, Slot};
 
@@ -142,28 +143,34 @@ impl Machine {
 
     /// Seconds that what a server has will still take it.
     fn busy_for(&self, slot: &Slot, rate: f64, now: Instant) -> f64 {
-        let mut seconds: f64 = 0.0;
-        for job in &slot.jobs {
-            let (piece, since) = match job {
-                Job::Episode(hash) => match self.runs.get(hash) {
-                    Some(run) => (&run.piece, run.started),
-                    None => continue,
-                },
-                Job::Request(number) => match self.requests.get(number) {
-                    Some(request) => (&request.piece, request.heard),
-                    None => continue,
-                },
-            };
-            let elapsed = now.saturating_duration_since(since).as_secs_f64();
-            let takes = number(piece.len()) / rate;
-            // The one behind waits; of the first one a part is done.
-            seconds += if seconds > 0.0 {
-                takes
-            } else {
-                (takes - elapsed).max(0.0)
-            };
+        let jobs = slot.jobs.iter().filter_map(|job| self.piece_of(job));
+        jobs.enumerate()
+            .map(|(place, (piece, since))| {
+                let takes = number(piece.len()) / rate;
+                // Of the first one a part is done; those behind it wait.
+                match place {
+                    0 => (takes - now.saturating_duration_since(since).as_secs_f64()).max(0.0),
+                    _ => takes,
+                }
+            })
+            .sum()
+    }
+
+    /// What a job is about, and since when its server is at it.
+    pub(crate) fn piece_of(&self, job: &Job) -> Option<(&Piece, Instant)> {
+        match job {
+            Job::Episode(hash) => self.runs.get(hash).map(|run| (&run.piece, run.started)),
+            Job::Request(number) => self.requests.get(number).map(|request| {
+                // A batch is heard of in every step, a block when it could begin.
+                let is_batch = request.batch.is_some();
+                let since = if is_batch {
+                    request.started
+                } else {
+                    request.heard
+                };
+                (&request.piece, since)
+            }),
         }
-        seconds
     }
 
     pub(crate) fn crowd(&self) -> Crowd {
