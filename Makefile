@@ -4,6 +4,7 @@
 # make test    every test
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make schedules  100,000 seeded schedules of mishaps for pools and servers, in virtual time (minutes)
+# make brokers an experiment on all brokers of other makes that can be installed, into build/brokers.md
 # make lint    every check that needs no run
 # make audit   look for known weaknesses in what we depend on (asks databases in the network)
 # make bench   measure, into build/bench.json
@@ -15,7 +16,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean fuzz
+.PHONY: brokers test-brokers help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -26,6 +27,8 @@ unexport PYTHONHOME
 
 CARGO := cargo
 MANIFEST := --manifest-path engine/Cargo.toml
+JAVASCRIPT := wrappers/examples/javascript/node_modules/.package-lock.json
+GO := wrappers/examples/go/line-server
 JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
 CPP := wrappers/cpp/build
@@ -69,13 +72,24 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 		ctest --test-dir $$build --output-on-failure --no-label-summary
 	done
 
-test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built
+test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO) protocol/node_modules/.package-lock.json
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	# Many tests wait for other processes: three at a time keep two processors busy.
 	$(BIN)/python -m pytest -n 3 --dist worksteal
+
+brokers: $(VENV)/.engine $(VENV)/.dev
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	$(BIN)/python -m tests.brokers
+
+# Three that install in seconds: two that collect small packets, one of them for MQTT 3.1.1 only.
+test-brokers: $(VENV)/.engine $(VENV)/.dev
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	command -v npm > /dev/null || { $(call install,nodejs npm); }
+	command -v go > /dev/null || { $(call install,golang-go); }
+	$(BIN)/python -m tests.brokers mosquitto aedes mochi
 
 INPUTS ?= 1000000
 
@@ -129,7 +143,7 @@ bench: $(VENV)/.engine $(VENV)/.dev $(VENV)/.bench $(JAVA) $(CPP)/.built
 	$(BIN)/python -m benchmarks build/bench.json
 
 clean:
-	rm -rf build engine/target wrappers/java/target $(CPP) $(VENV) protocol/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build engine/target wrappers/java/target $(CPP) $(GO) $(VENV) protocol/node_modules wrappers/examples/javascript/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
 
@@ -162,6 +176,17 @@ $(CPP)/%/.built: $(CPP)/.built
 	cmake --preset $* > /dev/null
 	cmake --build build/$* --parallel 4 > /dev/null
 	touch build/$*/.built
+
+# The example servers in JavaScript and Go.
+$(JAVASCRIPT): wrappers/examples/javascript/package.json wrappers/examples/javascript/package-lock.json
+	@command -v npm > /dev/null || { $(call install,nodejs npm); }
+	npm ci --prefix $(<D) --no-audit --no-fund --loglevel=error
+	touch $@
+
+$(GO): wrappers/examples/go/main.go wrappers/examples/go/go.mod wrappers/examples/go/go.sum
+	@command -v go > /dev/null || { $(call install,golang-go); }
+	cd $(<D)
+	go build -o $(@F) .
 
 # A virtual environment of the newest Python that is there, 3.11 at least.
 $(VENV)/.created:

@@ -1,11 +1,47 @@
-"""Swarmwright evolves controllers for swarms of robots on many simulation servers through an MQTT broker.
+"""Swarmwright evolves controllers for swarms of robots on many simulation servers.
+
+You describe an experiment: a simulation, what a controller looks like, which method searches for it, how many
+episodes count. The method proposes genomes, each stands for a controller, simulations say how good it is, and
+the best ones lead to the next generation. The simulations run in this process, on servers that are started
+here, or on servers anywhere that an MQTT broker connects; the results are the same to the bit.
 
     import swarmwright
 
-    experiment = swarmwright.Experiment.load("experiments/minisim.yaml")
-    run = swarmwright.optimize(experiment)
-    print(run.best.fitness, run.path)
+    experiment = swarmwright.Experiment.from_mapping(
+        {
+            "simulation": "minisim",              # an agent has to get past a defender to its goal
+            "controller": {"hidden": [8]},        # a neural network: 4 sensors, 8 nodes, 1 actuator
+            "method": {"kind": "nnga", "population": 50, "generations": 20},
+            "servers": "local",                   # or a number, or leave it out and name a broker
+        }
+    )
+    run = swarmwright.optimize(experiment)        # everything is stored in run.path, and can be resumed
+    print(run.best.fitness)                       # 0.0: the agent reaches its goal
+    figure = run.plot()                           # fitness and diversity; a notebook shows it
+    page = run.replay()                           # the best controller at work, to play and step through
+    controller = run.best.controller              # sensors in, actuators out
+    print(controller([0.9, 0.0, 0.5, 0.1]))
 
+Then ask whether another method is better: one run says little, so take several seeds of each.
+
+    result = swarmwright.sweep(
+        {"experiment": experiment, "grid": {"method.kind": ["nnga", "random_search"]}, "seeds": 5}
+    )
+    print(result.compare())                       # medians, tests, sizes of effects
+
+What there is:
+
+    Experiment                  what is evolved, how, and where; from a file or a mapping
+    optimize, resume            evolve a controller; go on with a run
+    Run, Controller             what came out: record, plots, replays; a controller to call
+    sweep, compare              variants and seeds; do they differ?
+    evaluate, simulate, repeat  the fitness of genomes of your own; one episode; one evaluation again
+    Simulation, BatchSimulation, Parameter   write a simulation of your own
+    callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
+                                checks for plug-ins
+    InputError, RunError        what was given is wrong; the run failed although it was right
+
+Arrays are NumPy's: genomes float32, fitness float64, more is better, NaN for an evaluation that failed.
 Names are imported when they are first used, so that `import swarmwright` costs next to nothing.
 """
 
@@ -23,9 +59,11 @@ if TYPE_CHECKING:
     from swarmwright._own._base import Simulation
     from swarmwright._own._batch import BatchSimulation
     from swarmwright._own._parameter import Parameter
+    from swarmwright._post_evaluation import PostEvaluation, post_evaluate
     from swarmwright._repeat import Repeated, repeat
     from swarmwright._results.comparison import Comparison, compare
     from swarmwright._run import Run
+    from swarmwright._sweep._result import SweepResult, sweep
 
     __version__: str
 
@@ -37,19 +75,23 @@ __all__ = [
     "Generation",
     "InputError",
     "Parameter",
+    "PostEvaluation",
     "Repeated",
     "Run",
     "RunError",
     "Simulation",
     "SwarmwrightError",
+    "SweepResult",
     "__version__",
     "callbacks",
     "compare",
     "evaluate",
     "optimize",
+    "post_evaluate",
     "repeat",
     "resume",
     "simulate",
+    "sweep",
     "templates",
 ]
 
@@ -60,15 +102,19 @@ _LAZY = {
     "Experiment": "_experiment",
     "Generation": "_optimize",
     "Parameter": "_own._parameter",
+    "PostEvaluation": "_post_evaluation",
     "Repeated": "_repeat",
     "Run": "_run",
     "Simulation": "_own._base",
+    "SweepResult": "_sweep._result",
     "compare": "_results.comparison",
     "evaluate": "_evaluate",
     "optimize": "_optimize",
+    "post_evaluate": "_post_evaluation",
     "repeat": "_repeat",
     "resume": "_optimize",
     "simulate": "_evaluate",
+    "sweep": "_sweep._result",
 }
 
 

@@ -3,6 +3,7 @@
 from urllib.parse import urlsplit
 
 SCHEMES = ("mqtt", "mqtts", "ws", "wss")
+VERSIONS = ("3", "5")
 
 
 def broker_problem(url: str) -> str | None:
@@ -31,6 +32,17 @@ def broker_problem(url: str) -> str | None:
         port = 0
     if port == 0:
         return f"has a port that is no number from 1 to 65535; {example}"
+    return _option_problem(parts.query, web=parts.scheme in {"ws", "wss"})
+
+
+def _option_problem(query: str, *, web: bool) -> str | None:
+    """Return what is wrong with the options behind a URL; a websocket's may have others than ours."""
+    for option in filter(None, query.split("&")):
+        name, _, value = option.partition("=")
+        if name == "mqtt" and value not in VERSIONS:
+            return "asks for a version of MQTT that there is not; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
+        if name != "mqtt" and not web:
+            return "has an option that there is not; there are ?mqtt=3 (for 3.1.1) and ?mqtt=5"
     return None
 
 

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
 import numpy as np
@@ -17,11 +18,12 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine, _reports, _simulations
 from swarmwright._address import broker_problem
+from swarmwright._code._changes import files_of
 from swarmwright._credentials import from_keyring
 from swarmwright._errors import InputError, RunError, engine_errors
 from swarmwright._experiment import Experiment
 from swarmwright._fitness import FitnessExpression
-from swarmwright._local_servers import LocalServers, automatic_count
+from swarmwright._local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright._own._names import is_own
 from swarmwright._patience import patiently
 from swarmwright._suggest import did_you_mean, unknown
@@ -29,7 +31,13 @@ from swarmwright.adapters._name import LIBRARIES
 from swarmwright.representations import Representation
 from swarmwright.representations._base import Genomes
 
-Servers = int | Literal["auto", "local"]
+Servers = int | Literal["auto", "local", "in-process"]
+OUTPUT = "servers.log"
+"""File in a run's folder with what started servers printed."""
+
+HERE = ("local", "in-process")
+"""Values of `servers` with which no broker is used that others can see."""
+
 Progress = Callable[[int, int, str], None]
 """Called about ten times a second with (episodes done, episodes in all, what is waited for)."""
 
@@ -120,6 +128,9 @@ class Backend(Protocol):
     def incidents(self) -> dict[str, int]:
         """How often something went wrong, or was done about it, so far: what did at all, by name."""
 
+    def log_to(self, folder: Path) -> None:
+        """Write what started servers print to a file in a run's folder."""
+
 
 @contextmanager
 def open_backend(
@@ -129,6 +140,7 @@ def open_backend(
     servers: Servers | None = None,
     visual: bool = False,
     wait: float | None = None,
+    most: int | None = None,
 ) -> Iterator[Backend]:
     """Start what an experiment needs and yield the backend; end all of it afterwards.
 
@@ -136,9 +148,10 @@ def open_backend(
         experiment: names simulation, parameters, broker, servers.
         broker: use the servers on this broker, whatever the experiment says.
         servers: as the experiment's key. A number given here together with a broker is started on that
-            broker. "auto" in a notebook means "local" for a built-in simulation.
+            broker. "auto" in a notebook means "local".
         visual: ask the server to draw.
         wait: seconds to wait for a broker that does not answer, instead of the experiment's.
+        most: evaluations that there are, if that is known: no more worker processes are started for `local`.
 
     Raises:
         InputError: the simulation is unknown, or broker and local servers are both asked for.
@@ -154,20 +167,23 @@ def open_backend(
         if problem is not None:
             raise InputError(f"broker: {problem}")
     if isinstance(servers, int) and servers < 1:
-        raise InputError(f"servers: must be auto, local or a number from 1 on, not {servers}")
-    if servers == "local" and broker is not None:
-        raise InputError("broker: servers are 'local', so no broker is used; leave one of the two out")
+        raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
+    if servers in HERE and broker is not None:
+        raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
     wanted: Servers = experiment.servers if servers is None else servers
-    if broker is None and servers != "local" and wanted != "local":
+    if broker is None and servers not in HERE and wanted not in HERE:
         broker = experiment.broker
-    if broker is None and wanted == "auto" and not visual and _in_process_is_better(experiment):
+    if broker is None and wanted == "auto" and not visual and in_process_is_better(experiment):
         wanted = "local"
-    if broker is None and wanted == "local" and not visual:
-        _require_here(experiment.simulation)
-        yield _local_backend(experiment)
-        return
+    if broker is None and wanted in HERE and not visual:
+        _require_here(experiment)
+        if wanted == "in-process" or not has_workers(experiment.simulation):
+            yield _local_backend(experiment)
+            return
     with ExitStack() as stack:
-        address, local = open_servers(stack, experiment, broker, wanted, started=servers, visual=visual)
+        address, local = open_servers(
+            stack, experiment, broker, wanted, started=servers, visual=visual, most=most
+        )
         patience = experiment.timeouts.connect if wait is None else wait
         with engine_errors():
             pool = patiently(
@@ -176,11 +192,23 @@ def open_backend(
                 logging.getLogger("swarmwright").warning,
             )
         stack.callback(pool.close)
-        yield BrokerBackend(experiment, pool, local, address)
+        local = local or running_on(address)
+        if local is not None:
+            local.attach(pool)
+            stack.callback(local.detach)
+        where = f"servers on {address}" if local is None else f"{local.count} servers on {address}"
+        if wanted == "local" and local is not None:
+            where = f"{local.count} worker processes"
+        yield BrokerBackend(experiment, pool, local, where)
 
 
-def _in_process_is_better(experiment: Experiment) -> bool:
-    """Whether `servers: auto` means this process: in a notebook, unless the experiment asks for servers.
+def has_workers(simulation: str) -> bool:
+    """Whether `servers: local` means processes of their own: for code in Python that others find, too."""
+    return is_own(simulation) and not simulation.startswith("__main__:")
+
+
+def in_process_is_better(experiment: Experiment) -> bool:
+    """Whether `servers: auto` means `local`: in a notebook, unless the experiment asks for servers.
 
     A notebook has no terminal for servers' last words, and people run its cells again and again.
     """
@@ -197,6 +225,7 @@ def open_servers(
     *,
     started: Servers | None,
     visual: bool = False,
+    most: int | None = None,
 ) -> tuple[str, LocalServers | None]:
     """Start the embedded broker and servers as far as they are needed; they end with the stack.
 
@@ -207,6 +236,7 @@ def open_servers(
         wanted: how many servers.
         started: what the caller asked for, instead of the experiment.
         visual: let the servers draw.
+        most: as in `open_backend`.
 
     Returns:
         The broker's address, and the servers; None when none were started.
@@ -215,13 +245,15 @@ def open_servers(
         from_keyring(broker)
     if broker is not None and not isinstance(started, int):
         return broker, None
-    _require_here(experiment.simulation)
+    _require_here(experiment)
     if experiment.simulation.startswith("__main__:"):
         raise InputError(
             f"simulation: {experiment.label} is defined in this session alone, where no server finds it; "
-            "write the class to a file, or evaluate with servers: local"
+            "write the class to a file, or evaluate with servers: in-process"
         )
     count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
+    if wanted == "local" and not visual:
+        count = min(processors(), most or processors())
     if broker is None:
         with engine_errors():
             embedded = _engine.Broker()
@@ -230,9 +262,11 @@ def open_servers(
     else:
         # Others may have servers on this broker; ids must differ.
         address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
+    files = files_of(experiment.simulation) if is_own(experiment.simulation) else {}
     settings = [
         {
             "simulation": experiment.simulation,
+            "files": files,
             "broker": address,
             "id": first + index,
             "prefix": experiment.prefix,
@@ -241,7 +275,8 @@ def open_servers(
         }
         for index in range(count)
     ]
-    return address, stack.enter_context(LocalServers(settings, visual=visual))
+    servers = LocalServers(settings, visual=visual, episode_timeout=experiment.timeouts.episode)
+    return address, stack.enter_context(servers)
 
 
 def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) -> _engine.Pool:
@@ -273,7 +308,8 @@ def _metrics(expression: FitnessExpression | None) -> tuple[str, ...]:
     return () if expression is None else expression.metrics
 
 
-def _require_here(simulation: str) -> None:
+def _require_here(experiment: Experiment) -> None:
+    simulation = experiment.simulation
     if not _simulations.is_here(simulation):
         library, _, rest = simulation.partition(":")
         hint = "any other needs a broker on which a server offers it"
@@ -281,7 +317,19 @@ def _require_here(simulation: str) -> None:
             hint = f"one in Python is named by its class, {simulation}:Class"
         elif rest and did_you_mean(library, LIBRARIES):
             hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
-        raise InputError(f"simulation: {unknown('simulation', simulation, _simulations.titles())}; {hint}")
+        where = experiment.place("simulation")
+        raise InputError(f"{where}{unknown('simulation', simulation, _simulations.titles())}; {hint}")
+    announced, wanted = _simulations.description(simulation), experiment.requirements
+    title, most = announced["title"], announced.get("max_agents")
+    if wanted.dimensions != announced["dimensions"]:
+        raise InputError(
+            f"{experiment.place('requirements')}{title} has {announced['dimensions']} dimensions, not "
+            f"{wanted.dimensions}; leave the key out"
+        )
+    if most is not None and (wanted.max_agents or 0) > most:
+        raise InputError(
+            f"{experiment.place('requirements')}{title} has at most {most} agents, not {wanted.max_agents}"
+        )
 
 
 def _local_backend(experiment: Experiment) -> Backend:
@@ -304,6 +352,7 @@ class LocalBackend:
         self.parameters = json.dumps(experiment.parameters, allow_nan=False)
         self._expression = experiment.fitness_expression
         self.metrics = _metrics(self._expression)
+        self._failed = 0
 
     def evaluate(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results; an episode fails where the fitness expression or the simulation's code does."""
@@ -316,7 +365,9 @@ class LocalBackend:
             results = self.compute(crews, seeds, on_progress)
         for entry in results.journal:
             entry["candidate"] = numbers[entry["candidate"]]
-        return _judged(self._expression, results, numbers)
+        results = _judged(self._expression, results, numbers)
+        self._failed += int(np.isnan(results.fitness).sum())
+        return results
 
     def compute(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results with the simulation's own fitness. Raises the engine's errors."""
@@ -341,8 +392,11 @@ class LocalBackend:
         """Nobody watches: there is no broker."""
 
     def incidents(self) -> dict[str, int]:
-        """Nothing can go wrong here that is not an error."""
-        return {}
+        """Return how many evaluations failed; no more can go wrong here that is not an error."""
+        return {"failed": self._failed} if self._failed else {}
+
+    def log_to(self, folder: Path) -> None:
+        """Nothing is printed that is not seen."""
 
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
@@ -361,17 +415,18 @@ class BrokerBackend:
     """Evaluates on simulation servers through a broker."""
 
     def __init__(
-        self, experiment: Experiment, pool: _engine.Pool, servers: LocalServers | None, address: str
+        self, experiment: Experiment, pool: _engine.Pool, servers: LocalServers | None, where: str
     ) -> None:
         self._pool = pool
         self._servers = servers
+        self._restarts = 0 if servers is None else servers.restarts
+        self._without_value = 0
         if _reports.wanted():
             pool.listen(lambda text: _reports.tell(json.loads(text)), warnings_only=_reports.only_warnings())
         self._expression = experiment.fitness_expression
         self.metrics = _metrics(self._expression)
-        self.description = (
-            f"servers on {address}" if servers is None else f"{len(servers.pids)} servers on {address}"
-        )
+        self.description = where
+
         try:
             with engine_errors():
                 self.sensors, self.actuators = pool.wait_for_server(sizes=experiment.steers)
@@ -395,7 +450,21 @@ class BrokerBackend:
     def incidents(self) -> dict[str, int]:
         """Return what the pool counted."""
         counts: dict[str, int] = json.loads(self._pool.counts())
+        if self._servers is not None:
+            counts["restarts"] = self._servers.restarts - self._restarts
+        counts["failed"] = counts.get("failed", 0) + self._without_value
         return {name: count for name, count in counts.items() if count}
+
+    def log_to(self, folder: Path) -> None:
+        """Write what started servers print to a file in a run's folder."""
+        if self._servers is not None:
+            self._servers.log_to(folder / OUTPUT)
+
+    def _valued(self, results: Results, numbers: Sequence[int]) -> Results:
+        """Apply the experiment's fitness, and count the episodes for which it has no value."""
+        judged = _judged(self._expression, results, numbers)
+        self._without_value += len(judged.journal) - len(results.journal)
+        return judged
 
     def _metrics_hint(self) -> str:
         """A name that servers announce, near one that none of them does."""
@@ -416,7 +485,7 @@ class BrokerBackend:
             )
         self._check_servers()
         results = Results(fitness, metrics, _entries(journal))
-        return _judged(self._expression, results, range(len(fitness)))
+        return self._valued(results, range(len(fitness)))
 
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
@@ -426,7 +495,7 @@ class BrokerBackend:
         ) -> NDArray[np.float32] | None:
             self._check_servers()
             results = Results(fitness, metrics, _entries(journal))
-            return feed(candidates, _judged(self._expression, results, candidates))
+            return feed(candidates, self._valued(results, candidates))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()

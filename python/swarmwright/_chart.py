@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._scale import Scale, labels, limits, ticks
+from swarmwright._scale import Scale, cut, labels, limits, ticks
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -66,7 +66,13 @@ class Chart:
         pen = ImageDraw.Draw(picture)
         heights = [curve.y for curve in self.curves]
         heights += [curve.until for curve in self.curves if curve.until is not None]
+        whole = np.stack([np.where(np.isfinite(one), one, np.nan) for one in heights])
+        hidden = cut([(self.x, whole.min(axis=0), whole.max(axis=0))])
+        if hidden is not None:
+            heights = [one[one >= hidden.low] for one in heights]
         low, high = limits(np.concatenate([*heights, [self.mark[1]]]), _MARGINS[1])
+        if hidden is not None:
+            low = hidden.low
         y_ticks = ticks(low, high, 8)
         y_labels = labels(y_ticks)
         font = _font(23)
@@ -94,6 +100,8 @@ class Chart:
         pen.text(
             (left, 66), _fitting(pen, self.subtitle, 23, right - left), font=font, fill=PALE, anchor="ls"
         )
+        if hidden is not None:
+            pen.text((right - 12, bottom - 12), hidden.note, font=font, fill=PALE, anchor="rs")
         self._draw_legend(pen)
         self._draw_mark_text(pen, x, y)
         return picture

@@ -144,9 +144,38 @@ class Controller:
             self._agents += [_engine.Controller(self._text) for _ in range(agents - len(self._agents))]
         self._started = agents
 
+    def _repr_html_(self) -> str:
+        """Return the kind, the sizes and a drawing, for notebooks."""
+        from swarmwright._html import facts, picture, png_of
+        from swarmwright.display.controllers import figure
+
+        values = self.specification
+        rows: list[tuple[str, object]] = [
+            (name, values[name])
+            for name in ("kind", "sensors", "hidden", "actuators", "activation")
+            if name in values
+        ]
+        rows += self.parameters.items()
+        drawing = png_of(figure(values, title=str(values.get("kind", "controller"))))
+        return facts("Controller", rows) + picture(drawing, 480, "the controller, drawn")
+
     def __repr__(self) -> str:
         """Name the kind and the sizes."""
         kind = self.specification.get("kind")
         if self.parameters:
             return f"<Controller {kind}: {self.parameters}>"
         return f"<Controller {kind}: {self.sensors} sensors, {self.actuators} actuators>"
+
+
+def controller_words(specification: dict[str, Any]) -> str:
+    """Return what kind of controller it is: `layered, 4-8-1, tanh`."""
+    kind = specification.get("kind", "controller")
+    sensors, actuators = specification.get("sensors"), specification.get("actuators")
+    hidden = specification.get("hidden")
+    parts = [str(kind)]
+    if sensors is not None and actuators is not None:
+        middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
+        parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
+    if "activation" in specification:
+        parts.append(str(specification["activation"]))
+    return ", ".join(parts)

@@ -10,7 +10,7 @@ from swarmwright._options import Options
 from swarmwright._problems import shown
 from swarmwright._suggest import did_you_mean
 
-_SERVERS = ("auto", "local")
+_SERVERS = ("auto", "local", "in-process")
 
 
 def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -21,13 +21,28 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value in _SERVERS:
         return value
     hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
-    raise ValueError(f"must be auto, local or a number of servers, not {shown(value)}{hint}")
+    raise ValueError(f"must be auto, local, in-process or a number of servers, not {shown(value)}{hint}")
 
 
 Servers = Annotated[
     Any,
     BeforeValidator(_servers),
     WithJsonSchema({"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": 1024}]}),
+]
+
+
+StartFrom = Annotated[
+    Any,
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string"},
+                {"type": "object"},
+                {"type": "array", "items": {"anyOf": [{"type": "string"}, {"type": "object"}]}},
+                {"type": "null"},
+            ]
+        }
+    ),
 ]
 
 
@@ -66,7 +81,7 @@ class Faults(Options):
     knows which one was to blame, do not count. Servers that declare themselves deterministic to the bit need
     say only twice that it failed."""
     quarantine: int = Field(default=3, ge=1, le=1000)
-    """After how many servers that went down with nothing but one evaluation it has failed, too."""
+    """After how many servers that went down, or hung, with nothing but one evaluation it has failed, too."""
     backup: bool = True
     """Whether idle servers get copies of what slow or silent ones are at."""
     audit: float = Field(default=0.0, ge=0, le=1)
@@ -98,6 +113,12 @@ class Document(Options):
     `fitness`, the simulation's own: "arrived - 0.01 * steps". There is + - * / **, comparisons, and, or, not,
     `a if condition else b`, abs, clip, max, min, sqrt. An episode for which it has no value has failed.
     Default: the simulation's own fitness."""
+    start_from: StartFrom = None
+    """Controllers that evolution starts from: the path of a run folder (its best) or of a controller's file
+    (best.json), `{run: PATH, generation: G, candidate: N}`, or a list of these; paths are relative to this
+    file. They take the first places of the first generation, or the first of them is where a distribution
+    starts; methods that cannot do it say so. They are read once and kept in the run, which does not need
+    their files any more. Default: random ones."""
     controller: dict[str, Any] = Field(default={})
     """The representation: what the genome stands for."""
     method: dict[str, Any] = Field(default={})
@@ -112,8 +133,10 @@ class Document(Options):
     it. A run that is shown is stepwise."""
     servers: Servers = "auto"
     """Who evaluates when no broker is given: a number of servers started on the embedded broker; auto: as
-    many as there are processors, 2 to 8, or in a notebook local; local: nobody, simulations run in this
-    process. With a broker, the servers found there."""
+    many as there are processors, 2 to 8, or in a notebook local; local: built-in simulations run in this
+    process, those in Python in worker processes, one per processor, which are servers of the run's own;
+    in-process: all of them run in this process, where code that crashes or hangs takes the run with it.
+    Started servers that end or hang are started again. With a broker, the servers found there."""
     broker: str | None = None
     """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
     no part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or

@@ -19,6 +19,7 @@ __all__ = [
     "Pool",
     "Stream",
     "Streams",
+    "Supervision",
     "Watcher",
     "__version__",
     "certificates",
@@ -239,10 +240,12 @@ class Broker:
         certificate: str | None = None,
         key: str | None = None,
         rate: int | None = None,
+        memory: int | None = None,
     ) -> Broker:
         """port 0: any free one. users, access: paths of a password file and of an access file, Mosquitto's formats.
 
         rate: packets a second that are taken of one client; None for the default.
+        memory: bytes that all clients together make the broker keep at most; None for the default.
 
         Raises EngineError when the address cannot be bound or a file cannot be used.
         """
@@ -297,16 +300,47 @@ def serve(
     display: bool = True,
     alone: bool = False,
     on_event: Callable[[str], None] | None = None,
+    progress: str | None = None,
 ) -> None:
     """Offer a simulation, built in (its title) or in Python, on the broker until interrupted (KeyboardInterrupt) or the process ends.
 
-    alone: no other server can have this id; without, it listens 0.1 s for one before it begins.
+    alone: no other server can have this id; without, it listens 0.1 s for one before it begins. progress: a file that is there,
+    in which six little-endian uint64 say what is computed of offloaded work: request, first candidate in it, candidates (0: none),
+    episode in it (2**64 - 1: all), evaluations that have ended, signs of life (one a step at most each 20 ms).
 
     on_event gets JSON lines {"event": "ready"|"busy"|"warning"|"lost", ...}. Raises NoBrokerError, EngineError: refused, id taken.
     """
 
 def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> str:
     """JSON array, sorted by id: {"server", "state": "ready"|"busy"|"lost", "simulations", "capabilities", "tool", "since", "host", "pid"}."""
+
+@final
+class Supervision:
+    """What a pool and whoever watches the processes of its servers tell each other; of any thread."""
+
+    def ended(
+        self,
+        server: int,
+        pid: int,
+        reason: str,
+        *,
+        stack: str | None = None,
+        outside: bool = False,
+        at: tuple[int, int, int, int | None] | None = None,
+    ) -> None:
+        """A process has ended; to be told before another one is started under its id.
+
+        reason: the same text for the same cause. outside: somebody else ended it, what it computed is not to blame at first.
+        at: what it computed: request, first candidate in it, candidates, and the episode in it, None for all.
+        """
+    def is_alive(self, server: int) -> None:
+        """A server of `take_overdue` goes on computing."""
+    def starting(self, servers: int) -> None:
+        """So many servers are being started: meanwhile the pool does not give up for want of servers."""
+    def take_overdue(self) -> list[int]:
+        """Servers that have not answered in time, since the last call; say of each that it is alive, or that it has ended."""
+    def place(self, request: int) -> tuple[int, int, int | None] | None:
+        """First candidate, first episode and generation (as `Pool.about` was told) of a request to a watched server."""
 
 @final
 class Watcher:
@@ -377,6 +411,8 @@ class Pool:
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
         """
+    def watch(self, servers: Sequence[int]) -> Supervision:
+        """The processes of these servers are the caller's own: when one is lost or late, the pool waits for what `Supervision` is told."""
     def listen(self, on_report: Callable[[str], object], *, warnings_only: bool = False) -> None:
         """Have `on_report` told what happens, as it happens: JSON objects with an `event`.
 

@@ -3,6 +3,7 @@
 Complete in themselves, each with the exit status it leads to.
 """
 
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import ClassVar
@@ -39,6 +40,19 @@ class SimulationError(RunError):
     def __init__(self, reason: str, stack: str | None = None) -> None:
         super().__init__(reason)
         self.stack = stack
+
+
+def explained(error: BaseException) -> str:
+    """Return kind and text of an exception of somebody else's code; without text, the line that raised it."""
+    kind, words = type(error).__name__, str(error).strip()
+    if words:
+        return f"{kind}: {words}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames:
+        return kind
+    last = frames[-1]
+    line = f": {last.line}" if last.line else ""
+    return f"{kind} ({last.filename}:{last.lineno}{line})"
 
 
 @contextmanager

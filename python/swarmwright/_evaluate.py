@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _simulations
-from swarmwright._backend import Crews, Progress, Servers, open_backend
+from swarmwright._backend import HERE, Crews, Progress, Servers, open_backend
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
 from swarmwright._evolved import unknown
@@ -42,7 +42,10 @@ def evaluate(
         RunError: no broker or no fitting server.
     """
     rows = _genomes(genomes)
-    with open_backend(experiment, broker=broker, servers=servers) as backend:
+    ranking = experiment.new_ranking()
+    seeds = ranking.seeds(experiment.first_seed)
+    most = max(len(rows), 1) * len(seeds)
+    with open_backend(experiment, broker=broker, servers=servers, most=most) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
         if rows.shape[1] != representation.genome_size:
             raise InputError(
@@ -51,8 +54,6 @@ def evaluate(
             )
         if not len(rows):
             return np.empty(0)
-        ranking = experiment.new_ranking()
-        seeds = ranking.seeds(experiment.first_seed)
         results = backend.evaluate(Crews.of(representation, rows), seeds, on_progress or _silent)
     return ranking.score(results.fitness)
 
@@ -64,6 +65,7 @@ def simulate(
     broker: str | None = None,
     servers: Servers | None = None,
     visual: bool = False,
+    seed: int | None = None,
     on_progress: Progress | None = None,
 ) -> float:
     """Run one episode and return its fitness.
@@ -76,6 +78,7 @@ def simulate(
         servers: as in `optimize`, except that one server is enough.
         visual: ask the server to draw, through the protocol's `visual` flag. A server started here draws on
             this process's standard output.
+        seed: of the simulation, instead of `parameters.seed`.
         on_progress: as in `optimize`.
 
     Raises:
@@ -83,7 +86,13 @@ def simulate(
         RunError: no broker, no fitting server, or the episode failed.
     """
     return episode(
-        experiment, controller, broker=broker, servers=servers, visual=visual, on_progress=on_progress
+        experiment,
+        controller,
+        broker=broker,
+        servers=servers,
+        visual=visual,
+        seed=seed,
+        on_progress=on_progress,
     ).fitness
 
 
@@ -94,6 +103,8 @@ class Episode:
     fitness: float
     metrics: dict[str, float]
     """Those that the experiment's fitness needs, by name."""
+    seed: int
+    """Of the simulation."""
 
 
 def episode(
@@ -103,12 +114,16 @@ def episode(
     broker: str | None,
     servers: Servers | None = None,
     visual: bool = False,
+    seed: int | None = None,
     on_progress: Progress | None = None,
 ) -> Episode:
     """Run one episode; all as in `simulate`."""
-    if servers is None and broker is None and experiment.broker is None and experiment.servers != "local":
+    seed = experiment.first_seed if seed is None else seed
+    if not 0 <= seed < 2**63:
+        raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+    if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
         servers = 1
-    with open_backend(experiment, broker=broker, servers=servers, visual=visual) as backend:
+    with open_backend(experiment, broker=broker, servers=servers, visual=visual, most=1) as backend:
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))
@@ -117,11 +132,12 @@ def episode(
             _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
             crews = Crews(controller.json, weights)
-        results = backend.evaluate(crews, [experiment.first_seed], on_progress or _silent)
+        results = backend.evaluate(crews, [seed], on_progress or _silent)
     fitness = float(results.fitness[0, 0])
     if not np.isfinite(fitness):
         raise RunError(_reason(results.journal))
-    return Episode(fitness + 0.0, dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True)))
+    metrics = dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True))
+    return Episode(fitness + 0.0, metrics, seed)
 
 
 def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:

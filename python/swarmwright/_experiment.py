@@ -1,15 +1,19 @@
 """Experiments: what is evolved, how, and where, checked and with every default filled in."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from swarmwright._budget import Budget
 from swarmwright._document import Faults, Requirements, Timeouts
 from swarmwright._errors import InputError
 from swarmwright._files import write_text
 from swarmwright._fitness import FitnessExpression
 from swarmwright._own._names import is_own
+from swarmwright._settings import apply, parse_settings, restricted
+from swarmwright._start_from import genomes_of
 from swarmwright._yaml import Source, dump, read
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
@@ -37,12 +41,14 @@ class Experiment:
     actuators: int | None
     fitness: str | None
     """Fitness of an episode as an expression over metrics; None: the simulation's own."""
+    start_from: list[dict[str, Any]] | None
+    """Controllers that evolution starts from, with their weights; None: random ones."""
     controller: Any
     """Options of the representation: `kind`, and what that kind has."""
     method: MethodOptions
     ranking: RankingOptions
     mode: Literal["auto", "stepwise", "batched", "offloaded"]
-    servers: int | Literal["auto", "local"]
+    servers: int | Literal["auto", "local", "in-process"]
     broker: str | None
     prefix: str
     timeouts: Timeouts
@@ -52,13 +58,49 @@ class Experiment:
     """The file it was loaded from."""
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: str | Path, settings: Iterable[str] = ()) -> Self:
         """Read an experiment file (YAML 1.2).
 
-        Raises InputError with every problem of the file, a line each: `file.yaml:12: method.populaton:
-        unknown key; did you mean 'population'?`.
+        Args:
+            path: of the file.
+            settings: what is set otherwise than in the file, `KEY.PATH=VALUE` each, as the option `--set`
+                takes it: the value is YAML, items of lists are named by their number (`parameters.agents.0`),
+                null takes a key back to its default, another `kind` starts from that kind's defaults. Paths
+                of files in them are relative to the working directory.
+
+        Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
+        method.populaton: unknown key; did you mean 'population'?`.
         """
-        return cls._checked(read(Path(path)), Path(path))
+        source = apply(read(Path(path)), parse_settings(settings))
+        return cls._checked(source, Path(path))
+
+    def with_settings(
+        self,
+        settings: Iterable[str],
+        *,
+        only: Collection[str] | None = None,
+        reason: str = "",
+        ask: bool = True,
+    ) -> Self:
+        """Return a copy with settings, `KEY.PATH=VALUE` each, see `load`; Python's way is `replace`.
+
+        Args:
+            settings: what is set.
+            only: the keys that may be set, all if None.
+            reason: why no others, the end of a sentence.
+            ask: whether a simulation that is named by its class may be imported.
+
+        Raises InputError with every problem, a line each.
+        """
+        parsed = parse_settings(settings)
+        if only is not None:
+            restricted(parsed, only, reason)
+        if not parsed:
+            return self
+        source = apply(Source("", values=self.to_mapping()), parsed)
+        changed = self._checked(source, None, ask=ask)
+        object.__setattr__(changed, "path", self.path)
+        return changed
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -74,15 +116,20 @@ class Experiment:
         return cls._checked(Source("", values=_plain(values)), None)
 
     @classmethod
-    def _stored(cls, values: Mapping[str, Any]) -> Self:
-        """Make an experiment of what a run holds, without importing its class: reading runs no code."""
-        return cls._checked(Source("", values=dict(values)), None, ask=False)
+    def _stored(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
+        """Make an experiment of what a run holds, without importing its class: reading runs no code.
+
+        folder: the run's, that paths are relative to.
+        """
+        return cls._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
 
     @classmethod
-    def _checked(cls, source: Source, path: Path | None, *, ask: bool = True) -> Self:
+    def _checked(
+        cls, source: Source, path: Path | None, *, ask: bool = True, folder: Path | None = None
+    ) -> Self:
         from swarmwright._validate import check
 
-        return cls(**check(source, ask=ask), path=path)
+        return cls(**check(source, ask=ask, folder=folder), path=path)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, every default written out; keys without a value are left out."""
@@ -93,10 +140,23 @@ class Experiment:
                 continue
             if one.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
+                if one.name == "method" and self.method.generation_limit is None:
+                    del value["generations"]  # as it is without a limit
                 if "kind" in value:  # first: it says what the others mean
                     value = {"kind": value.pop("kind"), **value}
             result[one.name] = _plain(value)
         return result
+
+    def _repr_html_(self) -> str:
+        """Return every key as a table, for notebooks."""
+        from swarmwright._flat import flat
+        from swarmwright._html import facts
+
+        name = f" of {self.path}" if self.path is not None else ""
+        values = flat(self.to_mapping())
+        return facts(
+            f"Experiment{name}: {self.label}", [(key, shortened(value)) for key, value in values.items()]
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the experiment as a file that loads to an equal one, every default written out.
@@ -150,6 +210,17 @@ class Experiment:
         """
         return self.representation().genome_size
 
+    def place(self, key: str) -> str:
+        """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
+        if self.path is not None:
+            with suppress(InputError):
+                source = read(self.path)
+                found = source.values.get(key) if isinstance(source.values, Mapping) else None
+                other = isinstance(found, str) and found != getattr(self, key)  # another one was set
+                if found is not None and not other:
+                    return source.place((key,))
+        return f"{key}: "
+
     @property
     def steers(self) -> bool:
         """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
@@ -162,8 +233,13 @@ class Experiment:
 
     @property
     def generations(self) -> int:
-        """Generations of the whole run."""
+        """Generations of the whole run, at most."""
         return self.method.generations
+
+    @property
+    def budget(self) -> Budget:
+        """What the run may use: generations, evaluations, seconds."""
+        return Budget.of(self.method)
 
     def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
         """Return the representation for these numbers of sensors and actuators (default.
@@ -192,7 +268,13 @@ class Experiment:
     def new_method(self, representation: Representation) -> Method:
         """Return the method, at its start."""
         kind: str = self.method.kind  # type: ignore[attr-defined] # every kind's options have it
-        return METHODS.get(kind)(self.method, representation, seed=self.seed)
+        method = METHODS.get(kind)(self.method, representation, seed=self.seed)
+        if self.start_from is not None:
+            try:
+                method.start_from(genomes_of(self.start_from, representation))
+            except InputError as error:
+                raise InputError(f"start_from: {error}") from error
+        return method
 
     def new_ranking(self) -> Ranking:
         """Return the ranking."""
@@ -214,6 +296,12 @@ class Experiment:
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
             raise InputError(f"parameters.seed: must be an integer from 0 to 2**63 - 1, not {seed!r}")
         return seed
+
+
+def shortened(value: object) -> str:
+    """Return a value as text, not longer than a line."""
+    text = str(value)
+    return text if len(text) <= 100 else f"{text[:99]}…"
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any nested value

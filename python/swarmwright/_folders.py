@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from swarmwright._code._copy import remove
 from swarmwright._experiment import Experiment
 from swarmwright._store import FILE
 
@@ -45,6 +46,7 @@ def is_run(folder: Path) -> bool:
 
 def remove_run(folder: Path) -> list[str]:
     """Delete what a run wrote; return the names of what else is in the folder, which stays."""
+    remove(folder)
     for name in _OURS:
         (folder / name).unlink(missing_ok=True)
     left = sorted(entry.name for entry in folder.iterdir())

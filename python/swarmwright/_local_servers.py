@@ -1,25 +1,22 @@
 """Simulation servers that a run starts for itself, each in its own process, none left behind."""
 
-import json
 import logging
 import os
-import selectors
-import subprocess
-import sys
+import queue
 import time
-from tempfile import TemporaryFile
+from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self
 
+from swarmwright import _engine
 from swarmwright._errors import RunError
-
-GRACE = 5.0
-"""Seconds that servers have to say good-bye."""
-START = 30.0
-"""Seconds that servers have to start."""
-_LAST_WORDS = 4000
+from swarmwright._supervision import Ended, Event, Output, Supervisor
+from swarmwright._supervision._supervisor import START, News
 
 _log = logging.getLogger("swarmwright")
+
+_running: dict[str, "LocalServers"] = {}
+"""Address of the broker -> servers of this process on it."""
 
 
 def automatic_count() -> int:
@@ -27,97 +24,56 @@ def automatic_count() -> int:
     return min(max(os.cpu_count() or 1, 2), 8)
 
 
-class _Server:
-    def __init__(self, settings: dict[str, Any], *, visual: bool) -> None:
-        self.identifier: int = settings["id"]
-        self.missed = False
-        self._stderr: IO[bytes] = TemporaryFile()  # noqa: SIM115 - closed in `close`
-        self.ready, writing = os.pipe()
-        try:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-P",
-                    "-m",
-                    "swarmwright._server_process",
-                    str(writing),
-                    json.dumps(settings),
-                ],
-                stdin=subprocess.PIPE,
-                stdout=None if visual else subprocess.DEVNULL,
-                stderr=self._stderr,
-                pass_fds=[writing],
-                process_group=0,  # Ctrl-C reaches the parent alone, which then ends its servers in order
-            )
-        except BaseException:
-            os.close(self.ready)
-            self._stderr.close()
-            raise
-        finally:
-            os.close(writing)
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-    def last_words(self) -> str:
-        """Return what the process wrote to standard error last."""
-        end = self._stderr.seek(0, os.SEEK_END)
-        self._stderr.seek(max(0, end - _LAST_WORDS))
-        return self._stderr.read().decode(errors="replace").strip()
 
-    def obituary(self) -> str:
-        """Say how the process ended."""
-        status = self.process.returncode
-        how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
-        words = self.last_words()
-        return f"simulation server {self.identifier} {how}" + (f":\n{words}" if words else "")
-
-    def dismiss(self) -> None:
-        """Ask the process to end."""
-        if self.process.stdin is not None and not self.process.stdin.closed:
-            self.process.stdin.close()
-
-    def close(self) -> None:
-        """See the process off."""
-        self.dismiss()
-        try:
-            self.process.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self.stop_listening()
-        self._stderr.close()
-
-    def stop_listening(self) -> None:
-        """Close the pipe of events: one that nobody reads would fill up."""
-        if self.ready >= 0:
-            os.close(self.ready)
-            self.ready = -1
+def running_on(broker: str) -> "LocalServers | None":
+    """Return the servers that this process has started on a broker, None where there are none."""
+    return _running.get(broker)
 
 
 class LocalServers:
-    """Server processes for the time of a `with` block.
+    """Server processes for the time of a `with` block; those that end or hang are started again.
 
     Args:
         settings: the arguments of `_engine.serve`, one mapping per server; a simulation in Python by its
             class.
         visual: let the servers draw on this process's standard output.
+        episode_timeout: seconds that an evaluation may take on a server; None for any time.
 
     Raises:
         RunError: on entry, when a server does not start; the message holds its last words.
 
     """
 
-    def __init__(self, settings: list[dict[str, Any]], *, visual: bool = False) -> None:
-        self._settings = settings
-        self._visual = visual
-        self._servers: list[_Server] = []
+    def __init__(
+        self, settings: list[dict[str, Any]], *, visual: bool = False, episode_timeout: float | None = None
+    ) -> None:
+        self._broker = str(settings[0]["broker"])
+        self.output = Output()
+        self._supervisor = Supervisor(
+            settings,
+            draws=visual,
+            output=self.output,
+            tell=self._heard,
+            step_timeout=float(settings[0]["step_timeout"]),
+            episode_timeout=episode_timeout,
+        )
+        self._started: queue.SimpleQueue[News] = queue.SimpleQueue()
+        self._ready = False
+        self._attached = False
+        self._told: set[int] = set()
 
     def __enter__(self) -> Self:
         try:
-            for settings in self._settings:
-                self._servers.append(_Server(settings, visual=self._visual))
+            self._supervisor.start()
             self._wait_until_ready()
         except BaseException:
             self.close()
             raise
+        _running[self._broker] = self
         return self
 
     def __exit__(
@@ -127,41 +83,67 @@ class LocalServers:
 
     @property
     def pids(self) -> list[int]:
-        """Process ids."""
-        return [server.process.pid for server in self._servers]
+        """Process ids of those that run now."""
+        return self._supervisor.pids
+
+    @property
+    def count(self) -> int:
+        """How many servers there are, also while one of them is being started again."""
+        return len(self._supervisor.identifiers)
+
+    @property
+    def restarts(self) -> int:
+        """How often one was started again."""
+        return self._supervisor.restarts
+
+    def attach(self, pool: _engine.Pool) -> None:
+        """Tell a pool what becomes of the servers, until `detach`."""
+        self._supervisor.attach(pool.watch(self._supervisor.identifiers))
+        self._attached = True
+
+    def detach(self) -> None:
+        """The pool is closed."""
+        self._supervisor.attach(None)
+        self._attached = False
+
+    def log_to(self, file: Path) -> None:
+        """Write what the servers print to a file, which is made when there is something."""
+        self.output.log_to(file)
 
     def close(self) -> None:
         """End all servers: ask all, then wait for each, then kill."""
-        for server in self._servers:
-            server.dismiss()
-        while self._servers:
-            self._servers.pop().close()
+        if _running.get(self._broker) is self:
+            del _running[self._broker]
+        self._supervisor.stop()
+        self.output.close()
 
     def check(self) -> None:
-        """Log servers that have ended since the last check; raise RunError when none is left."""
-        for server in self._servers:
-            if not server.missed and server.process.poll() is not None:
-                server.missed = True
-                _log.warning("%s", server.obituary())
-        if self._servers and all(server.missed for server in self._servers):
-            endings = "\n".join(server.obituary() for server in self._servers)
+        """Log servers that have been given up since the last check; raise RunError when none is left."""
+        lost = self._supervisor.given_up()
+        for death in lost:
+            if death.server not in self._told:
+                self._told.add(death.server)
+                _log.warning("%s\nIt is not started again: it does not come up any more.", death.obituary)
+        if self._supervisor.all_given_up():
+            endings = "\n".join(death.obituary for death in lost)
             raise RunError(f"no simulation server is left:\n{endings}")
+
+    def _heard(self, news: News) -> None:
+        if not self._ready:
+            self._started.put(news)
+        elif isinstance(news, Ended) and not self._attached and news.pause is not None:
+            _log.warning("%s", news.death.obituary)
 
     def _wait_until_ready(self) -> None:
         deadline = time.monotonic() + START
-        with selectors.DefaultSelector() as selector:
-            for server in self._servers:
-                selector.register(server.ready, selectors.EVENT_READ, server)
-            while selector.get_map():
-                ready = selector.select(max(0.0, deadline - time.monotonic()))
-                if not ready:
-                    raise RunError(f"a simulation server did not start within {START:g} s")
-                for key, _ in ready:
-                    selector.unregister(key.fd)
-                    server = key.data
-                    # The first line says how it went; of what comes later nothing is wanted here.
-                    line = os.read(key.fd, 4096).partition(b"\n")[0]
-                    if not line or json.loads(line).get("event") != "ready":
-                        server.process.wait()
-                        raise RunError(server.obituary())
-                    server.stop_listening()
+        waiting = self.count
+        while waiting:
+            try:
+                news = self._started.get(timeout=max(0.0, deadline - time.monotonic()))
+            except queue.Empty:
+                raise RunError(f"a simulation server did not start within {START:g} s") from None
+            if isinstance(news, Ended):
+                raise RunError(news.death.obituary)
+            if isinstance(news, Event) and news.report.get("event") == "ready":
+                waiting -= 1
+        self._ready = True

@@ -3,6 +3,8 @@
 A run that goes on takes the same way through what is stored as a new one through evaluations.
 """
 
+import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from swarmwright._backend import Backend, Crews, Progress, Results
+from swarmwright._budget import Ended, Limit
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
+from swarmwright._memory import LARGE, candidates, course
 from swarmwright._statistics import Summary, summarize
 from swarmwright._store import Evaluated, StoreReader, StoreWriter
 from swarmwright.methods import Method
@@ -28,8 +32,8 @@ class Generation:
 
     generation: int
     """Index of the generation, from 0."""
-    generations: int
-    """Generations of the whole run."""
+    generations: int | None
+    """Generations of the whole run; None where only evaluations or seconds are limited."""
     best: float
     """Best fitness in the population."""
     mean: float
@@ -48,7 +52,13 @@ class Generation:
     """Estimate for the rest of the budget."""
     waiting_for: str
     """What the evaluation waited for last; empty when it waited for nothing."""
+    budget: Limit = "generations"
+    """Which limit is nearest: generations, evaluations or seconds."""
+    share: float = 0.0
+    """Share of that limit which is used, 0 to 1."""
 
+
+_MOST = 10**15  # evaluations, where there is no limit
 
 OnGeneration = Callable[[Generation], bool | None]
 """Called after each generation; False ends the run."""
@@ -73,15 +83,47 @@ class Loop:
         self._evaluations = 0
         self._leader = -1
         self._best_so_far = -np.inf
+        self._best_seen = -np.inf
         self._waiting_for = ""
         self._started = self._latest = time.monotonic()
         self._resumed_at = 0  # told to the method before this session
         self._stored = 0  # generations
+        self._budget = experiment.budget
+        self._before = 0.0  # seconds of earlier sessions
+        self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
+        self._large = candidates(experiment) >= LARGE
 
     @property
     def done(self) -> bool:
         """Whether the budget is used or the target is reached."""
-        return self._method.done
+        return self.ended is not None
+
+    @property
+    def ended(self) -> Ended | None:
+        """What has ended the run, None as long as it may go on."""
+        target, most = self._method.options.target, self._budget.evaluations
+        if self._method.done:
+            reached = target is not None and self._best_seen >= target
+            return "target" if reached else self._used_up()
+        if self._evaluations == 0:
+            return None
+        if self._time_is_over():
+            return "seconds"
+        return "evaluations" if most is not None and self._evaluations + self._coming() > most else None
+
+    def _used_up(self) -> Ended:
+        """Return which budget a method that is done has used."""
+        return "generations"
+
+    def _coming(self) -> int:
+        """Return how many candidates the next generation has."""
+        if self._next is None:
+            self._next = self._ask()
+        return len(self._next[0])
+
+    def _time_is_over(self) -> bool:
+        limit = self._budget.seconds
+        return limit is not None and self._before + time.monotonic() - self._started >= limit
 
     @property
     def libraries(self) -> tuple[str, ...]:
@@ -106,7 +148,13 @@ class Loop:
             again = self._tell(genomes, seeds, results)
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._resumed_at, self._stored = self._method.evaluations, self._method.generation
+        self._go_on_from(reader)
+
+    def _go_on_from(self, reader: StoreReader) -> None:
+        """Note what earlier sessions have used."""
+        self._resumed_at, self._stored = self._method.evaluations, len(reader.history())
+        self._before = math.fsum(session.seconds or 0.0 for session in reader.sessions())
+        self._started = time.monotonic()
 
     def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
         """Go on until the budget is used, the target is reached, a callback says no, or Ctrl-C.
@@ -135,18 +183,38 @@ class Loop:
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
     ) -> bool:
         """Work to the end; return whether a callback ended it before."""
-        while not self._method.done:
+        while self.ended is None:
             number = self._method.generation
-            genomes, seeds = self._ask()
+            self._say(f"generation {number}: making candidates")
+            genomes, seeds = self._next or self._ask()
+            self._next = None
+            self._check_first(len(genomes))
             self._announce(backend, number)
+            self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
             results = backend.evaluate(
                 Crews.of(self._representation, genomes), seeds, self._watched(on_progress)
             )
+            self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
                 evaluated = self._tell(genomes, seeds, results)
             if not self._commit(evaluated, results.journal, on_generation):
                 return True
         return False
+
+    def _check_first(self, size: int) -> None:
+        """Say it when not even the first generation fits into the budget."""
+        most = self._budget.evaluations
+        if most is not None and size > most and self._evaluations == 0:
+            logging.getLogger("swarmwright").warning(
+                "method.evaluations: %d is less than the first generation, which is evaluated as a whole: %d "
+                "candidates",
+                most, size,
+            )  # fmt: skip
+
+    def _say(self, what: str) -> None:
+        """Say what comes now, where generations are so large that each part of it takes long."""
+        if self._large:
+            course.info("%s", what)
 
     def _commit(
         self, evaluated: Evaluated, journal: list[dict[str, Any]], on_generation: OnGeneration | None
@@ -182,7 +250,8 @@ class Loop:
         self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
     ) -> None:
         """Tell the backend what it works for; others may watch it."""
-        run, generations = self._store.folder.resolve().name, self._method.options.generations
+        run = self._store.folder.resolve().name
+        generations = self._budget.expected_generations(self._stored, self._evaluations)
         backend.about(run, generation, generations, evaluations)
 
     def _watched(self, on_progress: Progress | None) -> Progress:
@@ -241,16 +310,23 @@ class Loop:
         """Note the best evaluation so far; with re-evaluation, of this generation."""
         leader = int(best_first(fitness)[0])
         value = float(fitness[leader])
+        self._best_seen = max(self._best_seen, value)
         if value > self._best_so_far or self._ranking.options.reevaluate:
             self._best_so_far = value
             self._leader = self._evaluations + leader
 
     def _report(self, summary: Summary, seconds: float, evaluated: int) -> Generation:
         elapsed = time.monotonic() - self._started
-        left = 0 if self._method.done else max(self._method.budget - self._method.evaluations, 0)
+        budget, share = self._budget.nearest(
+            summary.generation + 1, summary.evaluations, self._before + elapsed
+        )
+        left = 0 if self._method.done else max(self._whole() - self._method.evaluations, 0)
+        seconds_left = left * elapsed / max(self._method.evaluations - self._resumed_at, 1)
+        if self._budget.seconds is not None:
+            seconds_left = min(seconds_left, max(self._budget.seconds - self._before - elapsed, 0.0))
         return Generation(
             generation=summary.generation,
-            generations=self._method.options.generations,
+            generations=self._budget.generations,
             best=summary.best,
             mean=summary.mean,
             best_so_far=summary.best_so_far,
@@ -258,9 +334,15 @@ class Loop:
             evaluations=summary.evaluations,
             seconds=elapsed,
             evaluations_per_second=evaluated / max(seconds, 1e-9),
-            seconds_left=left * elapsed / max(self._method.evaluations - self._resumed_at, 1),
+            seconds_left=seconds_left,
             waiting_for=self._waiting_for,
+            budget=budget,
+            share=share,
         )
+
+    def _whole(self) -> int:
+        """Return how many candidates are evaluated in the whole run, at most."""
+        return min(self._method.budget, self._budget.evaluations or _MOST, _MOST)
 
 
 def new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:

@@ -1,17 +1,26 @@
 """Starting an optimization, and going on with one."""
 
 import dataclasses
+import logging
 import threading
+from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
+from swarmwright import _edited
 from swarmwright._backend import Backend, Progress, Servers, open_backend
+from swarmwright._code._part import distributions
+from swarmwright._code._remarks import say
 from swarmwright._errors import InputError, RunError
-from swarmwright._experiment import Experiment
+from swarmwright._experiment import ELSEWHERE, Experiment
 from swarmwright._folders import default_folder, is_run, remove_run
 from swarmwright._loop import Generation, Loop, OnGeneration, new_loop
-from swarmwright._plot import prepare
+from swarmwright._memory import check_memory
+from swarmwright._notebook_progress import shown
+from swarmwright._plot import draw, prepare
 from swarmwright._run import Run
+from swarmwright._run_code import continuation, parts_of
 from swarmwright._store import StoreReader, StoreWriter
 from swarmwright._store._writer import check_folder
 
@@ -26,6 +35,14 @@ class InterruptedAtEnd(KeyboardInterrupt):
         self.run = run
 
 
+class InterruptedWithResults(KeyboardInterrupt):
+    """Ctrl-C a second time, before the end was in order: finished generations are kept in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+
 def optimize(
     experiment: Experiment | str | Path,
     on_generation: OnGeneration | None = None,
@@ -36,6 +53,7 @@ def optimize(
     seed: int | None = None,
     out: str | Path | None = None,
     wait: float | None = None,
+    progress: bool | None = None,
 ) -> Run:
     """Evolve a controller; return the run, whose folder holds everything.
 
@@ -57,6 +75,8 @@ def optimize(
         out: folder for the results, new or empty; default runs/<name>-<seed>, with a number behind it if that
             exists.
         wait: seconds to wait for a broker that does not answer, instead of `timeouts.connect`.
+        progress: show how far it is, below the cell of a notebook or else on standard error; default: in a
+            notebook.
 
     Raises:
         InputError: the experiment cannot be run as it is, or the folder holds something.
@@ -69,19 +89,30 @@ def optimize(
     if out is not None:
         check_folder(Path(out))
     _ = experiment.first_seed  # complain before anything is started
-    with open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend:
-        folder = default_folder(experiment) if out is None else Path(out)
-        # They are 0 where nobody said them and nobody needs to know.
-        resolved = dataclasses.replace(
-            experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
-        )
-        try:
-            with StoreWriter.create(folder, resolved, metrics=backend.metrics) as store:
-                _run(resolved, store, None, backend, on_generation, on_progress)
-        except KeyboardInterrupt:
-            if folder.exists() and not (is_run(folder) and StoreReader(folder).history()):
-                remove_run(folder)
-            raise
+    folder: Path | None = None
+    try:
+        with (
+            shown(progress, on_generation, on_progress) as (on_generation, on_progress),
+            open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend,
+        ):
+            # They are 0 where nobody said them and nobody needs to know.
+            resolved = dataclasses.replace(
+                experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
+            )
+            representation = experiment.representation(backend.sensors, backend.actuators)
+            check_memory(experiment, representation)
+            folder = default_folder(experiment) if out is None else Path(out)
+            code = parts_of(experiment)
+            with StoreWriter.create(folder, resolved, backend.metrics, code) as store:
+                loop = new_loop(resolved, representation, store)
+                store.begin(backend.description, (*loop.libraries, *distributions(code)), 1 if code else None)
+                _run(resolved, store, loop, backend, on_generation, on_progress)
+    except KeyboardInterrupt:
+        if folder is not None and folder.exists():
+            if _holds_results(folder):
+                raise InterruptedWithResults(folder) from None
+            remove_run(folder)
+        raise
     return _finished(folder)
 
 
@@ -90,38 +121,87 @@ def resume(
     on_generation: OnGeneration | None = None,
     *,
     generations: int | None = None,
+    evaluations: int | None = None,
+    seconds: float | None = None,
+    settings: Iterable[str] = (),
     on_progress: Progress | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     wait: float | None = None,
+    progress: bool | None = None,
+    accept_changed_code: bool = False,
+    simulation: str | type | None = None,
 ) -> Run:
     """Go on with a run that was interrupted, killed, or failed, to the very result of an undisturbed one.
 
     What is stored is not evaluated again. A generation that was under way is evaluated anew. The result is
     that of an undisturbed run to the bit, whoever evaluates now. A run that is finished is returned as it is.
 
+    The source of a simulation or a plug-in that has changed since the run was begun is refused, with the
+    difference, unless that is accepted; so is an edited experiment.yaml, but for the keys that say where and
+    how it is computed, which are taken from the file.
+
     Args:
         run: the run, or its folder.
         on_generation: as in `optimize`; called for the new generations only.
         generations: a larger budget than the experiment's, also for a finished run.
+        evaluations: the same.
+        seconds: the same.
+        settings: other values of what says where it is evaluated, and of the method's budget, see
+            `Experiment.load`: `timeouts.step=5`, `method.evaluations=10000`.
         on_progress: as in `optimize`.
         broker: as in `optimize`.
         servers: as in `optimize`.
         wait: as in `optimize`.
+        progress: as in `optimize`.
+        accept_changed_code: go on with changed code, which is noted in the run and copied.
+        simulation: a class, or `FILE:Class`, instead of the run's; what is another code needs
+            `accept_changed_code`.
 
     Raises:
         InputError: there is no such run, its store is damaged or of another version, another process works on
-            it, or fewer generations are asked for than there are.
+            it, fewer generations are asked for than there are, or its code or its experiment.yaml was
+            changed.
         RunError: as in `optimize`; or the method, with the versions installed here, does not come to the same
             candidates again.
     """
     folder = run.path if isinstance(run, Run) else Path(run)
-    experiment = Run.open(folder).experiment
+    run = Run.open(folder)
+    try:
+        with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
+            _go_on(
+                run,
+                on_generation,
+                on_progress,
+                settings=settings,
+                budget={"generations": generations, "evaluations": evaluations, "seconds": seconds},
+                accept_changed_code=accept_changed_code,
+                simulation=simulation,
+                where={"broker": broker, "servers": servers, "wait": wait},
+            )
+    except KeyboardInterrupt:
+        raise InterruptedWithResults(folder) from None
+    return _finished(folder)
+
+
+def _go_on(
+    run: Run,
+    on_generation: OnGeneration | None,
+    on_progress: Progress | None,
+    *,
+    settings: Iterable[str],
+    budget: dict[str, Any],
+    accept_changed_code: bool,
+    simulation: str | type | None,
+    where: dict[str, Any],
+) -> None:
+    """Go on with a run; see `resume`, and `open_backend` for `where`."""
     with ExitStack() as stack:
-        store = stack.enter_context(StoreWriter.resume(folder))
-        reader = StoreReader(folder)
-        if generations is not None:
-            experiment = _with_budget(experiment, generations)
+        store = stack.enter_context(StoreWriter.resume(run.path))
+        reader = StoreReader(run.path)
+        edited, notes = _edited.taken_over(run, prolonged(run, run.experiment, settings, **budget))
+        experiment = prolonged(run, edited, settings, **budget)
+        changed = experiment != run.experiment
         loop = new_loop(experiment, experiment.representation(), store)
         loop.replay(reader)
         if loop.done:
@@ -129,30 +209,48 @@ def resume(
                 # It ended between its last generation and its end: that is all there is to mend.
                 store.begin("nothing was left to evaluate", loop.libraries)
                 store.conclude("done")
+                store.note_ended(loop.ended)
             store.save_best(experiment.representation())
-            return _finished(folder)
-        backend = stack.enter_context(open_backend(experiment, broker=broker, servers=servers, wait=wait))
-        if generations is not None:
-            store.replace_experiment(experiment)
+            return
+        check_memory(experiment, experiment.representation())
+        code = continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+        for note in notes:
+            say(f"{run.path}: goes on with {note}")
+        experiment, notes = code.experiment, [*notes, *code.notes]
+        backend = stack.enter_context(open_backend(experiment, **where))
+        copy = code.copy
+        if copy is None and code.used:
+            copy = store.keep_code(code.version, code.used)
+        if changed or notes:
+            store.replace_experiment(experiment, copy)
+        libraries = (*loop.libraries, *distributions(code.used))
+        store.begin(backend.description, libraries, None if copy is None else copy.version, notes)
         _run(experiment, store, loop, backend, on_generation, on_progress)
-    return _finished(folder)
+
+
+def _holds_results(folder: Path) -> bool:
+    """Whether a generation was finished."""
+    with suppress(InputError):
+        return is_run(folder) and bool(StoreReader(folder).history())
+    return False
 
 
 def _run(
     experiment: Experiment,
     store: StoreWriter,
-    loop: Loop | None,
+    loop: Loop,
     backend: Backend,
     on_generation: OnGeneration | None,
     on_progress: Progress | None,
 ) -> None:
     representation = experiment.representation(backend.sensors, backend.actuators)
-    loop = loop or new_loop(experiment, representation, store)
-    store.begin(backend.description, loop.libraries)
+    backend.log_to(store.folder)
     # What draws the plot is loaded while the simulations run.
     threading.Thread(target=prepare, daemon=True).start()
     try:
         store.conclude(loop.run(backend, on_generation, on_progress))
+        if store.outcome == "done":
+            store.note_ended(loop.ended)
     except BaseException:
         with suppress(RunError):  # what broke the run says more than what follows from it
             store.save_best(representation)
@@ -160,21 +258,66 @@ def _run(
     finally:
         store.incidents(backend.incidents())
     store.save_best(representation)
+    if store.outcome != "interrupted":
+        _post_evaluate(experiment, store, backend, on_progress)
 
 
-def _with_budget(experiment: Experiment, generations: int) -> Experiment:
-    if generations < experiment.generations:
-        raise InputError(
-            f"generations: {generations} is less than the experiment's {experiment.generations}; "
-            "a run can be prolonged, not cut"
-        )
-    return experiment.replace(method={"generations": generations})
+def _post_evaluate(
+    experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
+) -> None:
+    """Evaluate the best on unseen seeds, where that says something; the run is whole without it."""
+    from swarmwright._post_evaluation import EPISODES, after_run
+
+    try:
+        found = after_run(experiment, StoreReader(store.folder), backend, on_progress)
+    except RunError as error:
+        logging.getLogger("swarmwright").warning(
+            "the best was not evaluated on unseen seeds: %s; the run itself is finished, and "
+            "`swarmwright evaluate %s --episodes %d` does it later",
+            error, store.folder, EPISODES,
+        )  # fmt: skip
+        return
+    if found is not None:
+        store.note_unseen(found.stored())
+
+
+def prolonged(
+    run: Run, experiment: Experiment, settings: Iterable[str] = (), **budget: float | None
+) -> Experiment:
+    """Return the experiment with which a run goes on: with a larger budget, or evaluated elsewhere.
+
+    Args:
+        run: that goes on.
+        experiment: with which it would go on otherwise.
+        settings: as in `resume`.
+        budget: generations, evaluations and seconds, None for those that stay.
+
+    Raises InputError when something else is changed, or the budget is less than the run has.
+    """
+    # Neither asks the class: it may not be the one with which the run goes on.
+    new = experiment.with_settings(
+        settings, only=ELSEWHERE | {"method"}, reason="a run goes on with what it has", ask=False
+    )
+    changes = {name: value for name, value in budget.items() if value is not None}
+    if changes:
+        options = {**new.to_mapping()["method"], **changes}
+        new = dataclasses.replace(new, method=type(new.method).model_validate(options))
+    limits: dict[str, Any] = vars(new.budget)
+    old = experiment.method
+    if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
+        raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
+    used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}
+    for name, before in vars(experiment.budget).items():
+        if limits[name] is not None and limits[name] < (used[name] if before is None else before):
+            has = f"the {used[name]} that the run has" if before is None else f"the experiment's {before}"
+            raise InputError(f"{name}: {limits[name]} is less than {has}; a run can be prolonged, not cut")
+    return new
 
 
 def _finished(folder: Path) -> Run:
     run = Run.open(folder)
     try:
-        run.plot()
+        draw(run, run.path / "fitness.png")
     except KeyboardInterrupt as interrupt:
         raise InterruptedAtEnd(run) from interrupt
     return run

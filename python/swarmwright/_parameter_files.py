@@ -11,14 +11,17 @@ _LARGEST = 1 << 28  # bytes
 
 
 def resolve(
-    simulation: str, parameters: Mapping[str, Any], folder: Path, report: Callable[[str, str], None]
+    simulation: str,
+    parameters: Mapping[str, Any],
+    folder: Callable[[str], Path],
+    report: Callable[[str, str], None],
 ) -> dict[str, Any]:
     """Return the parameters with files read: text in the place of an object is the path of a file with it.
 
     Args:
         simulation: title; only those of built-in simulations are known to be objects.
         parameters: as they stand in the experiment.
-        folder: paths are relative to it.
+        folder: of a parameter's name: what its path is relative to.
         report: called with name and message for every file that cannot be read.
     """
     result = dict(parameters)
@@ -27,7 +30,7 @@ def resolve(
         if not isinstance(value, str):
             continue
         try:
-            result[name] = read_object(folder / value)
+            result[name] = read_object(folder(name) / value)
         except InputError as error:
             report(name, str(error))
             del result[name]

@@ -1,5 +1,6 @@
 """The fitness plot of a run."""
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,9 +10,11 @@ from swarmwright._chart import Chart, Curve, prepare
 from swarmwright._errors import InputError
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
+
     from swarmwright._run import Run
 
-__all__ = ["draw", "prepare"]
+__all__ = ["draw", "png", "prepare"]
 
 _BEST, _MEAN = "#0b6e4f", "#c8553d"
 
@@ -21,6 +24,20 @@ def draw(run: "Run", path: Path) -> None:
 
     Raises InputError when the run has no generation or the file cannot be written.
     """
+    try:
+        _picture(run).save(path, format="png", compress_level=3)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def png(run: "Run") -> bytes:
+    """Return what `draw` writes. Raises InputError when the run has no generation."""
+    buffer = io.BytesIO()
+    _picture(run).save(buffer, format="png")
+    return buffer.getvalue()
+
+
+def _picture(run: "Run") -> "Image":
     history = run.history
     if not history:
         raise InputError(f"{run.path}: holds no finished generation to draw")
@@ -35,7 +52,7 @@ def draw(run: "Run", path: Path) -> None:
         subtitle=(
             f"{run.evaluations:,} evaluations in {run.generations:,} generations, seed {experiment.seed}"
         ),
-        x_name="generation",
+        x_name="generation (from 0)",
         y_name="fitness (more is better)",
         x=np.array([one.generation for one in history], dtype=np.float64),
         curves=[
@@ -51,8 +68,4 @@ def draw(run: "Run", path: Path) -> None:
         ],
         mark=(best.generation, best.fitness, f"{best.fitness:.4g}".replace("-", "−"), _BEST),
     )
-    picture = chart.draw()
-    try:
-        picture.save(path, format="png", compress_level=3)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    return chart.draw()

@@ -23,6 +23,35 @@ _WANTED = {
     "model_type": "a mapping (key: value)",
     "model_attributes_type": "a mapping (key: value)",
 }
+_OTHER_NAMES = {
+    "noise step": "sigma sigma0 std",
+    "noise": "noise_std",
+    "step": "lr learning_rate stepsize step_size",
+    "decay": "weight_decay l2_coeff",
+    "probability": "mutation_rate",
+    "population": "popsize pop_size population_size pop num_population mu lambda",
+    "generations": "n_gen ngen maxiter max_iter "
+    "iterations num_generations max_generations n_generations epochs",
+    "evaluations": "maxfevals max_evaluations n_evals n_eval max_evals n_trials",
+    "evaluations generations": "budget",
+    "seconds": "time max_time",
+    "seconds timeouts": "timeout",
+    "target": "ftarget fitness_threshold goal",
+    "restart": "restarts",
+    "hidden": "layers hidden_layers hidden_size hidden_sizes num_hidden n_hidden nodes",
+    "episodes": "n_episodes num_episodes trials repeats",
+    "seed": "random_state random_seed rng_seed",
+    "simulation": "env environment simulator problem",
+    "method": "algorithm optimizer optimiser solver",
+    "controller": "network representation policy",
+    "servers": "workers n_jobs processes num_workers",
+    "start_from": "warm_start initial init x0 resume_from checkpoint",
+}
+"""What a key may be called here, the likelier one first: what other libraries call it."""
+ALIASES: Mapping[str, tuple[str, ...]] = {
+    other: tuple(ours.split()) for ours, others in _OTHER_NAMES.items() for other in others.split()
+}
+"""What other libraries call a key -> the names that it may have here."""
 _LIMITS = {
     "greater_than_equal": ("ge", "at least"),
     "greater_than": ("gt", "greater than"),
@@ -58,7 +87,12 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     if kind == "extra_forbidden":
         return _unknown_key(str(found["loc"][-1]), _model_at(model, found["loc"][:-1]))
     if kind in _WANTED:
-        return f"must be {_WANTED[kind]}, not {shown(value)}"
+        form = (
+            f"; write [{shown(value)}]"
+            if kind == "list_type" and isinstance(value, int | float | str)
+            else ""
+        )
+        return f"must be {_WANTED[kind]}, not {shown(value)}{form}"
     if kind in _LIMITS:
         name, words = _LIMITS[kind]
         limit = context[name]
@@ -90,6 +124,9 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     if model is None:
         return "unknown key"
     keys = list(model.model_fields)
+    other = next((name for name in ALIASES.get(key.casefold(), ()) if name in keys), None)
+    if other is not None:
+        return f"unknown key; it is called '{other}' here"
     hint = did_you_mean(key, keys)
     return f"unknown key{hint}" if hint else f"unknown key; known keys: {', '.join(keys)}"
 

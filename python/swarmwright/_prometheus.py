@@ -124,7 +124,8 @@ class ToolFigures(_Figures):
             yield _gauge(
                 "generation", "The last generation that was finished, from 0.", generation.generation
             )
-            yield _gauge("generations", "Generations of the whole run.", generation.generations)
+            if generation.generations is not None:
+                yield _gauge("generations", "Generations of the whole run.", generation.generations)
             yield _gauge("best_fitness", "Best fitness since the start of the run.", generation.best_so_far)
             yield _gauge("mean_fitness", "Mean fitness of the population.", generation.mean)
             yield _gauge("run_seconds", "Since the run was started or resumed.", generation.seconds)

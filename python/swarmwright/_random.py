@@ -11,3 +11,7 @@ IEEE binary64 operations. The engine does it, for one stream or for many that di
 from swarmwright._engine import Stream, Streams
 
 __all__ = ["Stream", "Streams"]
+
+# NumPy hands the engine its interface at the first array, by code of its own. Were a signal raised in there
+# that came meanwhile, as Ctrl-C in the first long computation would be, the engine could not go on.
+Streams(0, "first array", 0, [0]).units(1)

@@ -50,10 +50,27 @@ class Registry(Generic[Component]):
             self._loaded[kind] = self._load(kind)
         return self._loaded[kind]
 
+    def module(self, kind: str) -> str | None:
+        """Return the module that holds a plug-in, None for what is built in. Raises InputError as `get`."""
+        return None if kind in self.built_in else self._point(kind).module
+
     def _load(self, kind: str) -> type[Component]:
         if kind in self.built_in:
             # A built-in name cannot be taken over: an experiment file must mean the same everywhere.
             return _resolve(self.built_in[kind])
+        point = self._point(kind)
+        try:
+            component = point.load()
+        except Exception as error:  # a plug-in may fail in any way while it is imported
+            raise InputError(f"{self.what} {kind!r} ({point.value}) cannot be imported: {error!r}") from error
+        base: type[Component] = _resolve(self._base)
+        if not (isinstance(component, type) and issubclass(component, base)):
+            raise InputError(
+                f"{self.what} {kind!r} ({point.value}) is not a subclass of {self._base.replace(':', '.')}"
+            )
+        return component
+
+    def _point(self, kind: str) -> EntryPoint:
         points = self._announced.get(kind)
         if points is None:
             raise InputError(unknown(self.what, kind, self.names()))
@@ -63,16 +80,7 @@ class Registry(Generic[Component]):
                 f"{self.what} {kind!r} is announced twice, as {' and '.join(origins)}; "
                 "uninstall one of the packages"
             )
-        try:
-            component = points[0].load()
-        except Exception as error:  # a plug-in may fail in any way while it is imported
-            raise InputError(f"{self.what} {kind!r} ({origins[0]}) cannot be imported: {error!r}") from error
-        base: type[Component] = _resolve(self._base)
-        if not (isinstance(component, type) and issubclass(component, base)):
-            raise InputError(
-                f"{self.what} {kind!r} ({origins[0]}) is not a subclass of {self._base.replace(':', '.')}"
-            )
-        return component
+        return points[0]
 
 
 def _resolve(address: str) -> type:

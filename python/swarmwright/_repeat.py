@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright._backend import Crews, Servers, open_backend
+from swarmwright._experiment import Experiment
 from swarmwright._run import Run
+from swarmwright._run_code import used_for
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,10 @@ def repeat(
     candidate: int | None = None,
     generation: int | None = None,
     *,
+    experiment: Experiment | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
+    simulation: str | type | None = None,
 ) -> Repeated:
     """Evaluate a candidate of a run once more, with the seeds of its record.
 
@@ -42,16 +46,20 @@ def repeat(
         run: where it is recorded.
         candidate: as in `Run.evaluation`.
         generation: as in `Run.evaluation`.
+        experiment: instead of the run's, with other servers or time-outs.
         broker: as in `optimize`.
         servers: as in `optimize`.
+        simulation: a class, or `FILE:Class`, instead of the code with which it was evaluated.
+
+    What was edited since, the simulation's code or experiment.yaml, is told as a warning.
 
     Raises:
-        InputError: there is no such evaluation.
+        InputError: there is no such evaluation, or the code is gone.
         RunError: no broker or no fitting server.
     """
     recorded = run.evaluation(candidate, generation)
-    experiment = run.experiment
-    with open_backend(experiment, broker=broker, servers=servers) as backend:
+    experiment = experiment or used_for(run, recorded.generation, simulation)
+    with open_backend(experiment, broker=broker, servers=servers, most=len(recorded.seeds)) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
         crews = Crews.of(representation, recorded.genome[np.newaxis])
         results = backend.evaluate(crews, recorded.seeds, lambda *_: None)

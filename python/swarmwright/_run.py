@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
+from swarmwright._budget import Ended
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
@@ -15,6 +16,13 @@ from swarmwright._export import csv_lines, write_table
 from swarmwright._statistics import Summary
 from swarmwright._store import FILE, Attempt, Evaluation, Event, Record, Session, StoreReader
 from swarmwright._store._reader import nothing
+from swarmwright._store._table import RecordTable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from swarmwright._post_evaluation import PostEvaluation
+    from swarmwright._results.page import ReplayPage
 
 State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
 
@@ -69,7 +77,7 @@ class Run:
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
         try:
-            experiment = Experiment._stored(self.store.experiment())
+            experiment = Experiment._stored(self.store.experiment(), self.path)
         except InputError as error:
             raise InputError(f"{self.path}: the experiment in {FILE} cannot be used: {error}") from error
         object.__setattr__(experiment, "path", self.path / "experiment.yaml")
@@ -110,6 +118,16 @@ class Run:
         return Best(best.fitness, best.generation, best.candidate, specification)
 
     @cached_property
+    def unseen(self) -> "PostEvaluation | None":
+        """The best candidate on seeds that the run did not use, evaluated when the run ended.
+
+        None where its fitness does not depend on the seed, or `ranking.unseen_episodes` is 0.
+        """
+        from swarmwright._post_evaluation import of_run
+
+        return of_run(self) if self.generations else None
+
+    @cached_property
     def sessions(self) -> list[Session]:
         """Who worked on it: the first process, then one for each time that it was resumed."""
         return self.store.sessions()
@@ -130,6 +148,12 @@ class Run:
         return state
 
     @property
+    def ended(self) -> Ended | None:
+        """What ended a run that is done: `generations`, `evaluations`, `seconds` or `target`; else None."""
+        ended: Any = self.store.ended() if self.state == "done" else ""
+        return ended if ended in get_args(Ended) else None
+
+    @property
     def interrupted(self) -> bool:
         """Whether it ended before its time: by Ctrl-C, by being killed, or by a failure."""
         return self.state not in {"done", "stopped"}
@@ -138,6 +162,11 @@ class Run:
     def seconds(self) -> float:
         """Duration of all sessions together; what a killed one did after its last generation is not known."""
         return math.fsum(session.seconds or 0.0 for session in self.sessions)
+
+    @property
+    def code(self) -> dict[int, str]:
+        """SHA-256 of each version of the source that was copied into the folder, from 1 on; in code/1, .."""
+        return self.store.code()
 
     def attempts(self) -> Iterator[Attempt]:
         """Yield every attempt at evaluations: which server, when, how long, what went wrong."""
@@ -149,8 +178,11 @@ class Run:
 
     @cached_property
     def record(self) -> Record:
-        """Every evaluation of the finished generations, as arrays."""
-        return self.store.record()
+        """Every evaluation of the finished generations: arrays, and a mapping of the columns of a table.
+
+        `pandas.DataFrame(run.record)` has the columns that `export` writes.
+        """
+        return RecordTable(self.store.record(), self.metrics)
 
     def evaluation(self, candidate: int | None = None, generation: int | None = None) -> Evaluation:
         """Return one line of the record.
@@ -191,13 +223,74 @@ class Run:
         """
         write_table(self.store, Path(path))
 
-    def plot(self, path: str | Path | None = None) -> Path:
-        """Draw fitness over generations as a PNG; return its path, by default fitness.png in the folder."""
-        from swarmwright._plot import draw
+    def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
+        """Return a matplotlib figure of fitness and diversity, which a notebook shows.
 
-        target = self.path / "fitness.png" if path is None else Path(path)
-        draw(self, target)
-        return target
+        Args:
+            path: where it is written as well (.png, .svg or .pdf); without it, nothing is.
+            x: "evaluations" or "generations".
+
+        Raises InputError when the run has no finished generation, for another ending, or when the file cannot
+        be written.
+        """
+        from swarmwright._results import _run_figure, _style
+
+        if path is not None:
+            _style.check(Path(path))
+        if not self.history:
+            raise InputError(f"{self.path}: holds no finished generation to draw")
+        figure = _run_figure.draw(self, x=x)
+        if path is not None:
+            _style.save(figure, Path(path))
+        return figure
+
+    def replay(
+        self,
+        *,
+        generation: int | None = None,
+        candidate: int | None = None,
+        episode: int | None = None,
+        seed: int | None = None,
+        speed: float = 1.0,
+    ) -> "ReplayPage":
+        """Play an episode again; return the page that shows it, which a notebook displays.
+
+        Args:
+            generation: of the candidate, from 0; as in `evaluation`.
+            candidate: as in `evaluation`; default: the best one.
+            episode: one of the run's, default 0.
+            seed: of the simulation, for an episode that the run did not have.
+            speed: how many times faster than the simulation's step size it plays at first.
+
+        Raises InputError when the simulation is not here, or there is no such candidate or episode.
+        """
+        from swarmwright._results.page import ReplayPage
+
+        return ReplayPage.of(
+            self, generation=generation, candidate=candidate, episode=episode, seed=seed, speed=speed
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what it is and how it went, with its curve, for notebooks."""
+        from swarmwright._html import facts, picture
+
+        experiment = self.experiment
+        rows: list[tuple[str, object]] = [
+            ("simulation", experiment.label),
+            ("method", experiment.to_mapping()["method"]["kind"]),
+            ("controller", experiment.controller.kind),
+            ("seed", experiment.seed),
+            ("state", self.state),
+            ("done", f"{self.generations:,} generations, {self.evaluations:,} evaluations"),
+        ]
+        if not self.history:
+            return facts(f"Run {self.path}", rows)
+        best = self.best
+        where = f"generation {best.generation}, candidate {best.candidate}, both from 0"
+        rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({where})"))
+        from swarmwright._plot import png
+
+        return facts(f"Run {self.path}", rows) + picture(png(self), 540, "fitness over generations")
 
     def __repr__(self) -> str:
         """Name the folder and how far it got."""

@@ -1,13 +1,18 @@
 """One simulation server in a process of its own, for a run's own servers and for `swarmwright serve`.
 
 Arguments: a file descriptor, to which events go as JSON lines, then the arguments of `_engine.serve` as a
-JSON object, where a simulation in Python is named by its class, and `wait`, seconds for a broker that does
-not answer. Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker
-answers, {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails,
-and {"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it
-closes the parent is done or gone, however it ended, and so is this process.
+JSON object, where a simulation in Python is named by its class, `wait`, seconds for a broker that does not
+answer, `files`, path -> SHA-256, which the source of the class must have: all servers of a run compute the
+same, `progress`, the descriptor of a file in which it says what it computes, and `marked`, whether what it
+prints is to say for which candidate.
+
+Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
+{"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
+{"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
+the parent is done or gone, however it ended, and so is this process.
 """
 
+import faulthandler
 import json
 import os
 import signal
@@ -20,6 +25,8 @@ from typing import Any
 from swarmwright import _engine, _simulations
 from swarmwright._errors import SwarmwrightError, engine_errors
 from swarmwright._patience import patiently
+from swarmwright._supervision._marked import mark_output
+from swarmwright._supervision._process import STACK_SIGNAL
 
 GRACE = 2.0
 """Seconds for saying good-bye to the broker."""
@@ -35,15 +42,29 @@ def _end_with_parent() -> None:
         os._exit(0)
 
 
-def _simulation(name: str, report: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
+def _simulation(name: str, files: dict[str, str], report: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
     """Return what `_engine.serve` takes: the title of a built-in simulation, or a host of a user's class."""
     if name in _simulations.titles():
         return name
+    from swarmwright._code._changes import check_unchanged
     from swarmwright._own import _load
     from swarmwright._own._host import Host
 
     _load.serving = True
-    return Host(_load.load(name), report)
+    kind = _load.load(name)
+    check_unchanged(files)
+    return Host(kind, report)
+
+
+def _prepare(settings: dict[str, Any]) -> None:
+    """Have crashes and hangs leave a stack, and what is printed marks."""
+    faulthandler.enable(2)
+    faulthandler.register(STACK_SIGNAL, 2)
+    progress = settings.pop("progress", None)
+    if progress is not None:
+        settings["progress"] = f"/dev/fd/{progress}"
+        if settings.pop("marked", False):
+            mark_output(progress)
 
 
 def main() -> int:
@@ -59,6 +80,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     settings = json.loads(sys.argv[2])
+    _prepare(settings)
 
     def failed(reason: str, traceback: str) -> None:
         event = {"event": "failure", "server": settings["id"], "message": reason, "traceback": traceback}
@@ -70,7 +92,7 @@ def main() -> int:
 
     try:
         with engine_errors():
-            simulation = _simulation(settings.pop("simulation"), failed)
+            simulation = _simulation(settings.pop("simulation"), settings.pop("files", {}), failed)
             wait = settings.pop("wait", 0.0)
             patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
     except KeyboardInterrupt:

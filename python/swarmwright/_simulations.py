@@ -2,10 +2,13 @@
 
 import json
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright._errors import InputError, engine_errors
 from swarmwright._own._names import is_own
+
+if TYPE_CHECKING:
+    from swarmwright._own._host import Host
 
 
 @cache
@@ -24,12 +27,17 @@ def _description(title: str) -> str:
         return _engine.describe(title)
 
 
-@cache
 def _own_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
-    from swarmwright._own._host import Host
     from swarmwright._own._load import load
 
-    return Host(load(name)).description
+    return _described(load(name))  # the class may be another one when its file was edited
+
+
+@cache
+def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
+    from swarmwright._own._host import Host
+
+    return Host(kind).description
 
 
 def is_here(simulation: str) -> bool:
@@ -48,6 +56,28 @@ def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
     from swarmwright._own._load import load
 
     return Host(load(simulation))
+
+
+def shown_as(simulation: str) -> Literal["scene", "picture"]:
+    """Return what a simulation that is here can show: scenes, or pictures that it draws itself.
+
+    Raises InputError for a class that cannot be loaded, or has nothing to show.
+    """
+    if not is_own(simulation):
+        return "scene"
+    from swarmwright._own._load import load
+    from swarmwright._own._shown import shown_as
+
+    return shown_as(load(simulation))
+
+
+def drawing(simulation: str) -> "Host":
+    """Return a host of a class that draws pictures. Raises InputError when it cannot."""
+    from swarmwright._own._host import Host
+    from swarmwright._own._load import load
+    from swarmwright._own._shown import drawing
+
+    return Host(drawing(load(simulation)))
 
 
 def title(simulation: str) -> str:

@@ -63,3 +63,34 @@ def quantile(ordered: Sequence[float], share: float) -> float:
     high = min(low + 1, len(ordered) - 1)
     part = position - low
     return ordered[low] * (1 - part) + ordered[high] * part
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The mean of a sample, and how far it can be trusted. NaN or None where there are too few values."""
+
+    mean: float
+    standard_deviation: float | None
+    """Of the sample, with n - 1; None below two values."""
+    standard_error: float | None
+    """Of the mean."""
+    low: float | None
+    """Lower end of the 95 % confidence interval of the mean, by Student's t."""
+    high: float | None
+    """Its upper end."""
+
+
+def estimate(values: Sequence[float]) -> Estimate:
+    """Return the mean of independent values with Student's 95 % confidence interval."""
+    count, mean = len(values), _mean(values)
+    if count < 2 or not math.isfinite(mean):
+        return Estimate(mean, None, None, None, None)
+    from scipy.special import stdtrit
+
+    try:
+        deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1))
+    except OverflowError:
+        return Estimate(mean, None, None, None, None)
+    error = deviation / math.sqrt(count)
+    reach = float(stdtrit(count - 1, 0.975)) * error
+    return Estimate(mean, deviation, error, mean - reach, mean + reach)

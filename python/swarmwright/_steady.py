@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright._backend import Backend, Crews, Progress, Results
+from swarmwright._budget import Ended
 from swarmwright._errors import RunError
 from swarmwright._loop import Loop, OnGeneration, strayed
 from swarmwright._store import Evaluated, StoreReader
@@ -43,6 +44,7 @@ class SteadyLoop(Loop):
         self._early: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self._part = _Part()
         self._journal: list[dict[str, Any]] = []
+        self._over = False  # the time is over
 
     def replay(self, reader: StoreReader) -> None:
         """Go through the generations in a store; see `Loop.replay`."""
@@ -53,10 +55,10 @@ class SteadyLoop(Loop):
                 if not self._flying or self._flying[0].tobytes() != genome.tobytes():
                     raise RunError(strayed(reader, evaluated.generation))
                 self._tell_first(episodes, metrics)
-            again = self._whole()
+            again = self._evaluated_part()
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._resumed_at, self._stored = self._method.evaluations, self._method.generation
+        self._go_on_from(reader)
 
     def _ask_all(self) -> list[Genome]:
         """Ask for all candidates that can be had now; return the new ones."""
@@ -77,7 +79,7 @@ class SteadyLoop(Loop):
         part.fitness.append(fitness)
         self._method.tell_next(fitness)
 
-    def _whole(self) -> Evaluated:
+    def _evaluated_part(self) -> Evaluated:
         """Return the candidates told as a generation, and begin the next one."""
         part, self._part = self._part, _Part()
         number = self._evaluations // self._method.generation_size
@@ -105,12 +107,23 @@ class SteadyLoop(Loop):
                     return None
             return None if self._method.done else self._weights(self._ask_all())
 
+        self._check_first(self._method.generation_size)
         self._ask_all()
-        done, whole = (count * len(self._seeds) for count in (first, self._method.budget))
+        done, whole = (count * len(self._seeds) for count in (first, self._whole()))
         self._announce(backend, None, (done, whole))  # several are under way
         crews = Crews.of(self._representation, np.array(self._flying, dtype=np.float32))
         backend.stream(crews, self._seeds, feed, self._watched(on_progress))
-        return stopped
+        return stopped and not self._over
+
+    def _used_up(self) -> Ended:
+        """Return which budget a method that is done has used."""
+        last = self._budget.generations
+        whole = last is not None and self._method.evaluations >= last * self._method.generation_size
+        return "generations" if whole else "evaluations"
+
+    def _coming(self) -> int:
+        """Return how many candidates come at least: the method itself keeps to whole generations."""
+        return 0
 
     def _complete(self, on_generation: OnGeneration | None) -> bool:
         """Store a generation; return whether to go on."""
@@ -119,7 +132,9 @@ class SteadyLoop(Loop):
         journal, self._journal = self._journal, []
         with self._kept(number, journal):
             self._check(fitness, number)
-        return self._commit(self._whole(), journal, on_generation)
+        goes_on = self._commit(self._evaluated_part(), journal, on_generation)
+        self._over = goes_on and not self._method.done and self._time_is_over()
+        return goes_on and not self._over
 
     def _placed(self, entry: dict[str, Any], first: int) -> dict[str, Any]:
         """Return a journal entry with the candidate's number in the whole run."""

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from swarmwright._options import Options
 from swarmwright._parameter_files import resolve
 from swarmwright._problems import MISSING, problems_of, shown
 from swarmwright._registry import Registry
+from swarmwright._start_from import entries, genomes_of
 from swarmwright._yaml import Path_, Source
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.rankings import RANKINGS, RankingOptions
@@ -33,10 +35,13 @@ Checked = dict[str, Any]
 """Key -> checked value; the sections named in REGISTRIES as their own options."""
 
 
-def check(source: Source, *, ask: bool = True) -> Checked:
+def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Checked:
     """Check what a file (or mapping) says.
 
-    ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
+    Args:
+        source: the file.
+        ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
+        folder: that paths are relative to; default: the file's.
 
     Raise InputError with every problem, a line each, in the file's order.
     """
@@ -52,13 +57,13 @@ def check(source: Source, *, ask: bool = True) -> Checked:
     else:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
-        folder = Path(source.name).parent if source.name else Path()
-        here = _with_simulation(values, folder, report, ask=ask)
-        checked = _check_values(_with_files(values, folder, report), here, report)
+        here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
+        values = _with_controllers(source, _with_files(source, values, report), report)
+        checked = _check_values(values, here, report)
     if problems:
         broken = {path for path, line, _ in problems if line}
         lines = [
-            (line or _line(source, path), _spoken(source, path, line, message))
+            ((0, line) if line else source.order(path), _spoken(source, path, line, message))
             for path, line, message in problems
             # What a duplicate key holds is not complained about a second time.
             if line or path not in broken
@@ -70,10 +75,9 @@ def check(source: Source, *, ask: bool = True) -> Checked:
 _EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "timeouts", "faults"})
 
 
-def _line(source: Source, path: Path_) -> int:
-    while path and path not in source.lines:
-        path = path[:-1]
-    return source.lines.get(path, 0)
+def _folder(source: Source, path: Path_) -> Path:
+    """Return the folder that a path in the experiment is relative to: that of the file that names it."""
+    return Path(source.name).parent if source.name and not source.is_option(path) else Path()
 
 
 def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
@@ -85,14 +89,16 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
     from swarmwright import _simulations
-    from swarmwright._own._names import absolute, is_own
+    from swarmwright._own._names import absolute, is_own, of_run
+    from swarmwright._store import FILE
 
     simulation = values.get("simulation")
     if not isinstance(simulation, str):
         return False
     if not is_own(simulation):
         return simulation in _simulations.titles()
-    values["simulation"] = absolute(simulation, folder)
+    find = of_run if (folder / FILE).exists() else absolute
+    values["simulation"] = find(simulation, folder)
     if ask:
         try:
             _simulations.description(values["simulation"])
@@ -102,15 +108,44 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     return ask
 
 
-def _with_files(values: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
+def _with_files(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
     """Return the values with files in the place of parameters that are too large to stand there."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
         return values
     resolved = resolve(
-        simulation, parameters, folder, lambda name, message: report(("parameters", name), message)
+        simulation,
+        parameters,
+        lambda name: _folder(source, ("parameters", name)),
+        lambda name, message: report(("parameters", name), message),
     )
     return {**values, "parameters": resolved}
+
+
+def _with_controllers(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
+    """Return the values with the controllers that evolution starts from in the place of their paths."""
+    if values.get("start_from") is None:
+        return values
+    try:
+        return {**values, "start_from": entries(values["start_from"], _folder(source, ("start_from",)))}
+    except SwarmwrightError as error:
+        report(("start_from",), str(error))
+        return {**values, "start_from": None}
+
+
+def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
+    """Check that the controllers that evolution starts from fit the experiment's, and the method."""
+    start_from, method = checked.get("start_from"), checked.get("method")
+    if not start_from or method is None:
+        return
+    problem = METHODS.get(method.kind).no_start(method, len(start_from))
+    if problem is None and representation is not None:
+        try:
+            genomes_of(start_from, representation)
+        except InputError as error:
+            problem = str(error)
+    if problem is not None:
+        report(("start_from",), problem)
 
 
 def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked:
@@ -120,7 +155,7 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
         checked = {name: getattr(document, name) for name in Document.model_fields}
     except ValidationError as error:
         for path, message in problems_of(error, Document):
-            report(path, message)
+            report(path, f"{message}{_right_form(path, values)}")
     for name, registry in REGISTRIES.items():
         section = values.get(name, {})
         if isinstance(section, Mapping):
@@ -134,7 +169,19 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
         representation = _check_representation(checked, report)
         _check_method(checked, representation, report)
         _check_evolved(checked, here, report)
+        _check_start(checked, representation, report)
     return checked
+
+
+def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
+    """Return how a section is written of which only the kind stands there: `method: cma_es`."""
+    if len(path) != 1 or path[0] not in REGISTRIES:
+        return ""
+    kind, names = values.get(str(path[0])), REGISTRIES[str(path[0])].names()
+    if not isinstance(kind, str):
+        return ""
+    near = kind if kind in names else next(iter(get_close_matches(kind, names, n=1)), None)
+    return "" if near is None else f"; write {{kind: {near}}}"
 
 
 def _check_section(
@@ -258,15 +305,27 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
         report(("parameters", key), problem)
     everything = _simulations.takes_any(simulation)
     given = {key: value for key, value in parameters.items() if everything or key in known}
-    wrong = _simulations.parameters_problem(simulation, given)
-    if wrong is not None:
+    first = True
+    # The simulation names one at a time. Without it, the next one; what follows from its absence is not told.
+    while (wrong := _simulations.parameters_problem(simulation, given)) is not None:
         place, _, reason = wrong.removeprefix("parameter ").partition(": ")
         name = re.split(r"[.[]", place, maxsplit=1)[0]
-        if reason and name in known:
+        if not (reason and name in given):
+            if first:
+                report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
+            return
+        if first or _by_itself(simulation, name, given[name], wrong):
             part = place.removeprefix(name).removeprefix(".")
             report(("parameters", name), f"{part}: {reason}" if part else reason)
-        else:
-            report(("parameters",), wrong)
+        del given[name]
+        first = False
+
+
+def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether a parameter is wrong whatever the others are."""
+    from swarmwright import _simulations
+
+    return _simulations.parameters_problem(simulation, {name: value}) == wrong
 
 
 def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file

@@ -36,19 +36,41 @@ class Source:
     """Line, from 1, of each key and list item."""
     problems: list[tuple[Path_, int, str]] = field(default_factory=list)
     """What is wrong with the file as YAML: where, line, what."""
+    options: dict[Path_, str] = field(default_factory=dict)
+    """The command line's option for each value that comes from there, as it was given."""
 
     def place(self, path: Path_) -> str:
-        """Return "file:line.
+        """Return "file:line: a.b.c: " for the value at `path`, or "--set a.b.c=5: " for one set by an option.
 
-        A.b.c: " for the value at `path`, or for the nearest thing above it that has a line.
+        Without a line of its own, it has that of the nearest thing above it.
         """
+        above = self._nearest(path)
         dotted = dotted_path(path)
-        above = path
-        while above and above not in self.lines:
-            above = above[:-1]
+        if above in self.options:
+            return f"{self.options[above]}: " + (f"{dotted}: " if path != above else "")
         line = self.lines.get(above)
         where = f"{self.name}:{line}: " if line is not None else f"{self.name}: " if self.name else ""
         return f"{where}{dotted}: " if dotted else where
+
+    def order(self, path: Path_) -> tuple[int, int]:
+        """Return a key that sorts paths by line, then those set by options in their order."""
+        above = self._nearest(path)
+        if above in self.options:
+            return 1, list(self.options).index(above)
+        return 0, self.lines.get(above, 0)
+
+    def is_option(self, path: Path_) -> bool:
+        """Whether the value at a path was set by an option."""
+        return self._nearest(path) in self.options
+
+    def _nearest(self, path: Path_) -> Path_:
+        """Return the path, or the nearest thing whose place is known."""
+        while path and path not in self.options and path not in self.lines:
+            below = next((one for one in self.options if one[: len(path)] == path), None)
+            if below is not None:  # an option has made what stands here
+                return below
+            path = path[:-1]
+        return path
 
 
 def dotted_path(path: Path_) -> str:

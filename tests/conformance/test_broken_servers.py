@@ -6,17 +6,18 @@ import pytest
 
 from swarmwright.conformance._check_server import check_server
 from swarmwright.conformance._results import Report
+from swarmwright.conformance._rules import Profile
 from tests.conformance.broken.servers import SERVERS, Broken
 from tests.conformance.sound import SoundServer
 
 
-def report_of(kind: type[SoundServer], rules: str) -> Report:
+def report_of(kind: type[SoundServer], rules: str, profile: Profile = "all") -> Report:
     with ExitStack() as stack:
 
         def start(url: str) -> None:
             stack.callback(kind(url).close)
 
-        return check_server(start=start, rules=[rules], timeout=2.0, wait=5.0)
+        return check_server(start=start, rules=[rules], profile=profile, timeout=2.0, wait=5.0)
 
 
 @pytest.mark.parametrize("kind", SERVERS, ids=lambda kind: kind.__name__)

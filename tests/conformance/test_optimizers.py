@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from swarmwright.conformance import Report, check_optimizer
+from swarmwright.conformance._rules import Profile
 from tests.conformance.broken.tools import TOOLS, SoundTool
 from tests.conftest import ROOT
 
@@ -20,9 +21,9 @@ def places(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "python")]))
 
 
-def report_of(kind: type[SoundTool], rules: str) -> Report:
+def report_of(kind: type[SoundTool], rules: str, profile: Profile = "all") -> Report:
     command = f"{sys.executable} -m tests.conformance.broken.tools {kind.__name__} {{broker}}"
-    return check_optimizer(command=command, rules=[rules], episodes=2, lasts=6)
+    return check_optimizer(command=command, rules=[rules], profile=profile, episodes=2, lasts=6)
 
 
 @pytest.mark.timeout(180)

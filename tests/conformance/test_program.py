@@ -25,6 +25,14 @@ def test_a_server_is_tried_and_the_results_are_written(program: Run, tmp_path: P
     assert root.attrib["tests"] == "9"
     assert [suite.attrib["name"] for suite in root] == ["S1 Discovery", "S2 Episodes"]
     assert len(root.findall(".//testcase")) == 9
+    sources = {case.attrib["name"][:4]: case.find(".//property") for case in root.findall(".//testcase")}
+    assert all(found is not None and found.attrib["name"] == "source" for found in sources.values())
+    for one in results:
+        found = sources[one["id"]]
+        assert found is not None
+        assert found.attrib["value"] == one["source"]
+    assert results[0]["source"] == "D6.1, 5.2.3; 6.2 Discovery message"
+    assert results[4]["source"] == "Swarmwright, protocol.md, An episode, 1"
 
 
 def test_a_peer_that_runs_is_met_on_the_broker_of_the_environment(program: Run) -> None:
@@ -115,3 +123,32 @@ def test_the_rules_are_listed(program: Run) -> None:
     assert result.returncode == 0
     listed = [line.split()[0] for line in result.stdout.splitlines()]
     assert listed[:3] == ["S2.1", "S2.2", "S2.4"]
+
+
+def test_a_profile_leaves_out_what_is_swarmwrights(program: Run) -> None:
+    result = program("conformance", "server", "--list", "--rules", "S1", "--profile", "d6.1", "--json")
+    rules = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [rule["id"] for rule in rules] == [f"S1.{number}" for number in (1, 2, 3, 4, 6, 7, 8)]
+    assert all(rule["source"].startswith("D6.1, ") for rule in rules)
+    wrong = program("conformance", "server", "--list", "--rules", "S1.5,S9", "--profile", "d6.1")
+    assert wrong.returncode == 2
+    assert "are Swarmwright's own" in wrong.stderr
+
+
+def test_the_report_is_grouped_by_source(program: Run) -> None:
+    options = ("--exec", SERVE, "--parameters", '{"maxSteps": 3}', "--rules", "S1")
+    result = program("conformance", "server", *options)
+    assert result.returncode == 0, result.stderr
+    assert "passed   S1.5   Swarmwright It does not answer when another number" in result.stdout
+    assert result.stdout.splitlines()[-3:-1] == [
+        "D6.1's rules:        7 passed",
+        "Swarmwright's rules: 1 passed",
+    ]
+
+
+def test_what_is_skipped_for_want_of_a_number_is_said(program: Run, root: Path) -> None:
+    start = f"{sys.executable} {root}/tests/conformance/least.py {{broker}} {{id}}"
+    options = ("--simulation", "least", "--profile", "d6.1", "--rules", "S1.1,S1.2,S2.1,S2.2")
+    result = program("conformance", "server", "--exec", start, *options)
+    assert result.returncode == 0, result.stderr
+    assert "give --actuators N" in result.stderr

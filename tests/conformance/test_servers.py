@@ -57,7 +57,7 @@ def cpp(example: str) -> Callable[[], str]:
 STEERED = frozenset(
     f"S{group}.{number}"
     for group, numbers in {
-        2: (2, 4, 5, 9),
+        2: (2, 4, 5, 9, 13),
         4: (1, 2, 3, 4),
         6: (2, 3, 4, 6, 10),
         7: (4,),

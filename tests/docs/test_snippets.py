@@ -27,6 +27,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import examples
 from tests.cpp import BUILD, build
 from tests.enki import ENKI, WHY_NOT
 from tests.java import JAR, jar
@@ -34,6 +35,8 @@ from tests.java import JAR, jar
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SHOWN_ONLY = {"text", "mermaid", "json", "console"}
+SOURCES = {"javascript", "go"}
+"""Shown as they stand in a file of the repository, which `tests/conformance/test_examples.py` compares."""
 RUN = {"bash", "python", "yaml"}
 FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
 PORTS = re.compile(r"\b(1883|8883|8884|9001)\b")
@@ -146,12 +149,9 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)
-    for name in ("experiments", "tests", "wrappers"):
+    for name in ("experiments", "protocol", "tests", "wrappers"):
         (tmp_path / name).symlink_to(ROOT / name)
-    if JAR.name in page.read_text(encoding="utf-8"):
-        jar()
-    if str(BUILD.relative_to(ROOT)) in page.read_text(encoding="utf-8"):
-        build()
+    _build(page.read_text(encoding="utf-8"))
     ports: dict[str, str] = {}
     said = ""
     with ExitStack() as stack:
@@ -170,7 +170,21 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
                 pattern = re.escape(text.strip()).replace(re.escape("..."), ".*")
                 assert re.fullmatch(pattern, said.strip(), re.DOTALL), f"{where}: it said\n{said}"
             else:
-                assert block.language in SHOWN_ONLY, f"{where}: nothing tests a block of {block.language!r}"
+                assert block.language in SHOWN_ONLY | SOURCES, (
+                    f"{where}: nothing tests a block of {block.language!r}"
+                )
+
+
+def _build(page: str) -> None:
+    """Build or fetch what a page speaks of."""
+    for words, make in (
+        (JAR.name, jar),
+        (str(BUILD.relative_to(ROOT)), build),
+        ("protocol/node_modules", examples.contract),
+        ("wrappers/examples", examples.commands),
+    ):
+        if words in page:
+            make()
 
 
 def _bash(

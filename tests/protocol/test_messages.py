@@ -59,8 +59,16 @@ def depth(text: str) -> int:
     return deepest
 
 
-def parse(raw: bytes, real: Callable[[str], Any] = float) -> Value:
-    """Strict JSON: UTF-8, no NaN, no lone surrogates, bounded depth. Of repeated keys the last one counts."""
+def finite(text: str) -> float:
+    """A number within binary64."""
+    value = float(text)
+    if not np.isfinite(value):
+        raise RefusedError(text)
+    return value
+
+
+def parse(raw: bytes, real: Callable[[str], Any] = finite) -> Value:
+    """Strict JSON: UTF-8, no NaN or 1e999, no lone surrogates, bounded depth; the last of repeated keys."""
 
     def constant(name: str) -> None:
         raise RefusedError(name)

@@ -111,5 +111,7 @@ def test_automatic_servers_in_a_notebook_are_none(
 
 
 def test_no_servers_at_all_are_refused() -> None:
-    with pytest.raises(InputError, match="servers: must be auto, local or a number from 1 on, not 0"):
+    with pytest.raises(
+        InputError, match="servers: must be auto, local, in-process or a number from 1 on, not 0"
+    ):
         evaluate(MINISIM, genomes(1), servers=0)

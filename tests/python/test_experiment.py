@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmwright import Experiment, InputError
+from swarmwright import Experiment, InputError, optimize
 from swarmwright._validate import check
 from swarmwright._yaml import Source, dump, parse
 
@@ -69,12 +69,29 @@ def test_only_the_simulation_is_required() -> None:
             "my.yaml:2: method: elite, random, mutate, crossover and renew must add up to 1, not 1.35",
         ),
         ("method: [nnga]\n", "my.yaml:2: method: must be a mapping (key: value), not ['nnga']"),
-        ("method: nnga\n", "my.yaml:2: method: must be a mapping (key: value), not 'nnga'"),
+        (
+            "method: nnga\n",
+            "my.yaml:2: method: must be a mapping (key: value), not 'nnga'; write {kind: nnga}",
+        ),
+        (
+            "method: cmaes\n",
+            "my.yaml:2: method: must be a mapping (key: value), not 'cmaes'; write {kind: cma_es}",
+        ),
+        (
+            "method: {kind: cma_es, sigma: 0.3}\n",
+            "my.yaml:2: method.sigma: unknown key; it is called 'step' here",
+        ),
+        (
+            "method: {kind: openai_es, sigma: 0.3}\n",
+            "my.yaml:2: method.sigma: unknown key; it is called 'noise' here",
+        ),
+        ("method: {popsize: 9}\n", "my.yaml:2: method.popsize: unknown key; it is called 'population' here"),
+        ("random_seed: 9\n", "my.yaml:2: random_seed: unknown key; it is called 'seed' here"),
         (
             "controller:\n  hidden:\n    - 8\n    - eight\n",
             "my.yaml:5: controller.hidden[1]: must be an integer, not 'eight'",
         ),
-        ("controller: {hidden: 8}\n", "my.yaml:2: controller.hidden: must be a list, not 8"),
+        ("controller: {hidden: 8}\n", "my.yaml:2: controller.hidden: must be a list, not 8; write [8]"),
         ("seed: -1\n", "my.yaml:2: seed: must be at least 0, not -1"),
         ("seed: true\n", "my.yaml:2: seed: must be an integer, not true"),
         ("seed:\n", "my.yaml:2: seed: must be an integer, not nothing"),
@@ -86,9 +103,12 @@ def test_only_the_simulation_is_required() -> None:
         ("servers: 0\n", "my.yaml:2: servers: must be at least 1 and at most 1024, not 0"),
         (
             "servers: locl\n",
-            "my.yaml:2: servers: must be auto, local or a number of servers, not 'locl'; did you mean 'local'?",
+            "my.yaml:2: servers: must be auto, local, in-process or a number of servers, not 'locl'; did you mean 'local'?",
         ),
-        ("servers: true\n", "my.yaml:2: servers: must be auto, local or a number of servers, not true"),
+        (
+            "servers: true\n",
+            "my.yaml:2: servers: must be auto, local, in-process or a number of servers, not true",
+        ),
         ("requirements: {max_agents: 3}\n", "my.yaml:2: requirements.dimensions: is missing"),
         (
             "requirements: {dimension: 3, dimensions: 2}\n",
@@ -121,6 +141,50 @@ def test_each_mistake_is_named_with_file_line_and_key(text: str, expected: str, 
     assert len(found) == 1
     assert found[0].startswith(expected)
     assert len(found[0]) > len("my.yaml:4: parameters.maxSteps: ")
+
+
+def test_all_wrong_parameters_come_at_once(tmp_path: Path) -> None:
+    text = (
+        "simulation: minisim\nparameters:\n  maxSteps: -1\n  mapWidth: x\n  agents: 5\n  speedAgents: fast\n"
+    )
+    assert [line.split(": ")[0:2] for line in problems(text, tmp_path)] == [
+        ["my.yaml:3", "parameters.maxSteps"],
+        ["my.yaml:4", "parameters.mapWidth"],
+        ["my.yaml:5", "parameters.agents"],
+        ["my.yaml:6", "parameters.speedAgents"],
+    ]
+
+
+def test_what_follows_from_a_wrong_parameter_is_not_told(tmp_path: Path) -> None:
+    # Two agents are right for two agents, and (20, 3) is inside a map that is wide enough.
+    text = "simulation: minisim\nparameters: {numAgents: x, agents: [[1, 1], [2, 2]], goal: [12, 3]}\n"
+    assert len(problems(text, tmp_path)) == 1
+
+
+def test_an_unknown_title_is_told_with_file_and_line(tmp_path: Path) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text("seed: 1\nsimulation: minsim\nservers: local\nsensors: 4\nactuators: 1\n")
+    with pytest.raises(InputError) as caught:
+        optimize(file, out=tmp_path / "run")
+    assert str(caught.value).startswith(
+        f"{file}:2: simulation: unknown simulation 'minsim'; did you mean 'minisim'?"
+    )
+    with pytest.raises(InputError, match=r"^simulation: unknown simulation 'minsm'"):
+        optimize(Experiment.load(file, ["simulation=minsm"]), out=tmp_path / "run")
+
+
+@pytest.mark.parametrize("servers", ["local", "2"])
+def test_requirements_that_the_simulation_cannot_fulfil_are_told_at_once(
+    servers: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text(f"simulation: minisim\nservers: {servers}\nrequirements: {{dimensions: 3}}\n")
+    with pytest.raises(InputError) as caught:
+        optimize(file, out=tmp_path / "run")
+    assert str(caught.value) == f"{file}:3: requirements: minisim has 2 dimensions, not 3; leave the key out"
+    file.write_text("simulation: minisim\nrequirements: {dimensions: 2, max_agents: 1000000}\n")
+    with pytest.raises(InputError, match="minisim has at most 100000 agents, not 1000000"):
+        optimize(file, out=tmp_path / "run")
 
 
 def test_all_mistakes_come_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:

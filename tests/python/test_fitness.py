@@ -300,7 +300,7 @@ def test_an_episode_without_a_value_has_failed(servers: Any, tmp_path: Path) -> 
         "fitness: division by zero in '1 / (steps - 15)'"
         for row, episode in np.argwhere(np.isnan(run.record.episodes))
     ]
-    assert [event.text for event in run.events()] == expected
+    assert [event.text for event in run.events()] == [*expected, f"failed: {failed}"]
     always = experiment.replace(fitness="1 / (steps - steps)")
     with pytest.raises(RunError, match="failed; the last reason: fitness: division by zero"):
         optimize(always, servers=servers, out=tmp_path / "none")

@@ -82,13 +82,17 @@ def test_the_record_can_be_evaluated_again(finished: Run) -> None:
 
 
 def test_the_plot_is_a_png_of_a_good_size(finished: Run, tmp_path: Path) -> None:
-    path = finished.plot(tmp_path / "again.png")
-    data = path.read_bytes()
+    before = sorted(finished.path.iterdir())
+    assert len(finished.plot().axes) == 2
+    assert sorted(finished.path.iterdir()) == before, "without a path nothing is written"
+    figure = finished.plot(tmp_path / "again.png", x="generations")
+    assert figure.axes[1].get_xlabel() == "generation (from 0)"
+    data = (tmp_path / "again.png").read_bytes()
     assert data.startswith(b"\x89PNG")
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     assert width >= 1000
     assert height >= 600
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="there is no folder"):
         finished.plot(tmp_path / "none" / "x.png")
 
 

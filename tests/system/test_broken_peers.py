@@ -82,7 +82,7 @@ def test_the_only_server_is_killed_and_replaced(
     path = experiment(LONG)
     expected = undisturbed(launch, path)
     recorder: Recorder = connect(Recorder, broker.url, "parameters", "sensor", "fitness")
-    servers = serve(broker.url, first=6)
+    servers = serve(broker.url, "--no-restart", first=6)
     run = launch("optimize", path, "--broker", broker.url, "--out", "result")
     in_mid_episode(recorder, 6)
     servers.signal_server(6, signal.SIGKILL)
@@ -100,7 +100,7 @@ def test_nobody_comes_back(
     path = experiment(
         LONG.replace("generations: 3", "generations: 1000").replace("10}", "2}").replace("10,", "2,")
     )
-    servers = serve(embedded.url, first=6)
+    servers = serve(embedded.url, "--no-restart", first=6)
     run = launch("optimize", path, "--broker", embedded.url, "--out", "result", "--json")
     first_generation(run)
     servers.signal_server(6, signal.SIGKILL)

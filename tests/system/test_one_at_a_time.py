@@ -113,7 +113,7 @@ def test_two_tools_and_one_server(
 
 def test_states_of_servers(broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any) -> None:
     """Ready, busy and lost beside each other, on the page and as JSON."""
-    servers = serve(broker.url, first=10, count=3)
+    servers = serve(broker.url, "--no-restart", first=10, count=3)
     tool: PlainTool = connect(PlainTool, broker.url)
     tool.begin(11, "a" * 64)
     servers.until_event("busy", server=11)

@@ -2,12 +2,14 @@
 
 import json
 import math
+import time
 from typing import Any
 
 import pytest
 
 from tests.system.brokers import BrokerProcess
-from tests.system.conftest import Serve
+from tests.system.conftest import Experiment, Launch, Serve
+from tests.system.peer import Peer
 from tests.system.plain_tool import VECTORS, PlainTool
 
 CONVERSATIONS = {
@@ -56,3 +58,50 @@ def test_a_plain_tool_steers_agents_to_the_goal(broker: BrokerProcess, serve: Se
     assert topic == "fitness"
     assert message["fitness"] == 0
     assert message["simulation_hash"] == "any text"
+
+
+LONG = """\
+simulation: minisim
+controller: {kind: layered, hidden: [8]}
+method: {kind: nnga, population: 200, generations: 1000000}
+ranking: {episodes: 100}
+"""
+
+
+class Deaf(PlainTool):
+    """Knows nothing of extensions, and passes over what is said to others."""
+
+    def __init__(self, url: str) -> None:
+        Peer.__init__(self, url, "server", "sensor", "fitness")
+
+    def hear_of(self, word: str, seconds: float = 10) -> tuple[str, dict[str, Any]]:
+        """Topic and content of the next message with a hash."""
+        end = time.monotonic() + seconds
+        while True:
+            topic, content = self.hear(end - time.monotonic())
+            if content["simulation_hash"] == word:
+                return topic, content
+
+
+def test_a_plain_tool_that_asks_once_has_its_turn_beside_a_run(
+    broker: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment, connect: Any
+) -> None:
+    """The run evaluates block after block on the only server, and goes on after the plain tool's turn."""
+    serve(broker.url)
+    run = launch("optimize", experiment(LONG), "--broker", broker.url, "--out", "long", "--json")
+    run.until(lambda one: len(one.lines) > 0, "first generation")
+    tool: Deaf = connect(Deaf, broker.url)
+    for word in ("first", "second"):
+        tool.ask(word)
+        topic, message = tool.hear_of(word, 15)
+        assert topic == "server"
+        tool.send("parameters", server=1, simulation_hash=word, maxSteps=3)
+        tool.send("control", server=1, simulation_hash=word, run=True)
+        topic, message = tool.hear_of(word)
+        while topic == "sensor":
+            tool.send("actuator", simulation_hash=word, agent=message["agent"], actuator=[0.0])
+            topic, message = tool.hear_of(word)
+        assert topic == "fitness"
+    before = len(run.lines)
+    run.until(lambda one: len(one.lines) > before + 1, "further generations")
+    assert "failed" not in run.stderr

@@ -36,7 +36,7 @@ def until(watcher: Program, what: str, reached: Any) -> dict[str, Any]:
 def test_the_watch_names_the_server_that_is_waited_for(
     embedded: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment, mode: str
 ) -> None:
-    servers = serve(embedded.url, count=4)
+    servers = serve(embedded.url, "--no-restart", count=4)
     watcher = launch("servers", "--watch", "--json", "--every", 0.2, "--broker", embedded.url)
     lines = launch("servers", "--watch", "--every", 0.2, "--broker", embedded.url)
     until(watcher, "four servers", lambda view: len(view["servers"]) == 4)

@@ -36,6 +36,10 @@ pub struct Limits {
     pub retained: usize,
     /// The longest that a session outlives its connection.
     pub session: Duration,
+    /// Everything that is kept for clients together, bytes: what is on its way to them, packets that have not come whole, their
+    /// sessions, retained messages. By default a quarter of the machine's memory (of the control group's, where that has less),
+    /// but 256 MiB at least.
+    pub memory: usize,
     /// Clients connected at a time.
     pub clients: usize,
     /// Packets taken of one client in a second; a client that sends more is read later. Once a second's worth may come at
@@ -66,9 +70,29 @@ impl Default for Limits {
             backlog: 128 << 20,
             retained: 64 << 20,
             session: Duration::from_secs(3600),
+            memory: default_memory(),
             clients: 4096,
             // More than twice what the fastest client sends in a run (docs/explanation/performance.md).
             rate: 500_000,
         }
     }
+}
+
+/// A quarter of what there is, 256 MiB at least, 1 GiB where that cannot be told.
+fn default_memory() -> usize {
+    let number =
+        |path: &str| -> Option<usize> { std::fs::read_to_string(path).ok()?.trim().parse().ok() };
+    let machine = std::fs::read_to_string("/proc/meminfo")
+        .ok()
+        .and_then(|text| {
+            let line = text
+                .lines()
+                .find_map(|line| line.strip_prefix("MemTotal:"))?;
+            let kibibytes: usize = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+            Some(kibibytes << 10)
+        });
+    let group = number("/sys/fs/cgroup/memory.max")
+        .or_else(|| number("/sys/fs/cgroup/memory/memory.limit_in_bytes"));
+    let all = [machine, group].into_iter().flatten().min();
+    all.map_or(1 << 30, |bytes| (bytes / 4).max(256 << 20))
 }

@@ -10,6 +10,9 @@ use std::time::Instant;
 /// Bytes read at a time.
 pub const CHUNK: usize = 1 << 16;
 
+/// Bytes that TLS and WebSocket may hold for a client that does not read; a piece of the outbox is half of it.
+const UNREAD: usize = 8 * CHUNK;
+
 /// A client's connection as the server sees it.
 pub struct Connection {
     pub socket: TcpStream,
@@ -70,6 +73,23 @@ impl Connection {
                 .map_err(|error| error.to_string())?;
         }
         outcome
+    }
+
+    /// Bytes of memory that it holds.
+    pub fn held(&self) -> usize {
+        let layers = self.layers.as_ref().map_or(0, Layers::held);
+        self.input.capacity() + layers
+    }
+
+    /// Lets go of the packet that has not come whole: the connection is being ended.
+    pub fn forget(&mut self) {
+        self.input = Vec::new();
+    }
+
+    /// Are there answers of the layers (PONG, TLS) that the client does not read?
+    pub fn is_behind(&self) -> bool {
+        let layers = self.layers.as_ref();
+        layers.is_some_and(|layers| layers.waiting() > UNREAD)
     }
 
     /// Says that nothing more comes.

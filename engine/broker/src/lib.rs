@@ -28,6 +28,7 @@ mod retained;
 mod secret;
 mod server;
 mod session;
+mod subscriptions;
 mod topic;
 mod transport;
 mod users;

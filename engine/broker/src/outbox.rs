@@ -25,6 +25,11 @@ impl Outbox {
         &self.bytes[self.start..]
     }
 
+    /// Bytes of memory that it holds.
+    pub fn capacity(&self) -> usize {
+        self.bytes.capacity()
+    }
+
     pub fn len(&self) -> usize {
         self.bytes.len() - self.start
     }

@@ -2,14 +2,32 @@
 
 use crate::{message::Message, topic};
 use std::collections::BTreeMap;
+use std::ops::Bound;
 use std::sync::Arc;
 use std::time::Instant;
 
 /// All retained messages, bounded by bytes.
 pub struct Retained {
-    messages: BTreeMap<Box<str>, Arc<Message>>,
+    messages: BTreeMap<Box<str>, Entry>,
     bytes: usize,
     limit: usize,
+    /// Messages that were ever kept: the number of the next one.
+    count: u64,
+}
+
+struct Entry {
+    message: Arc<Message>,
+    number: u64,
+}
+
+/// A look through the store for one topic filter, which can be done in pieces.
+#[derive(Debug)]
+pub struct Search {
+    filter: Box<str>,
+    /// The topic that was looked at last.
+    after: Option<Box<str>>,
+    /// Messages with this number or a larger one came later: the subscriber got them as they were published.
+    until: u64,
 }
 
 impl Retained {
@@ -19,13 +37,14 @@ impl Retained {
             messages: BTreeMap::new(),
             bytes: 0,
             limit,
+            count: 0,
         }
     }
 
     /// Keeps the message in place of an earlier one; one without payload only removes. False = no room.
     pub fn set(&mut self, message: &Arc<Message>) -> bool {
         if let Some(earlier) = self.messages.remove(&message.topic) {
-            self.bytes -= earlier.size();
+            self.bytes -= earlier.message.size();
         }
         if message.payload.is_empty() {
             return true;
@@ -34,37 +53,90 @@ impl Retained {
             return false;
         }
         self.bytes += message.size();
-        self.messages
-            .insert(message.topic.clone(), Arc::clone(message));
+        let entry = Entry {
+            message: Arc::clone(message),
+            number: self.count,
+        };
+        self.count += 1;
+        self.messages.insert(message.topic.clone(), entry);
         true
     }
 
-    /// Those that a filter covers and that are not void, by topic.
-    pub fn matching(&self, filter: &str, now: Instant) -> Vec<Arc<Message>> {
-        if !filter.contains(['+', '#']) {
-            let found = self
-                .messages
-                .get(filter)
-                .filter(|message| !message.is_void(now));
-            return found.cloned().into_iter().collect();
+    /// Bytes that all of them take, about.
+    pub fn size(&self) -> usize {
+        self.bytes
+    }
+
+    /// A search for those that a filter, itself valid, covers now.
+    pub fn search(&self, filter: &str) -> Search {
+        Search {
+            filter: filter.into(),
+            after: None,
+            until: self.count,
         }
-        self.messages
-            .values()
-            .filter(|message| topic::matches(filter, &message.topic) && !message.is_void(now))
-            .cloned()
-            .collect()
+    }
+
+    /// The next one of a search, by topic, or None at its end, or when `budget`, the topics that may still be looked at, is 0.
+    /// The budget is left above 0 at the end of a search.
+    pub fn next(
+        &self,
+        search: &mut Search,
+        budget: &mut usize,
+        now: Instant,
+    ) -> Option<Arc<Message>> {
+        if *budget == 0 {
+            return None;
+        }
+        let until = search.until;
+        let fits = |entry: &&Entry| entry.number < until && !entry.message.is_void(now);
+        let (fixed, has_wildcards) = fixed_part(&search.filter);
+        if !has_wildcards {
+            let first = search.after.replace(search.filter.clone()).is_none();
+            let found = first.then(|| self.messages.get(&search.filter)).flatten();
+            return found.filter(fits).map(|entry| Arc::clone(&entry.message));
+        }
+        let start = match &search.after {
+            Some(after) => Bound::Excluded(after.as_ref()),
+            None => Bound::Included(fixed),
+        };
+        for (topic, entry) in self.messages.range::<str, _>((start, Bound::Unbounded)) {
+            if !topic.starts_with(fixed) {
+                return None;
+            }
+            *budget -= 1;
+            let is_wanted = topic::matches(&search.filter, topic) && fits(&entry);
+            if is_wanted || *budget == 0 {
+                search.after = Some(topic.clone());
+            }
+            if is_wanted {
+                return Some(Arc::clone(&entry.message));
+            }
+            if *budget == 0 {
+                return None;
+            }
+        }
+        None
     }
 
     /// Forgets those that have become void.
     pub fn sweep(&mut self, now: Instant) {
         let bytes = &mut self.bytes;
-        self.messages.retain(|_, message| {
-            let keep = !message.is_void(now);
+        self.messages.retain(|_, entry| {
+            let keep = !entry.message.is_void(now);
             if !keep {
-                *bytes -= message.size();
+                *bytes -= entry.message.size();
             }
             keep
         });
+    }
+}
+
+/// What all topics that a filter covers begin with, and whether it has wildcards.
+fn fixed_part(filter: &str) -> (&str, bool) {
+    match filter.find(['+', '#']) {
+        // `a/#` covers `a` as well.
+        Some(place) => (filter[..place].trim_end_matches('/'), true),
+        None => (filter, false),
     }
 }
 
@@ -86,6 +158,54 @@ mod tests {
         Arc::new(Message::new(&publish, now))
     }
 
+    /// The topics that a search finds with this budget for each piece.
+    fn found(store: &Retained, mut search: Search, piece: usize, now: Instant) -> Vec<String> {
+        let mut topics = Vec::new();
+        loop {
+            let mut budget = piece;
+            while let Some(message) = store.next(&mut search, &mut budget, now) {
+                topics.push(message.topic.to_string());
+            }
+            if budget > 0 {
+                return topics;
+            }
+        }
+    }
+
+    #[test]
+    fn a_search_in_pieces_finds_what_was_there_when_it_began() {
+        let now = Instant::now();
+        let mut store = Retained::new(1 << 20);
+        for topic in ["a", "a/b", "a/b/c", "a/c", "ab", "b/c", "$a/b"] {
+            assert!(store.set(&message(topic, b"1", &[], now)));
+        }
+        for (filter, expected) in [
+            ("#", vec!["a", "a/b", "a/b/c", "a/c", "ab", "b/c"]),
+            ("a/#", vec!["a", "a/b", "a/b/c", "a/c"]),
+            ("+/c", vec!["a/c", "b/c"]),
+            ("a/+", vec!["a/b", "a/c"]),
+            ("a/b", vec!["a/b"]),
+            ("x", vec![]),
+            ("$a/+", vec!["$a/b"]),
+        ] {
+            for piece in [1, 2, 3, 100] {
+                assert_eq!(
+                    found(&store, store.search(filter), piece, now),
+                    expected,
+                    "{filter}"
+                );
+            }
+        }
+        let mut search = store.search("+/c");
+        let mut budget = 100;
+        assert!(store.next(&mut search, &mut budget, now).is_some());
+        assert!(
+            store.set(&message("b/c", b"2", &[], now)),
+            "its subscriber got this one as it came"
+        );
+        assert!(store.next(&mut search, &mut budget, now).is_none());
+    }
+
     #[test]
     fn nothing_stays_behind_when_messages_are_replaced_cleared_or_void() {
         let now = Instant::now();
@@ -95,9 +215,9 @@ mod tests {
         }
         assert!(store.set(&message("a", b"", &[], now)));
         assert!(store.set(&message("b", b"soon void", &[2, 0, 0, 0, 1], now)));
-        assert_eq!(store.matching("#", now).len(), 1);
+        assert_eq!(found(&store, store.search("#"), 9, now), ["b"]);
         let later = now + Duration::from_secs(2);
-        assert!(store.matching("b", later).is_empty());
+        assert!(found(&store, store.search("b"), 9, later).is_empty());
         store.sweep(later);
         assert_eq!((store.bytes, store.messages.len()), (0, 0));
     }

@@ -35,6 +35,8 @@ pub struct Server {
     connections: Vec<Option<Connection>>,
     /// Connections with bytes that may be waiting.
     ready: Vec<usize>,
+    /// Those who wait for retained messages have to read first.
+    stuck: bool,
     chunk: Box<[u8]>,
     stop: Arc<AtomicBool>,
 }
@@ -90,6 +92,7 @@ impl Server {
             hub,
             connections: Vec::new(),
             ready: Vec::new(),
+            stuck: false,
             chunk: vec![0; CHUNK].into(),
             stop,
         };
@@ -122,6 +125,7 @@ impl Server {
             for id in std::mem::take(&mut self.ready) {
                 self.read(id, now);
             }
+            self.stuck = self.hub.is_searching() && !self.hub.search(now);
             self.flush_all(now);
         }
         self.hub.stop();
@@ -129,12 +133,18 @@ impl Server {
     }
 
     fn patience(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
+        if self.hub.is_searching() {
+            return Some(if self.stuck { HELD } else { Duration::ZERO });
+        }
         if self.ready.is_empty() {
             let any = self.connections.iter().any(Option::is_some);
             return any.then(|| (last_tick + TICK).saturating_duration_since(now));
         }
-        let hub = &mut self.hub;
-        let all_held = self.ready.iter().all(|&id| hub.is_held(id, now));
+        let (hub, connections) = (&mut self.hub, &self.connections);
+        let all_held = self
+            .ready
+            .iter()
+            .all(|&id| hub.is_held(id, now) || is_behind(connections, id));
         Some(if all_held { HELD } else { Duration::ZERO })
     }
 
@@ -220,14 +230,15 @@ impl Server {
             let Some(Some(connection)) = self.connections.get_mut(id) else {
                 return;
             };
-            if self.hub.is_held(id, now) {
+            if connection.is_behind() || self.hub.is_held(id, now) {
                 break;
             }
             match connection.socket.read(&mut self.chunk) {
                 Ok(0) => return self.close(id, now),
                 Ok(count) => {
-                    if let Err(why) = connection.take(&self.chunk[..count], &mut self.hub, id, now)
-                    {
+                    let outcome = connection.take(&self.chunk[..count], &mut self.hub, id, now);
+                    self.hub.note_buffers(id, connection.held(), now);
+                    if let Err(why) = outcome {
                         log::debug!("connection {id}: {why}");
                         connection.is_ended = true;
                         self.flush(id, now);
@@ -282,7 +293,11 @@ impl Server {
         let Some(Some(connection)) = self.connections.get_mut(id) else {
             return;
         };
+        if self.hub.is_closing(id) {
+            connection.forget();
+        }
         let outcome = connection.flush(&mut self.hub, id, now);
+        self.hub.note_buffers(id, connection.held(), now);
         if outcome.is_ok() && !self.hub.is_closing(id) {
             return;
         }
@@ -306,6 +321,11 @@ impl Server {
             self.hub.closed(id, now);
         }
     }
+}
+
+fn is_behind(connections: &[Option<Connection>], id: usize) -> bool {
+    let connection = connections.get(id).and_then(Option::as_ref);
+    connection.is_some_and(Connection::is_behind)
 }
 
 /// Sockets that listen for a configuration, with errors that say how to mend them.

@@ -1,18 +1,22 @@
 //! What the broker remembers of a client: MQTT 5.0, chapter 4.1.
 
+use crate::access::Subject;
 use crate::codec::{Answer, Outgoing, Version, publish, reason};
 use crate::{message::Message, outbox::Outbox};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// One topic filter that a client subscribes to.
-pub struct Subscription {
-    pub filter: Box<str>,
-    pub qos: u8,
-    pub no_local: bool,
-    pub retain_as_published: bool,
-    pub identifier: Option<u32>,
+/// Topic filters that one client can subscribe to, and the bytes that they may take together.
+pub const MOST_FILTERS: usize = 4096;
+pub const MOST_FILTER_BYTES: usize = 4 << 20;
+
+/// What a level of a topic filter and a session without anything take, bytes, about.
+const LEVEL: usize = 160;
+const SESSION: usize = 1024;
+
+fn filter_size(filter: &str) -> usize {
+    2 * filter.len() + LEVEL * (1 + filter.bytes().filter(|&byte| byte == b'/').count())
 }
 
 /// A message of QoS 1 or 2 for one client.
@@ -42,7 +46,13 @@ pub struct Session {
     pub user: Option<Box<str>>,
     /// The connection, by its number; None while the client is away.
     pub link: Option<usize>,
-    pub subscriptions: Vec<Subscription>,
+    /// The topic filters that it subscribes to, and the bytes that they take, about.
+    filters: HashSet<Box<str>>,
+    filter_bytes: usize,
+    /// When its last connection ended.
+    pub left: Option<Instant>,
+    /// Bytes that the broker counts for it.
+    pub counted: usize,
     /// Seconds to live without a connection.
     pub expiry: u32,
     /// When the session of an absent client ends.
@@ -53,6 +63,7 @@ pub struct Session {
     pub inbound: HashSet<u16>,
     flights: VecDeque<Flight>,
     queue: VecDeque<Delivery>,
+    /// Of the messages in line and of those under way.
     queued_bytes: usize,
     last_id: u16,
     pub overflowed: bool,
@@ -74,7 +85,10 @@ impl Session {
             client_id: client_id.into(),
             user: user.map(Into::into),
             link: None,
-            subscriptions: Vec::new(),
+            left: None,
+            counted: 0,
+            filters: HashSet::new(),
+            filter_bytes: 0,
             expiry: 0,
             ends: None,
             will: None,
@@ -88,29 +102,51 @@ impl Session {
         }
     }
 
-    /// Adds a subscription or replaces the one with its filter; true = it is new.
-    pub fn subscribe(&mut self, subscription: Subscription) -> bool {
-        match self
-            .subscriptions
-            .iter_mut()
-            .find(|old| old.filter == subscription.filter)
-        {
-            Some(old) => {
-                *old = subscription;
-                false
-            }
-            None => {
-                self.subscriptions.push(subscription);
-                true
-            }
+    /// Notes a topic filter; whether it is new. None = these are more filters than a client may have.
+    pub fn subscribe(&mut self, filter: &str) -> Option<bool> {
+        if self.filters.contains(filter) {
+            return Some(false);
+        }
+        let bytes = self.filter_bytes + filter_size(filter);
+        if self.filters.len() >= MOST_FILTERS || bytes > MOST_FILTER_BYTES {
+            return None;
+        }
+        self.filter_bytes = bytes;
+        self.filters.insert(filter.into());
+        Some(true)
+    }
+
+    /// Forgets a topic filter; false = there was none.
+    pub fn unsubscribe(&mut self, filter: &str) -> bool {
+        let found = self.filters.remove(filter);
+        if found {
+            self.filter_bytes -= filter_size(filter);
+        }
+        found
+    }
+
+    /// The topic filters, in no order.
+    pub fn filters(&self) -> impl Iterator<Item = &str> {
+        self.filters.iter().map(|filter| &**filter)
+    }
+
+    /// Who it is, to the access rules.
+    pub fn subject(&self) -> Subject<'_> {
+        Subject {
+            user: self.user.as_deref(),
+            client_id: &self.client_id,
         }
     }
 
-    /// Removes a subscription; false = there was none.
-    pub fn unsubscribe(&mut self, filter: &str) -> bool {
-        let before = self.subscriptions.len();
-        self.subscriptions.retain(|old| &*old.filter != filter);
-        self.subscriptions.len() < before
+    /// Bytes of the messages of QoS 1 and 2 that wait or are under way.
+    pub fn queued_bytes(&self) -> usize {
+        self.queued_bytes
+    }
+
+    /// Bytes that remembering it takes, about.
+    pub fn size(&self) -> usize {
+        let will = self.will.as_ref().map_or(0, |will| will.message.size());
+        SESSION + 2 * self.client_id.len() + will + self.filter_bytes + self.queued_bytes
     }
 
     /// Puts a message of QoS 1 or 2 in line; false when that exceeds `limit` bytes.
@@ -130,24 +166,31 @@ impl Session {
             let Some(delivery) = self.queue.pop_front() else {
                 return;
             };
+            if !delivery.message.is_void(now) {
+                let id = self.next_id();
+                if write(out, &delivery, id, false, terms, now) {
+                    self.flights.push_back(Flight {
+                        id,
+                        delivery: Some(delivery),
+                    });
+                    continue;
+                }
+            }
             self.queued_bytes -= delivery.message.size();
-            if delivery.message.is_void(now) {
-                continue;
-            }
-            let id = self.next_id();
-            if write(out, &delivery, id, false, terms, now) {
-                self.flights.push_back(Flight {
-                    id,
-                    delivery: Some(delivery),
-                });
-            }
         }
     }
 
     /// Repeats what an earlier connection left unfinished, in order.
     pub fn resume(&mut self, out: &mut Outbox, terms: Terms, now: Instant) {
+        let queued_bytes = &mut self.queued_bytes;
         self.flights.retain(|flight| match &flight.delivery {
-            Some(delivery) => write(out, delivery, flight.id, true, terms, now),
+            Some(delivery) => {
+                let fits = write(out, delivery, flight.id, true, terms, now);
+                if !fits {
+                    *queued_bytes -= delivery.message.size();
+                }
+                fits
+            }
             None => {
                 crate::codec::acknowledge(
                     out.end(),
@@ -165,18 +208,27 @@ impl Session {
     /// PUBACK, PUBCOMP, or a PUBREC that refuses: the message is done. False = unknown identifier.
     pub fn finish(&mut self, id: u16) -> bool {
         let found = self.flights.iter().position(|flight| flight.id == id);
-        found.and_then(|place| self.flights.remove(place)).is_some()
+        let Some(flight) = found.and_then(|place| self.flights.remove(place)) else {
+            return false;
+        };
+        self.release(flight.delivery);
+        true
     }
 
     /// PUBREC: the client has the message. False = unknown identifier.
     pub fn received(&mut self, id: u16) -> bool {
         match self.flights.iter_mut().find(|flight| flight.id == id) {
             Some(flight) => {
-                flight.delivery = None;
+                let delivery = flight.delivery.take();
+                self.release(delivery);
                 true
             }
             None => false,
         }
+    }
+
+    fn release(&mut self, delivery: Option<Delivery>) {
+        self.queued_bytes -= delivery.map_or(0, |delivery| delivery.message.size());
     }
 
     fn next_id(&mut self) -> u16 {

@@ -87,6 +87,7 @@ pub(crate) unsafe fn read(pointer: *const RawOptions) -> Result<(Options, Listen
         context: raw.context,
     };
     let options = Options {
+        progress: None,
         id: raw.id,
         settings: Settings::from_environment(&broker)
             .map_err(|error| Trouble::Invalid(error.to_string()))?,

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use mio::{Events, Interest, Poll, Token};
 
 use crate::ConnectError;
+use crate::handshake::{self, Caller};
 use crate::publication::PublishOptions;
 use crate::session::{Incoming, QoS, Received, Session, Subscription, Version};
 use crate::settings::Settings;
@@ -72,6 +73,8 @@ struct Link {
     session: Session,
     /// The socket may have more to read; cleared when a read says otherwise.
     readable: bool,
+    /// Something was read since anything was sent: nothing has told the broker yet that it came.
+    unacknowledged: bool,
     /// The broker has closed its side: what comes after the last bytes is the end, of which nothing tells again.
     closing: bool,
 }
@@ -307,139 +310,45 @@ impl Connection {
         }
     }
 
-    /// One attempt: handshakes, CONNECT, SUBSCRIBE, all acknowledged.
     fn establish(&mut self) -> Result<(), ConnectError> {
-        self.early.clear();
-        let mut link = match self.handshake(Version::V5) {
-            Ok(link) => link,
-            Err((error, false)) => return Err(error),
-            Err((_, true)) => self.handshake(Version::V3).map_err(|(error, _)| error)?,
+        let caller = Caller {
+            settings: &self.settings,
+            client_id: &self.client_id,
+            subscriptions: &self.subscriptions,
         };
+        let (mut transport, session) =
+            handshake::connect(&caller, &mut self.chunk, &mut self.out, &mut self.early)?;
         let failed = |error: std::io::Error| ConnectError::NoBroker {
             url: self.settings.url.to_string(),
             reason: error.to_string(),
         };
-        link.transport.set_nonblocking().map_err(failed)?;
+        transport.set_nonblocking().map_err(failed)?;
         self.poll
             .registry()
             .register(
-                link.transport.socket(),
+                transport.socket(),
                 SOCKET,
                 Interest::READABLE | Interest::WRITABLE,
             )
             .map_err(failed)?;
-        self.link = Some(link);
+        self.link = Some(Link {
+            transport,
+            session,
+            readable: true,
+            unacknowledged: true,
+            closing: false,
+        });
         self.pause = FIRST_PAUSE;
         Ok(())
     }
 
-    /// The flag of the error: whether an older version of MQTT is worth a try.
-    fn handshake(&mut self, version: Version) -> Result<Link, (ConnectError, bool)> {
-        let url = self.settings.url.to_string();
-        let not_mqtt = |reason: String| {
-            (
-                ConnectError::NoMqtt {
-                    url: url.clone(),
-                    reason,
-                },
-                version == Version::V5,
-            )
-        };
-        let mut transport = Transport::connect(&self.settings).map_err(|error| (error, false))?;
-        let mut session = Session::new(version);
-        self.out.clear();
-        let wrong = |error| not_mqtt(format!("{error:?}"));
-        session
-            .connect(&self.settings, &self.client_id, &mut self.out)
-            .map_err(wrong)?;
-        let deadline = Instant::now() + self.settings.timeout;
-        let mut answers = Vec::new();
-        let mut accepted = false;
-        let mut subscribed = false;
-        loop {
-            while !self.out.is_empty() {
-                let count = transport
-                    .write(&self.out)
-                    .map_err(|error| not_mqtt(error.to_string()))?;
-                self.out.drain(..count);
-            }
-            transport
-                .flush()
-                .map_err(|error| not_mqtt(error.to_string()))?;
-            if Instant::now() > deadline {
-                return Err(not_mqtt("no answer in time".to_owned()));
-            }
-            let count = match transport.read(&mut self.chunk) {
-                Ok(0) => return Err(not_mqtt("it closed the connection".to_owned())),
-                Ok(count) => count,
-                Err(error)
-                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
-                {
-                    return Err((not_mqtt("no answer in time".to_owned()).0, false));
-                }
-                Err(error) => return Err(not_mqtt(error.to_string())),
-            };
-            session.receive(&self.chunk[..count], &mut self.out, &mut |received| {
-                answers.push(received)
-            });
-            for answer in answers.drain(..) {
-                match answer {
-                    Received::Accepted => {
-                        accepted = true;
-                        if self.subscriptions.is_empty() {
-                            subscribed = true;
-                            continue;
-                        }
-                        session
-                            .subscribe(&self.subscriptions, &mut self.out)
-                            .map_err(wrong)?;
-                    }
-                    Received::Refused(reason, retry) => {
-                        let who = self.settings.who();
-                        return Err((
-                            ConnectError::Refused {
-                                url: url.clone(),
-                                who,
-                                reason,
-                            },
-                            retry && version == Version::V5,
-                        ));
-                    }
-                    Received::Subscribed(granted) => {
-                        if let Some(index) = granted.iter().position(|granted| !granted) {
-                            let filter = self
-                                .subscriptions
-                                .get(index)
-                                .map_or_else(String::new, |s| s.filter.clone());
-                            return Err((
-                                ConnectError::Denied {
-                                    url: url.clone(),
-                                    who: self.settings.who(),
-                                    filter,
-                                },
-                                false,
-                            ));
-                        }
-                        subscribed = true;
-                    }
-                    Received::Publish(message) => self.early.push(Event::Message(message)),
-                    Received::Closed(reason) => {
-                        return Err((not_mqtt(reason).0, !accepted && version == Version::V5));
-                    }
-                }
-            }
-            if subscribed {
-                return Ok(Link {
-                    transport,
-                    session,
-                    readable: true,
-                    closing: false,
-                });
-            }
-        }
-    }
-
     fn wait(&mut self, until: Instant, events: &mut Vec<Event>) {
+        // What is sent in answer carries the acknowledgement; so it costs a system call only where nothing was.
+        if let Some(link) = &mut self.link
+            && std::mem::take(&mut link.unacknowledged)
+        {
+            link.transport.acknowledge();
+        }
         // Rounded up to the clock of epoll, so that a wait never ends just before its time and spins.
         let timeout = until.saturating_duration_since(Instant::now());
         let timeout = if timeout.is_zero() {
@@ -476,6 +385,7 @@ impl Connection {
             }
         };
         self.out.drain(..sent);
+        link.unacknowledged &= sent == 0;
         self.traffic.sent_bytes += sent as u64;
         match result {
             // Full: the socket's becoming writable ends the next wait.
@@ -503,6 +413,7 @@ impl Connection {
             Err(error) => return self.broke(error.to_string(), events),
         };
         self.traffic.received_bytes += count as u64;
+        link.unacknowledged = true;
         let before = events.len();
         link.readable =
             count == self.chunk.len() || link.closing || !link.transport.short_read_is_all();

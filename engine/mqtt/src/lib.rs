@@ -6,6 +6,8 @@
 //! published since the last in one write, since a step of many agents is many small messages.
 
 mod connection;
+mod handshake;
+mod manner;
 mod plain;
 mod publication;
 mod session;
@@ -17,6 +19,9 @@ pub use connection::{Connection, Event, TooLarge, Traffic, Waker};
 pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
 pub use settings::{BrokerUrl, Scheme, Settings, SettingsError, Will};
+
+/// How often a connection is tried that the broker accepts and then breaks.
+const MOST_TRIES: u32 = 5;
 
 /// Why no connection to the broker came about.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +44,17 @@ pub enum ConnectError {
         /// What happened.
         reason: String,
     },
+    /// A broker listens there that breaks connections which it has just accepted.
+    #[error(
+        "the broker at {url} accepted the connection and broke it before it answered the subscription ({reason}), {MOST_TRIES} \
+         times in a row; its log may tell why"
+    )]
+    Broken {
+        /// Where.
+        url: String,
+        /// What happened.
+        reason: String,
+    },
     /// The broker wants other credentials.
     #[error(
         "the broker at {url} refuses {who} ({reason}); set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD \
@@ -54,7 +70,7 @@ pub enum ConnectError {
     },
     /// The broker does not let this client read a topic.
     #[error(
-        "the broker at {url} does not let {who} subscribe to {filter:?}; mend its access control list"
+        "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); mend its access control list"
     )]
     Denied {
         /// Where.
@@ -63,6 +79,8 @@ pub enum ConnectError {
         who: String,
         /// The topic filter.
         filter: String,
+        /// The broker's reason.
+        reason: String,
     },
     /// The certificates do not fit.
     #[error("no secure connection to {url}: {reason}")]

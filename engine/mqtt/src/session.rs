@@ -14,6 +14,7 @@ use mqtt_protocol_core::mqtt::prelude::*;
 use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode, MqttError};
 use mqtt_protocol_core::mqtt::{self, role};
 
+use crate::manner::{Manner, Remedy};
 use crate::plain::{self, Cut};
 use crate::publication::PublishOptions;
 use crate::settings::Settings;
@@ -110,13 +111,30 @@ impl Incoming {
 #[derive(Debug)]
 pub(crate) enum Received {
     Accepted,
-    /// Refused with this reason; true if another version of MQTT may be accepted.
-    Refused(String, bool),
-    /// Subscribed, or not: one flag per filter.
-    Subscribed(Vec<bool>),
+    /// Refused with this reason, and what may help.
+    Refused(String, Remedy),
+    /// Subscribed, or not: one answer per filter.
+    Subscribed(Vec<Granted>),
     Publish(Incoming),
     /// The connection is over.
     Closed(String),
+}
+
+/// The answer to a subscription.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Granted {
+    Yes,
+    No(String),
+}
+
+impl Granted {
+    fn by(code: u8, reason: impl std::fmt::Display) -> Self {
+        if code < 0x80 {
+            Self::Yes
+        } else {
+            Self::No(reason.to_string())
+        }
+    }
 }
 
 /// One MQTT connection's state.
@@ -133,6 +151,10 @@ pub(crate) struct Session {
     over: bool,
     /// The largest packet that the broker takes.
     largest: usize,
+    /// The highest quality of service that the broker takes.
+    most: QoS,
+    /// Whether the broker takes messages that it is to keep.
+    retains: bool,
     /// The topic of the last plain message: most have the same one, which is then neither checked nor copied.
     last_topic: Arc<str>,
 }
@@ -154,6 +176,8 @@ impl Session {
             accepted: false,
             over: false,
             largest: usize::MAX,
+            most: QoS::AtLeastOnce,
+            retains: true,
             last_topic: Arc::default(),
         }
     }
@@ -172,6 +196,7 @@ impl Session {
         &mut self,
         settings: &Settings,
         client_id: &str,
+        manner: Manner,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
         macro_rules! connect {
@@ -190,8 +215,8 @@ impl Session {
                     builder = builder.will_message(
                         &will.topic,
                         will.payload.clone(),
-                        CoreQos::AtLeastOnce,
-                        true,
+                        manner.will_qos.into(),
+                        manner.will_retained,
                     )?;
                 }
                 builder
@@ -222,7 +247,7 @@ impl Session {
             .map(|subscription| {
                 // What this client publishes itself is no news to it (MQTT 5).
                 let options = SubOpts::new()
-                    .set_qos(subscription.qos.into())
+                    .set_qos(self.allowed(subscription.qos).into())
                     .set_nl(self.version == Version::V5);
                 SubEntry::new(subscription.filter.as_str(), options)
             })
@@ -250,12 +275,25 @@ impl Session {
         options: &PublishOptions<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
+        let options = &PublishOptions {
+            qos: self.allowed(options.qos),
+            retain: options.retain && self.retains,
+            ..*options
+        };
         // The keep-alive timer runs on meanwhile: a ping too many is harmless.
         let plain = self.accepted && options.qos == QoS::AtMostOnce && !options.retain;
         if plain && plain::write(topic, payload, options, self.version, self.largest, out) {
             return Ok(());
         }
         self.publish_by_core(topic, payload, options, out)
+    }
+
+    /// What the broker takes of a quality of service.
+    fn allowed(&self, qos: QoS) -> QoS {
+        match self.most {
+            QoS::AtMostOnce => QoS::AtMostOnce,
+            QoS::AtLeastOnce => qos,
+        }
     }
 
     fn publish_by_core(
@@ -450,12 +488,17 @@ impl Session {
                 Packet::V5_0Connack(connack) => received(match connack.reason_code() {
                     ConnectReasonCode::Success => {
                         self.accepted = true;
-                        self.largest = largest(connack.props());
+                        self.limit(connack.props());
                         Received::Accepted
                     }
                     code => Received::Refused(
                         code.to_string(),
-                        matches!(code, ConnectReasonCode::UnsupportedProtocolVersion),
+                        match code {
+                            ConnectReasonCode::UnsupportedProtocolVersion => Remedy::Older,
+                            ConnectReasonCode::QosNotSupported => Remedy::WillAtMostOnce,
+                            ConnectReasonCode::RetainNotSupported => Remedy::WillNotRetained,
+                            _ => Remedy::None,
+                        },
                     ),
                 }),
                 Packet::V3_1_1Connack(connack) => received(match connack.return_code() {
@@ -463,14 +506,14 @@ impl Session {
                         self.accepted = true;
                         Received::Accepted
                     }
-                    code => Received::Refused(code.to_string(), false),
+                    code => Received::Refused(code.to_string(), Remedy::None),
                 }),
                 Packet::V5_0Suback(suback) => {
                     received(Received::Subscribed(
                         suback
                             .reason_codes()
                             .into_iter()
-                            .map(|code| (code as u8) < 0x80)
+                            .map(|code| Granted::by(code as u8, code))
                             .collect(),
                     ));
                 }
@@ -479,7 +522,7 @@ impl Session {
                         suback
                             .return_codes()
                             .into_iter()
-                            .map(|code| (code as u8) < 0x80)
+                            .map(|code| Granted::by(code as u8, code))
                             .collect(),
                     ));
                 }
@@ -504,6 +547,20 @@ impl Session {
         }
     }
 
+    /// Keeps to what the broker says of itself.
+    fn limit(&mut self, properties: &[Property]) {
+        for property in properties {
+            match property {
+                Property::MaximumPacketSize(size) => {
+                    self.largest = usize::try_from(size.val()).unwrap_or(usize::MAX);
+                }
+                Property::MaximumQos(most) if most.val() == 0 => self.most = QoS::AtMostOnce,
+                Property::RetainAvailable(retains) => self.retains = retains.val() == 1,
+                _ => {}
+            }
+        }
+    }
+
     fn timer(&mut self, kind: TimerKind) -> Option<&mut Option<Instant>> {
         match kind {
             TimerKind::PingreqSend => Some(&mut self.ping_at),
@@ -511,16 +568,6 @@ impl Session {
             TimerKind::PingreqRecv => None,
         }
     }
-}
-
-fn largest(properties: &[Property]) -> usize {
-    properties
-        .iter()
-        .find_map(|property| match property {
-            Property::MaximumPacketSize(size) => usize::try_from(size.val()).ok(),
-            _ => None,
-        })
-        .unwrap_or(usize::MAX)
 }
 
 #[cfg(test)]

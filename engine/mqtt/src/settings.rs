@@ -5,6 +5,8 @@ use std::str::FromStr;
 use std::time::Duration;
 use std::{env, fmt, fs};
 
+use crate::session::Version;
+
 /// How the broker is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
@@ -18,7 +20,8 @@ pub enum Scheme {
     Wss,
 }
 
-/// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path.
+/// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path; `?mqtt=3` or `?mqtt=5`
+/// behind it has one version of MQTT spoken only.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerUrl {
     /// How the broker is reached.
@@ -29,6 +32,8 @@ pub struct BrokerUrl {
     pub port: u16,
     /// Path of a websocket.
     pub path: String,
+    /// The only version of MQTT to be spoken; none to find out.
+    pub version: Option<Version>,
 }
 
 /// Settings that cannot be used; says what would be right.
@@ -63,6 +68,8 @@ impl FromStr for BrokerUrl {
                 ));
             }
         };
+        let (rest, query) = rest.split_once('?').unwrap_or((rest, ""));
+        let (version, query) = options(query).map_err(|reason| wrong(&reason))?;
         let (authority, path) = rest
             .split_once('/')
             .map_or((rest, ""), |(authority, path)| (authority, path));
@@ -94,18 +101,46 @@ impl FromStr for BrokerUrl {
                 "mqtt:// and mqtts:// take no path; use --prefix for a topic prefix",
             ));
         }
-        let path = if plain || !path.is_empty() {
+        if plain && !query.is_empty() {
+            return Err(wrong(&format!(
+                "{query:?} is no option of it; there are ?mqtt=3 and ?mqtt=5"
+            )));
+        }
+        let mut path = if plain || !path.is_empty() {
             format!("/{path}")
         } else {
             "/mqtt".to_owned()
         };
+        if !query.is_empty() {
+            path = format!("{path}?{query}");
+        }
         Ok(Self {
             scheme,
             host,
             port,
             path,
+            version,
         })
     }
+}
+
+/// The version of MQTT that the options behind a URL ask for, and the others of them.
+fn options(query: &str) -> Result<(Option<Version>, String), String> {
+    let mut version = None;
+    let mut others = Vec::new();
+    for option in query.split('&').filter(|option| !option.is_empty()) {
+        match option.split_once('=') {
+            Some(("mqtt", "3")) => version = Some(Version::V3),
+            Some(("mqtt", "5")) => version = Some(Version::V5),
+            Some(("mqtt", _)) => {
+                return Err(format!(
+                    "{option:?} is no version of MQTT; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
+                ));
+            }
+            _ => others.push(option),
+        }
+    }
+    Ok((version, others.join("&")))
 }
 
 impl fmt::Display for BrokerUrl {
@@ -245,6 +280,36 @@ mod tests {
     }
 
     #[test]
+    fn a_url_may_ask_for_a_version_of_mqtt() {
+        for (text, shown, version) in [
+            (
+                "mqtt://localhost?mqtt=3",
+                "mqtt://localhost:1883",
+                Some(Version::V3),
+            ),
+            (
+                "localhost:1884/?mqtt=5",
+                "mqtt://localhost:1884",
+                Some(Version::V5),
+            ),
+            (
+                "ws://localhost?mqtt=3",
+                "ws://localhost:80/mqtt",
+                Some(Version::V3),
+            ),
+            (
+                "ws://localhost/a?x=1&mqtt=5&y=2",
+                "ws://localhost:80/a?x=1&y=2",
+                Some(Version::V5),
+            ),
+            ("ws://localhost/a?x=1", "ws://localhost:80/a?x=1", None),
+        ] {
+            let url: BrokerUrl = text.parse().unwrap();
+            assert_eq!((url.to_string().as_str(), url.version), (shown, version));
+        }
+    }
+
+    #[test]
     fn urls_that_cannot_be_say_why_and_never_repeat_a_password() {
         for (text, why) in [
             ("http://localhost", "scheme"),
@@ -252,6 +317,8 @@ mod tests {
             ("mqtt://localhost:99999", "port"),
             ("mqtt://localhost:0", "port"),
             ("mqtt://localhost/lab", "--prefix"),
+            ("mqtt://localhost?mqtt=4", "?mqtt=3 (for 3.1.1) or ?mqtt=5"),
+            ("mqtt://localhost?clean=1", "?mqtt=3 and ?mqtt=5"),
             ("mqtt://me:secret@localhost", "SWARMWRIGHT_PASSWORD"),
         ] {
             let error = text.parse::<BrokerUrl>().unwrap_err().to_string();

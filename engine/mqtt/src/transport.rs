@@ -1,9 +1,11 @@
 //! The byte stream to the broker: TCP, TLS or websocket, all with `TCP_NODELAY`.
 //!
-//! Several small messages a step would otherwise meet Nagle's algorithm and delayed acknowledgements: 40 ms each.
+//! Several small messages a step would otherwise meet Nagle's algorithm and delayed acknowledgements: 40 ms each. In the
+//! other direction that is the broker's choice; acknowledging at once (`acknowledge`) makes up for it.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream as StdStream, ToSocketAddrs};
+use std::time::Duration;
 
 use mio::net::TcpStream;
 use rustls::{ClientConnection, StreamOwned};
@@ -148,9 +150,24 @@ impl Transport {
         }
     }
 
+    /// How long a read waits from here on.
+    pub fn set_patience(&mut self, patience: Duration) -> io::Result<()> {
+        SockRef::from(&*self.socket()).set_read_timeout(Some(patience))
+    }
+
     /// From here on reads and writes return at once.
     pub fn set_nonblocking(&mut self) -> io::Result<()> {
         SockRef::from(&*self.socket()).set_nonblocking(true)
+    }
+
+    /// Has the system acknowledge now what has come in, rather than with what is sent next or after 40 ms.
+    ///
+    /// A broker that leaves Nagle's algorithm on sends nothing more until then. Only Linux can do it.
+    pub fn acknowledge(&mut self) {
+        #[cfg(any(target_os = "linux", target_os = "android"))]
+        if let Err(error) = SockRef::from(&*self.socket()).set_tcp_quickack(true) {
+            log::debug!("the system does not acknowledge at once: {error}");
+        }
     }
 
     /// Whether a read that does not fill the buffer has emptied the socket.

@@ -357,3 +357,44 @@ fn an_end_that_comes_together_with_a_message_is_noticed() {
     });
     relay.join().unwrap();
 }
+
+/// A broker that leaves Nagle's algorithm on sends the second of two small messages when the first is acknowledged.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_broker_that_collects_small_packets_does_not_wait_for_the_system_to_acknowledge() {
+    const ROUNDS: usize = 31;
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("mqtt://{}", listener.local_addr().unwrap());
+    let serving = thread::spawn(move || {
+        let (mut socket, _) = listener.accept().unwrap();
+        socket.set_nodelay(false).unwrap();
+        let mut buffer = [0; 1000];
+        assert!(socket.read(&mut buffer).unwrap() > 0);
+        socket.write_all(&[0x20, 3, 0, 0, 0]).unwrap();
+        assert!(socket.read(&mut buffer).unwrap() > 4);
+        socket
+            .write_all(&[0x90, 4, buffer[2], buffer[3], 0, 0])
+            .unwrap();
+        for _ in 0..ROUNDS {
+            assert!(socket.read(&mut buffer).unwrap() > 0);
+            for _ in 0..3 {
+                socket.write_all(b"\x30\x05\x00\x01t\x00x").unwrap();
+            }
+        }
+        let _ = socket.read(&mut buffer);
+    });
+    let mut connection = open(&url, "t");
+    let mut seconds: Vec<f64> = (0..ROUNDS)
+        .map(|_| {
+            let start = Instant::now();
+            connection.publish("question", b"", QoS::AtMostOnce, false, None);
+            assert_eq!(messages(&mut connection, 3).len(), 3);
+            start.elapsed().as_secs_f64()
+        })
+        .collect();
+    seconds.sort_unstable_by(f64::total_cmp);
+    // The system by itself acknowledges after 40 ms, twice in a round.
+    assert!(seconds[ROUNDS / 2] < 0.03, "{seconds:?}");
+    drop(connection);
+    serving.join().unwrap();
+}

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Discovery, Presence, ServerMessage, Topic};
+use swarmwright_protocol::{Discovery, Presence, ServerMessage, State, Topic};
 
 use crate::failures::Blame;
 use crate::machine::Machine;
@@ -25,13 +25,17 @@ impl Machine {
             .iter()
             .find(|(hash, _)| *hash == message.simulation_hash)
         else {
-            return;
+            return self.offers.answered_another(message, &self.config.demand);
         };
         let (id, round) = (message.server, *round);
+        let announced = message.capabilities.swarmwright.as_ref();
+        if self.has_ended(id, announced.and_then(|announced| announced.pid)) {
+            return;
+        }
         match self.offers.answered(message, round, &self.config.demand) {
             // Were there another server with this id, its answer would come now: two that step one episode spoil it.
             Answer::Welcome => self.offers.introduce(id, now + self.config.probation, now),
-            Answer::Known => self.beaten(id, round, now),
+            Answer::Known => self.vacant(id, round, now),
             Answer::Unfit(None) => {}
             Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
             Answer::Twins(jobs, news) => {
@@ -50,6 +54,15 @@ impl Machine {
     }
 
     pub(crate) fn presence(&mut self, presence: Presence, now: Instant) {
+        if presence.state == State::Lost && self.watched.contains(&presence.server) {
+            let announced = presence.capabilities.swarmwright.as_ref();
+            let pid = announced.and_then(|announced| announced.pid);
+            // Whoever watches the process says more in a moment, or has.
+            if !self.has_ended(presence.server, pid) {
+                self.offers.fell_silent(presence.server);
+            }
+            return;
+        }
         let (ended, discover) = self.offers.present(presence, &self.config.tool);
         if let Some(mut ended) = ended {
             if !ended.own_fault {

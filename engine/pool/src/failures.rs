@@ -169,10 +169,19 @@ impl Machine {
             }
             self.warn(format!("an episode failed on server {server}: {reason}"));
         }
-        let told = self.troubles.entry(reason.clone()).or_default();
+        let stack = self.stack_once(&reason, stack);
+        (reason, stack)
+    }
+
+    /// The stack, of a length that can be kept, where none was told for this reason before.
+    pub(crate) fn stack_once(&mut self, reason: &str, stack: Option<String>) -> Option<String> {
+        if !self.troubles.contains_key(reason) && self.troubles.len() >= COMPLAINTS {
+            return None;
+        }
+        let told = self.troubles.entry(reason.to_owned()).or_default();
         let stack = stack.filter(|_| !*told);
         *told |= stack.is_some();
-        (reason, stack.map(|stack| shortened(stack, MOST_STACK)))
+        stack.map(|stack| shortened(stack, MOST_STACK))
     }
 
     pub(crate) fn warn(&mut self, text: String) {

@@ -27,6 +27,7 @@ mod run;
 mod slot;
 mod status;
 mod stepwise;
+mod supervision;
 mod watch;
 mod work;
 
@@ -40,5 +41,6 @@ pub use mode::Mode;
 pub use offers::Offers;
 pub use pool::{About, Options, Pool, PoolError};
 pub use report::{Listener, Report};
+pub use supervision::{At, Ending, Place, Supervision};
 pub use watch::{News, Watcher, list_servers};
 pub use work::{Attempt, Work, WorkError, check_work};

@@ -4,7 +4,7 @@
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
 //! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
 
-use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
@@ -42,6 +42,8 @@ pub enum Action {
     },
     /// Tell the user.
     Warn(String),
+    /// A watched server has not answered in time: whoever watches its process is to look at it.
+    Overdue(u64),
 }
 
 /// The decisions of one optimization tool.
@@ -90,6 +92,9 @@ pub struct Machine {
     pub(crate) checks: BTreeMap<usize, Check>,
     /// How often work was submitted.
     pub(crate) work_number: u64,
+    /// Servers whose processes are watched, and of each the last process that ended.
+    pub(crate) watched: BTreeSet<u64>,
+    pub(crate) ended_pids: BTreeMap<u64, u64>,
     /// Two servers do not agree, and nobody can tell which one is wrong.
     pub(crate) disagreement: Option<String>,
 }
@@ -148,6 +153,8 @@ impl Machine {
             woken: 0,
             checks: BTreeMap::new(),
             work_number: 0,
+            watched: BTreeSet::new(),
+            ended_pids: BTreeMap::new(),
             disagreement: None,
             config,
         }
@@ -337,7 +344,7 @@ impl Machine {
         if kind == Topic::Sensor {
             match SensorReading::decode(payload) {
                 Ok(sensor) => self.sensor(&sensor, now),
-                Err(error) => self.undecodable(topic, payload, &error.to_string(), now),
+                Err(error) => self.undecodable(topic, payload, &error, now),
             }
             return;
         }
@@ -356,7 +363,7 @@ impl Machine {
             Ok(Message::Server(message)) => self.server(message, now),
             Ok(Message::Presence(presence)) => self.presence(presence, now),
             Ok(_) => {}
-            Err(error) => self.undecodable(topic, payload, &error.to_string(), now),
+            Err(error) => self.undecodable(topic, payload, &error, now),
         }
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use swarmwright_protocol::{Presence, ServerMessage, State};
+use swarmwright_protocol::{Presence, ServerMessage, State, shortened};
 
 use crate::demand::Demand;
 use crate::health::Health;
@@ -21,6 +21,8 @@ pub struct Offers {
     seen: BTreeMap<u64, Vec<(String, u64)>>,
     /// Ids to which two servers answered: the last round in which one did, and how often.
     twins: BTreeMap<u64, (u64, u32)>,
+    /// Servers that answered with a hash that this tool has not asked with, each with that hash.
+    strangers: BTreeMap<u64, String>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
     refusals: BTreeMap<u64, (Option<String>, String)>,
     /// How ids have behaved so far.
@@ -51,6 +53,11 @@ pub(crate) enum Answer {
     /// Two servers answer to one id; the jobs to be given up, and whether that is news.
     Twins(Vec<Job>, bool),
 }
+
+/// Servers with other hashes that are remembered.
+const MOST_STRANGERS: usize = 100;
+/// Characters of a hash that are shown, at most.
+const MOST_HASH: usize = 80;
 
 const TWINS: &str =
     "two servers answer to this id, so neither is used; give one of them another --id";
@@ -148,6 +155,17 @@ impl Offers {
             },
         );
         Answer::Welcome
+    }
+
+    /// A server answered with a hash that this tool has not asked with: another tool's, mostly. One that knows D6.1 alone
+    /// may do so always, for section 7.2.2 can be read so that its answer is fixed.
+    pub(crate) fn answered_another(&mut self, message: ServerMessage, demand: &Demand) {
+        let announced = message.capabilities.swarmwright.is_some();
+        let few = self.strangers.len() < MOST_STRANGERS;
+        if few && !announced && message.simulations.contains(&demand.simulation) {
+            let hash = shortened(message.simulation_hash, MOST_HASH);
+            self.strangers.insert(message.server, hash);
+        }
     }
 
     /// Whether a start of a server is known to be gone: its answer is older, or came twice.
@@ -299,6 +317,7 @@ impl Offers {
     pub(crate) fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.unfit.remove(&id);
+        self.strangers.remove(&id);
         self.metrics.remove(&id);
         self.seen.remove(&id);
         self.remove(id)
@@ -424,6 +443,14 @@ impl Offers {
             lines
                 .entry(*id)
                 .or_insert_with(|| format!("server {id}: {}", misfit.unwrap_or(state)));
+        }
+        for (id, hash) in &self.strangers {
+            lines.entry(*id).or_insert_with(|| {
+                format!(
+                    "server {id}: answers with simulation_hash {hash:?}, which is none of this tool's discoveries; it may \
+                     have answered another tool, else let it return the hash of the discovery"
+                )
+            });
         }
         if lines.is_empty() {
             "no server at all; start one with `swarmwright serve`".to_owned()

@@ -17,6 +17,7 @@ use crate::ledger::{Results, Settled};
 use crate::machine::{Action, Machine};
 use crate::mode::Mode;
 use crate::report::{Listener, Report, Reporter};
+use crate::supervision::Supervision;
 use crate::work::{Attempt, Work, WorkError};
 
 /// How often the caller is asked whether to go on.
@@ -149,6 +150,7 @@ pub struct Pool {
     events: Vec<Event>,
     warnings: Vec<String>,
     reporter: Reporter,
+    supervision: Supervision,
     wall: (Instant, f64),
 }
 
@@ -216,6 +218,7 @@ impl Pool {
         machine.set_largest_packet(connection.largest_packet());
         Ok(Self {
             machine,
+            supervision: Supervision::new(connection.waker()),
             connection,
             reply: topics.to_tool(&token),
             status: topics.status(&token),
@@ -377,7 +380,7 @@ impl Pool {
                     break Err(PoolError::Rejected(reason));
                 }
                 let lonely = self.machine.lonely(now);
-                if self.machine.busy_elsewhere().is_some() {
+                if self.machine.busy_elsewhere().is_some() || self.supervision.are_starting() {
                     free_since = now;
                 } else if lonely.min(now.duration_since(free_since)) >= patience {
                     break Err(self.no_server(lonely));
@@ -394,7 +397,26 @@ impl Pool {
 
     /// What the work that follows is for.
     pub fn set_about(&mut self, about: About) {
+        self.supervision.set_generation(about.generation);
         self.about = about;
+    }
+
+    /// The processes of these servers are the tool's own. What is returned is for whoever watches them.
+    #[must_use]
+    pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) -> Supervision {
+        self.machine.watch(servers);
+        self.supervision.clone()
+    }
+
+    /// What whoever watches processes has said.
+    fn heed(&mut self, now: Instant) {
+        let (endings, alive) = self.supervision.take();
+        for server in alive {
+            self.machine.is_alive(server, now);
+        }
+        for ending in endings {
+            self.machine.ended(&ending, now);
+        }
     }
 
     /// Has somebody told what happens, as it happens.
@@ -467,8 +489,10 @@ impl Pool {
         if self.count_at <= now {
             self.count_alike(now);
         }
+        self.heed(now);
         self.act();
         self.hear(wake.min(self.tick_at));
+        self.heed(Instant::now());
         self.act();
         self.reporter.look(&self.machine, self.looked);
     }
@@ -551,6 +575,7 @@ impl Pool {
 
     fn act(&mut self) {
         let mut unsent = Vec::new();
+        let mut sent = Vec::new();
         for action in self.machine.actions() {
             match action {
                 Action::Publish(topic, payload) => {
@@ -574,6 +599,7 @@ impl Pool {
                         ..PublishOptions::default()
                     };
                     let topic = self.topics.to_server(server);
+                    sent.push(request);
                     if let Err(TooLarge { bytes, most }) =
                         self.connection.publish_with(&topic, &payload, &options)
                     {
@@ -584,6 +610,12 @@ impl Pool {
                     self.reporter.tell(&Report::Warning(&text));
                     self.warnings.push(text);
                 }
+                Action::Overdue(server) => self.supervision.is_overdue(server),
+            }
+        }
+        for request in sent {
+            if let Some((candidate, episode)) = self.machine.place(request) {
+                self.supervision.sent(request, candidate, episode);
             }
         }
         for (request, reason) in unsent {

@@ -15,6 +15,7 @@ use crate::machine::{Action, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::slot::Job;
+use crate::supervision::WORD;
 use crate::work::Attempt;
 
 /// A block is given to somebody else when it takes this many times as long as expected.
@@ -32,13 +33,16 @@ pub(crate) struct Request {
     lease: Duration,
     /// Whether it takes so long that another server has it, too.
     pub doubted: bool,
+    /// Whether whoever watches the server's process was asked what became of it.
+    pub overdue: bool,
     /// None for a block.
     pub batch: Option<Batch>,
 }
 
 impl Request {
     pub fn deadline(&self) -> Instant {
-        self.heard + self.lease
+        let word = if self.overdue { WORD } else { Duration::ZERO };
+        self.heard + self.lease + word
     }
 
     /// What is to be tried again when it fails as a whole: all but what went its own way before.
@@ -120,8 +124,12 @@ impl Machine {
             seeds: U64s(work.seeds()[episodes].to_vec()),
             metrics: self.config.demand.metrics.clone(),
             attempt: piece.tries + 1,
-            // What was sent before this one is computed first.
-            lease: lease * 2.0,
+            // What was sent before this one is computed first. Who is watched is ended where it takes too long.
+            lease: if self.watched.contains(&server) {
+                0.0
+            } else {
+                lease * 2.0
+            },
         });
         let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.step_timeout);
         self.request(&message, piece, server, lease, None, now);
@@ -192,6 +200,7 @@ impl Machine {
             heard: now,
             lease,
             doubted: false,
+            overdue: false,
             batch,
         };
         self.requests.insert(number, request);
@@ -492,7 +501,12 @@ impl Machine {
             .collect();
         late.sort_unstable();
         for number in late {
-            if let Some(request) = self.requests.get(&number) {
+            if let Some(request) = self.requests.get_mut(&number) {
+                if self.watched.contains(&request.server) && !request.overdue {
+                    request.overdue = true;
+                    self.actions.push(Action::Overdue(request.server));
+                    continue;
+                }
                 let (server, reason) = (request.server, request.waiting_for(now).to_string());
                 self.counts.time_outs += 1;
                 self.offers.fell_silent(server);

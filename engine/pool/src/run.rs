@@ -19,8 +19,12 @@ pub(crate) struct Run {
     pub heard: Instant,
     /// Why a message of this run was refused, and when: the server gets little time to send a better one.
     pub refused: Option<(Instant, String)>,
+    /// Its server said that it is free, though it had not begun: until when it may still begin.
+    pub vacant: Option<Instant>,
     /// Whether it takes so long that another server has it, too.
     pub doubted: bool,
+    /// Whether whoever watches the server's process was asked what became of it.
+    pub overdue: bool,
     /// Number of agents, if the parameters tell.
     agents: Option<u64>,
     prototype: Controller,
@@ -53,7 +57,9 @@ impl Run {
             started: now,
             heard: now,
             refused: None,
+            vacant: None,
             doubted: false,
+            overdue: false,
             agents,
             prototype,
             controllers: Vec::new(),
@@ -104,6 +110,11 @@ impl Run {
     /// Whether the server has begun.
     pub fn begun(&self) -> bool {
         self.steps() > 0
+    }
+
+    /// Until when its server, which said that it is free, may still begin.
+    pub fn vacant_until(&self) -> Option<Instant> {
+        self.vacant.filter(|_| !self.begun())
     }
 
     /// What is waited for.

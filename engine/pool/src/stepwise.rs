@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    EpisodeHasher, Failed, Fitness, MAX_PAYLOAD, MOST_REASON, ParametersMessage, ReadingWriter,
-    SensorReading, Topic, shortened,
+    DecodeError, EpisodeHasher, Failed, Fitness, MAX_PAYLOAD, MOST_REASON, ParametersMessage,
+    ReadingWriter, SensorReading, Topic, shortened,
 };
 
 use crate::copies::Found;
@@ -15,10 +15,17 @@ use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::run::Run;
 use crate::slot::Job;
+use crate::supervision::WORD;
 use crate::work::Attempt;
 
 /// How long a server that sent a message that was refused may take to send a better one.
 const AFTER_REFUSAL: Duration = Duration::from_secs(2);
+/// By how much a message may come later than one that was published after it, on another topic.
+const OVERTAKEN: Duration = Duration::from_millis(250);
+/// Where the hash is looked for in a message that is too large, bytes.
+const AROUND: usize = 4096;
+/// Bytes of a packet beside its topic and payload, at most.
+const HEADER: usize = 16;
 /// How often in a row another tool may be faster on a server before the server is the one to blame.
 const MOST_BEATEN: u32 = 5;
 
@@ -45,7 +52,12 @@ impl Machine {
             simulation_hash: hash.clone(),
             parameters,
         };
-        self.publish(Topic::Parameters, message.encode());
+        let payload = message.encode();
+        if let Some(reason) = self.too_large(Topic::Parameters, payload.len()) {
+            self.ledger.put_back(&piece);
+            return self.not_for(server, &reason, now);
+        }
+        self.publish(Topic::Parameters, payload);
         let control = self.control(server, hash.clone(), true);
         self.publish(Topic::Control, control.encode());
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
@@ -66,7 +78,12 @@ impl Machine {
         let since = now.saturating_duration_since(run.heard);
         match run.answer(sensor, now) {
             Ok(actuator) => {
-                if let Some(slot) = self.offers.slots.get_mut(&run.server) {
+                let (server, bytes) = (run.server, actuator.len());
+                if let Some(reason) = self.too_large(Topic::Actuator, bytes) {
+                    self.end_run(server, &sensor.simulation_hash);
+                    return self.not_for(server, &reason, now);
+                }
+                if let Some(slot) = self.offers.slots.get_mut(&server) {
                     slot.steps.measured(since);
                     slot.silent = false;
                 }
@@ -135,18 +152,56 @@ impl Machine {
     }
 
     /// A message that is none of the protocol's: if it names a run of ours, its server gets little time for a better one.
-    pub(crate) fn undecodable(&mut self, topic: &str, payload: &[u8], error: &str, now: Instant) {
-        if payload.len() <= MAX_PAYLOAD {
-            let text = String::from_utf8_lossy(payload);
-            if let Some((_, run)) = self
-                .runs
-                .iter_mut()
-                .find(|(hash, _)| text.contains(hash.as_str()))
-            {
-                run.refused = Some((now, format!("message on {topic}: {error}")));
+    /// One that is too large will not be smaller another time.
+    pub(crate) fn undecodable(
+        &mut self,
+        topic: &str,
+        payload: &[u8],
+        error: &DecodeError,
+        now: Instant,
+    ) {
+        let reason = format!("message on {topic}: {error}");
+        self.complain(format!("refusing a {reason}"));
+        let Some(hash) = self.named_in(payload) else {
+            return;
+        };
+        if let Some(run) = self.runs.get_mut(&hash) {
+            if matches!(error, DecodeError::TooLarge { .. }) {
+                let server = run.server;
+                self.end_run(server, &hash);
+                return self.not_for(server, &reason, now);
             }
+            run.refused = Some((now, reason));
         }
-        self.complain(format!("refusing a message on {topic}: {error}"));
+    }
+
+    /// The hash of an episode under way that stands in a payload; of a large one, near its beginning or end.
+    fn named_in(&self, payload: &[u8]) -> Option<String> {
+        let (head, tail) = if payload.len() <= MAX_PAYLOAD {
+            (payload, &payload[payload.len()..])
+        } else {
+            (&payload[..AROUND], &payload[payload.len() - AROUND..])
+        };
+        let [head, tail] = [head, tail].map(String::from_utf8_lossy);
+        let named = |hash: &&String| head.contains(hash.as_str()) || tail.contains(hash.as_str());
+        self.runs.keys().find(named).cloned()
+    }
+
+    /// Why a message of so many bytes cannot be sent to a server, if it cannot.
+    fn too_large(&self, topic: Topic, bytes: usize) -> Option<String> {
+        let beside = self.config.topics.name(topic).len() + HEADER;
+        let (name, takes) = (topic.name(), self.packet.saturating_sub(beside));
+        if bytes > MAX_PAYLOAD {
+            Some(format!(
+                "a {name} message of {bytes} bytes is larger than the {MAX_PAYLOAD} that one may have"
+            ))
+        } else if bytes > takes {
+            Some(format!(
+                "a {name} message of {bytes} bytes is larger than the {takes} that the broker takes"
+            ))
+        } else {
+            None
+        }
     }
 
     /// An episode is over without fitness; see [`retry`](Self::retry).
@@ -192,17 +247,29 @@ impl Machine {
     }
 
     /// A server that answers a discovery sent after an episode's control message is not at that episode: another
-    /// tool's control came first, and its episode is over by now.
-    pub(crate) fn beaten(&mut self, id: u64, round: u64, now: Instant) {
-        let waiting = |run: &Run| run.server == id && !run.begun() && run.round < round;
-        let Some(hash) = self
-            .runs
-            .iter()
-            .find(|(_, run)| waiting(run))
-            .map(|(hash, _)| hash.clone())
-        else {
-            return;
-        };
+    /// tool's control came first, and its episode is over by now. Or the broker delivered one before the other: what
+    /// shows that it has begun then comes in a moment.
+    pub(crate) fn vacant(&mut self, id: u64, round: u64, now: Instant) {
+        let waiting = |run: &&mut Run| run.server == id && !run.begun() && run.round < round;
+        for run in self.runs.values_mut().filter(waiting) {
+            run.vacant.get_or_insert(now + OVERTAKEN);
+        }
+    }
+
+    /// Episodes that their servers have not begun although they are free.
+    fn vacant_episodes(&mut self, now: Instant) {
+        let runs = self.runs.iter();
+        let vacant = runs.filter(|(_, run)| run.vacant_until().is_some_and(|until| until <= now));
+        let mut vacant: Vec<(String, u64)> = vacant
+            .map(|(hash, run)| (hash.clone(), run.server))
+            .collect();
+        vacant.sort();
+        for (hash, server) in vacant {
+            self.beaten(server, &hash, now);
+        }
+    }
+
+    fn beaten(&mut self, id: u64, hash: &str, now: Instant) {
         let reason = format!("server {id} is free and has not begun the episode");
         let mut own_fault = false;
         if let Some(slot) = self.offers.slots.get_mut(&id) {
@@ -215,20 +282,22 @@ impl Machine {
         } else {
             Blame::Nobody
         };
-        self.fail_episode(&hash, &reason, blame, now);
+        self.fail_episode(hash, &reason, blame, now);
         self.dispatch(now);
     }
 
     pub(crate) fn run_deadline(&self, run: &Run) -> Instant {
         let silent = run.heard + self.config.step_timeout;
         let silent = silent.min(run.started + self.config.faults.episode);
-        run.refused
-            .as_ref()
-            .map_or(silent, |(at, _)| silent.min(*at + AFTER_REFUSAL))
+        let silent = if run.overdue { silent + WORD } else { silent };
+        let refused = run.refused.as_ref().map(|(at, _)| *at + AFTER_REFUSAL);
+        let earlier = [refused, run.vacant_until()];
+        earlier.into_iter().flatten().fold(silent, Instant::min)
     }
 
     /// Episodes whose servers have been silent for too long, or sent nothing better after a refusal.
     pub(crate) fn late_episodes(&mut self, now: Instant) {
+        self.vacant_episodes(now);
         let mut late: Vec<String> = self
             .runs
             .iter()
@@ -237,9 +306,14 @@ impl Machine {
             .collect();
         late.sort();
         for hash in late {
-            let Some(run) = self.runs.get(&hash) else {
+            let Some(run) = self.runs.get_mut(&hash) else {
                 continue;
             };
+            if self.watched.contains(&run.server) && run.refused.is_none() && !run.overdue {
+                run.overdue = true;
+                self.actions.push(Action::Overdue(run.server));
+                continue;
+            }
             let (server, waiting) = (run.server, run.waiting_for(now).to_string());
             let run_refused = run.refused.clone();
             let reason = run_refused

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use common::{Line, Net, Party, server, tool_in_mode, work};
 use swarmwright_pool::Mode;
-use swarmwright_protocol::{MOST_STACK, Topics};
+use swarmwright_protocol::{MAX_SENSOR, MOST_STACK, Topics};
 use swarmwright_worlds::{Description, Failure, ParameterError, Parameters, Simulation, fail};
 use swarmwright_wrapper::{Identity, Machine};
 
@@ -207,4 +207,113 @@ fn reports_of_strangers_change_nothing() {
     }
     assert_eq!(net.finish(index), expected);
     assert!(net.warnings.is_empty(), "{:?}", net.warnings);
+}
+
+/// A tool and one server; why the work was refused.
+fn rejected(net: &mut Net, index: usize, mut turn: impl FnMut(&mut Net)) -> String {
+    let start = net.now;
+    loop {
+        net.turn();
+        turn(net);
+        let now = net.now;
+        if let Some(reason) = net.tool(index).rejected(now) {
+            return reason;
+        }
+        assert!(now - start < Duration::from_secs(5), "{:?}", net.warnings);
+    }
+}
+
+#[test]
+fn sensors_that_are_larger_than_a_message_may_be_end_the_work_at_once_with_their_size() {
+    let (mut net, index) = net(
+        Mode::Stepwise,
+        vec![Party::Server(Box::new(server(2, Line::new())))],
+    );
+    let stranger = net.add(Party::Gone);
+    let note = "x".repeat(MAX_SENSOR);
+    let mut sent = false;
+    let reason = rejected(&mut net, index, |net| {
+        let control = net.log.iter().find(|one| one.topic == "control");
+        let Some(control) = control.filter(|_| !sent) else {
+            return;
+        };
+        let control: serde_json::Value =
+            serde_json::from_slice(&control.payload).unwrap_or_default();
+        let hash = &control["simulation_hash"];
+        let text =
+            format!(r#"{{"simulation_hash":{hash},"agent":0,"sensor":[0],"note":"{note}"}}"#);
+        net.publish(stranger, "sensor", text.as_bytes());
+        sent = true;
+    });
+    assert!(
+        reason.contains("message on sensor: 6710") && reason.contains("more than the 67108864"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn parameters_that_are_larger_than_a_message_may_be_end_the_work_with_their_size() {
+    for (note, packet, told) in [
+        (
+            1 << 20,
+            usize::MAX,
+            "larger than the 1048576 that one may have",
+        ),
+        (
+            30_000,
+            20_000,
+            "larger than the 19974 that the broker takes",
+        ),
+    ] {
+        let mut net = Net::new(3);
+        let now = net.now;
+        let mut machine = common::tool_with(Mode::Stepwise, "a", 0, now, |config| {
+            let note = "x".repeat(note);
+            config.parameters.insert("note".into(), note.into());
+        });
+        machine.set_largest_packet(packet);
+        net.add(Party::Server(Box::new(server(1, Line::new()))));
+        machine.submit(work(2, &SEEDS), now);
+        let index = net.add(Party::Tool(Box::new(machine)));
+        let reason = rejected(&mut net, index, |_| {});
+        assert!(
+            reason.contains("a parameters message of") && reason.contains(told),
+            "{reason}"
+        );
+    }
+}
+
+#[test]
+fn a_server_that_answers_with_a_hash_of_its_own_is_named() {
+    let answer = r#"{"server":7,"simulation_hash":"mine","simulations":["line"],"capabilities":{"dimensions":2}}"#;
+    let script: common::Script = Box::new(|topic, _| match topic {
+        "discovery" => vec![("server".to_owned(), answer.as_bytes().to_vec())],
+        _ => Vec::new(),
+    });
+    let (mut net, index) = net(Mode::Stepwise, vec![Party::Script(script)]);
+    for _ in 0..20 {
+        net.turn();
+    }
+    let found = net.tool(index).describe();
+    assert!(
+        found.contains(r#"server 7: answers with simulation_hash "mine", which is none of"#),
+        "{found}"
+    );
+}
+
+#[test]
+fn messages_that_overtake_those_on_other_topics_cost_no_attempt() {
+    for random in 0..30 {
+        let mut net = Net::new(random);
+        net.crosses = true;
+        net.presence = random % 2 == 0;
+        let now = net.now;
+        let index = net.add(Party::Tool(Box::new(common::tool("a", 0, now))));
+        net.add_seed_only(1);
+        net.add(Party::Server(Box::new(server(2, Line::new()))));
+        net.submit(index, work(7, &SEEDS));
+        net.finish(index);
+        let errors = net.journal(index).into_iter().filter_map(|one| one.error);
+        assert_eq!(errors.collect::<Vec<_>>(), Vec::<String>::new(), "{random}");
+    }
 }

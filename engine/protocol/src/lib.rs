@@ -26,15 +26,23 @@ pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};
 pub use status::{Activity, MOST_LISTED, Missing, NoServer, PieceKind, Status, Used, Waiting};
 pub use topics::{Topic, TopicError, Topics};
 
-/// Larger payloads are refused unread.
+/// Larger payloads are refused unread, but for sensor messages.
 pub const MAX_PAYLOAD: usize = 1 << 20;
+
+/// Larger sensor messages are refused unread: what an agent sees may be a picture, or a map.
+pub const MAX_SENSOR: usize = MAX_BLOCK;
 
 /// Why a payload is no message of its topic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// Larger than [`MAX_PAYLOAD`].
-    #[error("{0} bytes are more than the {MAX_PAYLOAD} that a message may have")]
-    TooLarge(usize),
+    /// Larger than [`MAX_PAYLOAD`], or [`MAX_SENSOR`].
+    #[error("{bytes} bytes are more than the {most} that a message may have")]
+    TooLarge {
+        /// Its bytes.
+        bytes: usize,
+        /// How many it may have.
+        most: usize,
+    },
     /// No JSON, or JSON of another shape; where and what was expected.
     #[error("{0}")]
     Json(String),

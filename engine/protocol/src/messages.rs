@@ -162,7 +162,10 @@ struct Keys(Map<String, Value>);
 impl Keys {
     fn read(payload: &[u8]) -> Result<Self, DecodeError> {
         if payload.len() > MAX_PAYLOAD {
-            return Err(DecodeError::TooLarge(payload.len()));
+            return Err(DecodeError::TooLarge {
+                bytes: payload.len(),
+                most: MAX_PAYLOAD,
+            });
         }
         Ok(Self(serde_json::from_slice(payload)?))
     }

@@ -56,7 +56,10 @@ struct Wire {
 impl Presence {
     pub(crate) fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         if payload.len() > MAX_PAYLOAD {
-            return Err(DecodeError::TooLarge(payload.len()));
+            return Err(DecodeError::TooLarge {
+                bytes: payload.len(),
+                most: MAX_PAYLOAD,
+            });
         }
         let wire: Wire = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;
         if wire.version != Id(1) {

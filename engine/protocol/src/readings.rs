@@ -12,7 +12,7 @@ use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
 use crate::numbers::{Id, Real32, Real64};
-use crate::{DecodeError, MAX_PAYLOAD};
+use crate::{DecodeError, MAX_PAYLOAD, MAX_SENSOR};
 
 /// Sensor readings of one agent (D6.1, Schema 5).
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -172,8 +172,13 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
             Ok(fields)
         }
     }
-    if payload.len() > MAX_PAYLOAD {
-        return Err(DecodeError::TooLarge(payload.len()));
+    let most = match kind {
+        Kind::Sensor => MAX_SENSOR,
+        Kind::Actuator | Kind::Fitness => MAX_PAYLOAD,
+    };
+    let bytes = payload.len();
+    if bytes > most {
+        return Err(DecodeError::TooLarge { bytes, most });
     }
     let mut deserializer = serde_json::Deserializer::from_slice(payload);
     let fields = deserializer.deserialize_map(FieldsVisitor(kind))?;
@@ -465,6 +470,21 @@ mod tests {
     fn numbers_beyond_binary32_are_refused() {
         let text = br#"{"simulation_hash":"0","agent":0,"actuator":[1e39]}"#;
         assert!(Actuator::decode(text).is_err());
-        assert!(Sensor::decode(&vec![b' '; MAX_PAYLOAD + 1]).is_err());
+    }
+
+    #[test]
+    fn what_an_agent_sees_may_be_large_and_nothing_else() {
+        let sensor = vec![0.123_456_79; 200_000];
+        let payload = ReadingWriter::sensor("eye", "0").encode(0, &sensor);
+        assert!(payload.len() > 2 * MAX_PAYLOAD);
+        assert_eq!(SensorReading::decode(&payload).unwrap().sensor, sensor);
+        let payload = ReadingWriter::actuator("eye", "0").encode(0, &sensor);
+        let (bytes, most) = (payload.len(), MAX_PAYLOAD);
+        let refused = DecodeError::TooLarge { bytes, most };
+        assert_eq!(Actuator::decode(&payload), Err(refused));
+        let bytes = MAX_SENSOR + 1;
+        let most = MAX_SENSOR;
+        let refused = DecodeError::TooLarge { bytes, most };
+        assert_eq!(Sensor::decode(&vec![b' '; bytes]), Err(refused));
     }
 }

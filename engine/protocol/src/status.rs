@@ -207,7 +207,10 @@ impl Status {
     /// No JSON object of version 1, a required key missing, a value of the wrong type, a negative duration or speed, too large.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         if payload.len() > MAX_PAYLOAD {
-            return Err(DecodeError::TooLarge(payload.len()));
+            return Err(DecodeError::TooLarge {
+                bytes: payload.len(),
+                most: MAX_PAYLOAD,
+            });
         }
         // By way of a tree, in which the last of repeated keys wins.
         let status: Self = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;

@@ -19,7 +19,7 @@ pub struct PyBroker {
 impl PyBroker {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
-    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None, rate=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None, rate=None, memory=None))]
     fn new(
         py: Python<'_>,
         host: &str,
@@ -30,7 +30,11 @@ impl PyBroker {
         certificate: Option<PathBuf>,
         key: Option<PathBuf>,
         rate: Option<u32>,
+        memory: Option<usize>,
     ) -> PyResult<Self> {
+        let mut limits = Limits::default();
+        limits.rate = rate.unwrap_or(limits.rate);
+        limits.memory = memory.unwrap_or(limits.memory);
         let config = Config {
             host: host.to_owned(),
             port,
@@ -39,10 +43,7 @@ impl PyBroker {
             access,
             certificate,
             key,
-            limits: Limits {
-                rate: rate.unwrap_or(Limits::default().rate),
-                ..Limits::default()
-            },
+            limits,
         };
         let broker = py.detach(|| Broker::start(&config)).map_err(engine)?;
         Ok(Self {

@@ -35,9 +35,9 @@ pub fn input(error: impl Display) -> PyErr {
 pub fn unconnected(error: &ConnectError) -> PyErr {
     match error {
         // Also what accepts and closes: a relay whose broker is still starting does.
-        ConnectError::NoBroker { .. } | ConnectError::NoMqtt { .. } => {
-            NoBrokerError::new_err(error.to_string())
-        }
+        ConnectError::NoBroker { .. }
+        | ConnectError::NoMqtt { .. }
+        | ConnectError::Broken { .. } => NoBrokerError::new_err(error.to_string()),
         _ => engine(error),
     }
 }

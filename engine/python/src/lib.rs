@@ -13,6 +13,7 @@ mod results;
 mod server;
 mod simulation;
 mod streams;
+mod supervision;
 mod watch;
 mod worlds;
 
@@ -34,6 +35,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(broker::hash_for_mosquitto, module)?)?;
     module.add_function(wrap_pyfunction!(broker::certificates, module)?)?;
     module.add_class::<pool::PyPool>()?;
+    module.add_class::<supervision::PySupervision>()?;
     module.add_function(wrap_pyfunction!(log::log_to, module)?)?;
     module.add_class::<watch::PyWatcher>()?;
     module.add_class::<streams::PyStream>()?;

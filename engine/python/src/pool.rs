@@ -11,6 +11,7 @@ use crate::errors::{engine, input, object, unconnected};
 use crate::genomes::work;
 use crate::results::{Fitness, Metrics, arrays};
 use crate::server::seconds;
+use crate::supervision::PySupervision;
 
 /// Finds servers and runs episodes on them.
 #[pyclass(name = "Pool", module = "swarmwright._engine")]
@@ -115,6 +116,11 @@ impl PyPool {
         });
         raised.map_or(Ok(()), Err)?;
         result.map_err(|failed| error(&failed))
+    }
+
+    /// The processes of these servers are the caller's own.
+    fn watch(&mut self, servers: Vec<u64>) -> PyResult<PySupervision> {
+        Ok(PySupervision(self.pool()?.watch(servers)))
     }
 
     /// Has somebody told what happens, a JSON object each; what the callback raises is dropped.

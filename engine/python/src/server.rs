@@ -1,20 +1,22 @@
 //! A built-in simulation as a simulation server.
 
 use std::io::{IsTerminal, Write, stdout};
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use pyo3::prelude::*;
 use serde_json::json;
 use swarmwright_mqtt::Settings;
 use swarmwright_worlds::{TextStyle, render};
-use swarmwright_wrapper::{Notice, Options, Scene, ServeError, SimulationServer};
+use swarmwright_wrapper::{Notice, Options, Progress, Scene, ServeError, SimulationServer};
 
 use crate::errors::{engine, input, unconnected};
-use crate::simulation::any;
+use crate::simulation::watched;
 
 /// Offers a simulation until interrupted.
 #[pyfunction]
-#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=60.0, display=true, alone=false, on_event=None))]
+#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=60.0, display=true, alone=false, on_event=None, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn serve(
     py: Python<'_>,
@@ -26,8 +28,11 @@ pub fn serve(
     display: bool,
     alone: bool,
     on_event: Option<Py<PyAny>>,
+    progress: Option<PathBuf>,
 ) -> PyResult<()> {
-    let simulation = any(simulation)?;
+    let progress = progress.map(|path| Progress::open(&path)).transpose()?;
+    let progress = progress.map(Arc::new);
+    let simulation = watched(simulation, progress.clone())?;
     let options = Options {
         id,
         settings: Settings::from_environment(broker).map_err(input)?,
@@ -35,6 +40,7 @@ pub fn serve(
         step_timeout: seconds("step_timeout", step_timeout)?,
         threads: 1,
         alone,
+        progress,
         on_frame: display.then(|| Box::new(draw) as Box<dyn FnMut(&Scene) + Send>),
     };
     let mut failure: Option<PyErr> = None;

@@ -14,7 +14,7 @@ use swarmwright_worlds::{
     Block, Description, Determinism, Failure, Means, MetricInfo, ParameterError, Parameters,
     RolloutError, Scene, Simulation, Together, fail, measure, rollout,
 };
-use swarmwright_wrapper::guarded;
+use swarmwright_wrapper::{Progress, guarded};
 
 use crate::errors::{InputError, input, object};
 use crate::genomes::rows;
@@ -25,10 +25,20 @@ use crate::worlds::create;
 
 /// A simulation from Python: the title of a built-in one, or a host.
 pub fn any(simulation: &Bound<'_, PyAny>) -> PyResult<Box<dyn Simulation>> {
+    watched(simulation, None)
+}
+
+/// As [`any`]; one in Python gives a sign of life with each call of its code.
+pub fn watched(
+    simulation: &Bound<'_, PyAny>,
+    progress: Option<Arc<Progress>>,
+) -> PyResult<Box<dyn Simulation>> {
     if simulation.is_instance_of::<PyString>() {
         create(&simulation.extract::<String>()?)
     } else {
-        Ok(Box::new(Hosted::new(simulation.clone())?))
+        let mut hosted = Hosted::new(simulation.clone())?;
+        hosted.progress = progress;
+        Ok(Box::new(hosted))
     }
 }
 
@@ -48,6 +58,8 @@ pub struct Hosted {
     observations: Vec<f32>,
     /// The episodes of a batch, where these are stepped together.
     pub group: lanes::Group,
+    /// Where signs of life go.
+    progress: Option<Arc<Progress>>,
 }
 
 /// Whether an episode can be repeated; `_describe.py` has checked the name.
@@ -96,6 +108,7 @@ impl Hosted {
             done: true,
             observations: Vec::new(),
             group: lanes::Group::default(),
+            progress: None,
         })
     }
 
@@ -114,6 +127,9 @@ impl Hosted {
         &self,
         call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
     ) -> Result<T, Trouble> {
+        if let Some(progress) = &self.progress {
+            progress.beat();
+        }
         Python::attach(|py| {
             call(self.host.bind(py)).map_err(|error| {
                 if error.is_instance_of::<PyKeyboardInterrupt>(py) {
@@ -285,7 +301,9 @@ impl Simulation for Hosted {
             return None;
         }
         let another = self.call(|host| Self::new(host.call_method0("another")?));
-        Some(Box::new(or_fail(another)))
+        let mut another = or_fail(another);
+        another.progress.clone_from(&self.progress);
+        Some(Box::new(another))
     }
 }
 

@@ -9,6 +9,9 @@ use crate::schedule::{
 /// Steps of an episode, about.
 const STEPS: u64 = 4;
 
+/// How late a message may be that others on other topics have overtaken.
+const MOST_CROSSED: Time = 200 * MILLI;
+
 /// The schedule of a seed.
 #[must_use]
 pub fn draw(seed: u64) -> Schedule {
@@ -141,7 +144,7 @@ fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Distur
     let long = random.magnitude(10 * MILLI, 2 * BROKER_PATIENCE);
     let percent = random.magnitude(1, 60);
     let later = random.magnitude(10, SECOND);
-    let (what, lasts) = match random.below(22) {
+    let (what, lasts) = match random.below(24) {
         0 | 1 => (What::Cut(who), 0),
         2 | 3 => (What::Partition(who), long),
         4..=6 => (
@@ -177,6 +180,14 @@ fn disturbance(schedule: &Schedule, length: Time, random: &mut Random) -> Distur
             long,
         ),
         19 => (What::Delay { who, by: later }, long),
+        20 | 21 => (
+            What::Cross {
+                who,
+                percent,
+                later: later.min(MOST_CROSSED),
+            },
+            long,
+        ),
         _ => (
             What::Slow {
                 server,

@@ -50,6 +50,8 @@ pub type Will = (Rc<str>, Rc<[u8]>);
 #[derive(Default)]
 struct Lane {
     last: Time,
+    /// When the last message on a topic comes.
+    topics: BTreeMap<Rc<str>, Time>,
     count: u64,
 }
 
@@ -197,7 +199,7 @@ impl Network {
             _ => 40 + draw(1, MILLI),
         };
         let mut at = leaves + latency;
-        let (mut ordered, mut again) = (true, None);
+        let (mut ordered, mut within_topic, mut again) = (true, true, None);
         // The end of a connection is seen to by TCP, and presence goes with QoS 1.
         // Nothing in the messages of single steps tells a double from a new one, and nothing tells the two answers of a
         // plain server to a double from those of two servers.
@@ -221,6 +223,10 @@ impl Network {
                 }
                 What::Reorder { percent, later, .. } if hit(percent) => {
                     at += amount(later);
+                    (ordered, within_topic) = (false, false);
+                }
+                What::Cross { percent, later, .. } if hit(percent) => {
+                    at += amount(later);
                     ordered = false;
                 }
                 What::Delay { by, .. } => at += by,
@@ -230,6 +236,13 @@ impl Network {
         if ordered {
             at = at.max(lane.last + 1);
             lane.last = at;
+        }
+        if let Packet::Publish { topic, .. } = packet
+            && within_topic
+        {
+            let last = lane.topics.entry(Rc::clone(topic)).or_default();
+            at = at.max(*last + 1);
+            *last = at;
         }
         let transfer = |at| Transfer {
             at,

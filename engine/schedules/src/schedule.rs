@@ -174,6 +174,16 @@ pub enum What {
         /// How much later they come, at most.
         later: Time,
     },
+    /// Messages from and to a party overtake those on other topics, as with brokers that keep the order within a topic
+    /// only.
+    Cross {
+        /// Whose.
+        who: Who,
+        /// How many of 100.
+        percent: u64,
+        /// How much later they come, at most.
+        later: Time,
+    },
     /// Messages from and to a party take longer.
     Delay {
         /// Whose.
@@ -231,6 +241,7 @@ impl Disturbance {
             }
             What::Lose { .. } | What::Reorder { .. } => UNLIMITED,
             What::Cut(Who::Tool(_))
+            | What::Cross { .. }
             | What::Duplicate { .. }
             | What::Broker(_)
             | What::Leave(_)
@@ -249,6 +260,7 @@ impl Disturbance {
             | What::Lose { who, .. }
             | What::Duplicate { who, .. }
             | What::Reorder { who, .. }
+            | What::Cross { who, .. }
             | What::Delay { who, .. } => who,
             What::Crash { server, .. } | What::Leave(server) | What::Slow { server, .. } => {
                 Who::Server(server)
@@ -379,6 +391,15 @@ impl fmt::Display for Disturbance {
             } => write!(
                 formatter,
                 "{percent} % of the messages of {who} are overtaken, up to {}, for {lasts}",
+                Seconds(later)
+            ),
+            What::Cross {
+                who,
+                percent,
+                later,
+            } => write!(
+                formatter,
+                "{percent} % of the messages of {who} are overtaken by those on other topics, up to {}, for {lasts}",
                 Seconds(later)
             ),
             What::Delay { who, by } => {

@@ -158,6 +158,7 @@ fn each(
         | What::Lose { who, .. }
         | What::Duplicate { who, .. }
         | What::Reorder { who, .. }
+        | What::Cross { who, .. }
         | What::Delay { who, .. } => party(who),
         What::Crash { server: index, .. }
         | What::Leave(index)

@@ -362,6 +362,8 @@ impl Tool {
                     self.warnings.push_back(text);
                     continue;
                 }
+                // No server of a schedule is a tool's own.
+                Action::Overdue(_) => continue,
             };
             messages.push(Outgoing {
                 topic: topic.into(),

@@ -5,7 +5,7 @@ mod glyphs;
 
 use crate::Scene;
 use canvas::Canvas;
-use glyphs::{Color, Glyph, KINDS, glyph};
+use glyphs::{Color, Glyph, Looks};
 
 /// How a scene is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,16 +43,17 @@ const CELL_ASPECT: f64 = 2.0;
 /// pointing up (left out where there is no room for one), a legend that counts what is there.
 pub fn render(scene: &Scene, style: TextStyle) -> Vec<String> {
     let mut lines = Vec::new();
+    let looks = Looks::new(scene, style.unicode);
     let (width, height) = map_size(scene, style);
     let drawn = width >= MIN_SIDE && height >= 1;
     let line_width = if drawn { width + 2 } else { style.columns };
     lines.push(heading(scene, line_width.max(style.columns.min(40))));
     if drawn {
         let mut canvas = Canvas::new(width, height);
-        canvas.draw(scene, style.unicode);
+        canvas.draw(scene, &looks, style.unicode);
         lines.extend(canvas.framed(style));
     }
-    lines.push(legend(scene, style));
+    lines.push(legend(&looks, style));
     lines
 }
 
@@ -94,24 +95,21 @@ fn heading(scene: &Scene, columns: usize) -> String {
 }
 
 /// Symbol, name and number of every kind of body, as many as fit.
-fn legend(scene: &Scene, style: TextStyle) -> String {
+fn legend(looks: &Looks<'_>, style: TextStyle) -> String {
     let mut line = String::new();
     let mut used = 0;
-    for (kind, state) in KINDS {
-        let count = scene
-            .bodies
-            .iter()
-            .filter(|b| b.kind == *kind && b.state == *state)
-            .count();
-        if count == 0 {
-            continue;
-        }
-        let Glyph { symbol, color } = glyph(kind, state, style.unicode);
-        let name = if state.is_empty() { kind } else { state };
-        let words = if *kind == "goal" {
-            (*name).to_owned()
+    for entry in looks.entries() {
+        let Glyph { symbol, color } = entry.glyph;
+        let name = match (entry.kind, entry.state) {
+            (kind, "") => kind.to_owned(),
+            ("agent", state) => state.to_owned(),
+            (kind, state) => format!("{kind}, {state}"),
+        };
+        let name = plain(&name, style.columns);
+        let words = if entry.kind == "goal" {
+            name
         } else {
-            format!("{name} {count}")
+            format!("{name} {}", entry.count)
         };
         let gap = if used == 0 { 0 } else { 3 };
         let length = gap + 2 + words.chars().count();
@@ -128,7 +126,7 @@ fn legend(scene: &Scene, style: TextStyle) -> String {
 }
 
 fn paint(text: &str, color: Color, on: bool) -> String {
-    if on && color != Color::Default {
+    if on {
         format!("\x1b[{}m{text}\x1b[0m", color.code())
     } else {
         text.to_owned()

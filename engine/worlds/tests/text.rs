@@ -38,8 +38,8 @@ fn the_published_example() {
     );
     assert_eq!(lines[1], format!("┌{}┐", "─".repeat(74)));
     assert_eq!(lines[22], format!("└{}┘", "─".repeat(74)));
-    assert_eq!(lines[23], "● free 1   ◆ defender 1   ◎ goal");
-    let (agent, defender, goal) = (find(&lines, '●'), find(&lines, '◆'), find(&lines, '◎'));
+    assert_eq!(lines[23], "● free 1   ▲ defender 1   ★ goal");
+    let (agent, defender, goal) = (find(&lines, '●'), find(&lines, '▲'), find(&lines, '★'));
     assert_eq!((agent, defender, goal), ((10, 2), (10, 45), (10, 71)));
 }
 
@@ -116,9 +116,59 @@ fn states_have_symbols_of_their_own() {
         },
         TextStyle::default(),
     );
-    let columns = ['●', '★', '✗'].map(|symbol| find(&lines, symbol).1);
-    assert!(columns.is_sorted());
-    assert_eq!(lines[23], "● free 1   ★ arrived 1   ✗ caught 1");
+    assert_eq!(lines[23], "● free 1   ● arrived 1   ✗ caught 1");
+    let row = lines.iter().find(|line| line.contains('✗')).unwrap();
+    assert_eq!(row.replace([' ', '│'], ""), "●●✗");
+}
+
+#[test]
+fn kinds_and_states_without_a_look_of_their_own_get_one() {
+    let body = |kind: &'static str, state: &'static str, x| Body {
+        kind: kind.into(),
+        x,
+        y: 3.0,
+        state: state.into(),
+        radius: 0.0,
+    };
+    let bodies = vec![
+        body("door", "open", 1.0),
+        body("door", "shut", 2.0),
+        body("base", "", 3.0),
+        body("agent", "carrying", 4.0),
+        body("agent", "free", 5.0),
+    ];
+    let scene = Scene {
+        bodies,
+        ..example()
+    };
+    let drawn = |color, unicode| {
+        render(
+            &scene,
+            TextStyle {
+                color,
+                unicode,
+                ..TextStyle::default()
+            },
+        )
+    };
+    assert_eq!(
+        drawn(false, true)[23],
+        "● free 1   ◆ door, open 1   ◆ door, shut 1   ⬟ base 1   ● carrying 1"
+    );
+    assert_eq!(
+        drawn(false, false)[23],
+        "o free 1   ? door, open 1   ? door, shut 1   & base 1   o carrying 1"
+    );
+    let legend = drawn(true, true)[23].clone();
+    let colors: Vec<&str> = legend
+        .split("\x1b[")
+        .filter_map(|part| part.split_once('m').map(|(code, _)| code))
+        .filter(|code| *code != "0")
+        .collect();
+    let mut different = colors.clone();
+    different.sort_unstable();
+    different.dedup();
+    assert_eq!((colors.len(), different.len()), (5, 5), "{legend:?}");
 }
 
 proptest! {

@@ -11,6 +11,7 @@ use swarmwright_mqtt::Waker;
 use swarmwright_worlds::Means;
 
 use crate::job::{Done, Job, Setup};
+use crate::progress::Progress;
 
 /// Longer jobs go to the other thread: there and back costs about 20 us.
 pub(crate) const SHORT: Duration = Duration::from_millis(1);
@@ -26,6 +27,7 @@ fn groups(episodes: usize) -> f64 {
 /// Computes jobs, one at a time.
 pub(crate) struct Evaluator {
     means: Means,
+    progress: Option<Arc<Progress>>,
     waker: Waker,
     worker: Option<(Sender<Job>, Receiver<Done>)>,
     /// Seconds of a group of episodes in the last job, and what that was about.
@@ -34,13 +36,14 @@ pub(crate) struct Evaluator {
 
 impl Evaluator {
     /// `waker` ends the wait of the MQTT thread when a result is there.
-    pub fn new(threads: usize, waker: Waker) -> Self {
+    pub fn new(threads: usize, progress: Option<Arc<Progress>>, waker: Waker) -> Self {
         let means = Means {
             threads,
             ..Means::default()
         };
         Self {
             means,
+            progress,
             waker,
             worker: None,
             pace: None,
@@ -58,7 +61,7 @@ impl Evaluator {
         } else {
             self.hand_over(job)?
         };
-        let done = job.run(self.means);
+        let done = job.run_watched(self.means, self.progress.as_deref());
         self.learn(&done);
         Some(done)
     }
@@ -81,7 +84,7 @@ impl Evaluator {
     /// Gives the job to the other thread, or back where the system has no thread left.
     fn hand_over(&mut self, job: Job) -> Option<Job> {
         if self.worker.is_none() {
-            self.worker = start(self.means, self.waker.clone());
+            self.worker = start(self.means, self.progress.clone(), self.waker.clone());
         }
         match &self.worker {
             Some((jobs, _)) => jobs.send(job).err().map(|error| error.0),
@@ -91,12 +94,19 @@ impl Evaluator {
 }
 
 /// The thread ends when the sender of jobs is dropped.
-fn start(means: Means, waker: Waker) -> Option<(Sender<Job>, Receiver<Done>)> {
+fn start(
+    means: Means,
+    progress: Option<Arc<Progress>>,
+    waker: Waker,
+) -> Option<(Sender<Job>, Receiver<Done>)> {
     let (jobs, inbox) = channel::<Job>();
     let (outbox, done) = channel();
     let work = move || {
         for job in inbox {
-            if outbox.send(job.run(means)).is_err() {
+            if outbox
+                .send(job.run_watched(means, progress.as_deref()))
+                .is_err()
+            {
                 break;
             }
             waker.wake();

@@ -13,6 +13,7 @@ use swarmwright_worlds::{
 };
 
 use crate::guard::{all_finite, guarded};
+use crate::progress::Progress;
 
 /// Candidates that are evaluated at once, at first; then as many as keep the time between two looks at the abort flag
 /// within these bounds.
@@ -113,13 +114,27 @@ impl Job {
 
     /// Computes. The fitness does not depend on `means`.
     #[must_use]
-    pub fn run(mut self, means: Means) -> Done {
+    pub fn run(self, means: Means) -> Done {
+        self.run_watched(means, None)
+    }
+
+    /// As [`run`](Self::run), and says what it is at.
+    pub(crate) fn run_watched(mut self, means: Means, progress: Option<&Progress>) -> Done {
         let start = Instant::now();
         let scope = self.simulation.scope();
         let mut result = Ok(Evaluation::default());
         scope(&mut || {
-            result = evaluate(&mut *self.simulation, &self.request, means, &self.abort);
+            result = evaluate(
+                &mut *self.simulation,
+                &self.request,
+                means,
+                &self.abort,
+                progress,
+            );
         });
+        if let Some(progress) = progress {
+            progress.idle();
+        }
         Done {
             request: self.request,
             simulation: self.simulation,
@@ -135,6 +150,7 @@ fn evaluate(
     request: &Request,
     means: Means,
     abort: &AtomicBool,
+    progress: Option<&Progress>,
 ) -> Result<Evaluation, Refusal> {
     let setup = &*request.setup;
     let weights = setup.architecture.weight_count();
@@ -166,6 +182,8 @@ fn evaluate(
             block: &block,
             names: &setup.metrics,
             first,
+            request: request.number,
+            progress,
         };
         evaluate_part(simulation, &block, means, abort, &mut evaluation)?;
         first += candidates;
@@ -186,6 +204,9 @@ struct Part<'a> {
     names: &'a [String],
     /// Index of the first candidate.
     first: usize,
+    /// Number of the request.
+    request: u64,
+    progress: Option<&'a Progress>,
 }
 
 fn evaluate_part(
@@ -196,10 +217,16 @@ fn evaluate_part(
     evaluation: &mut Evaluation,
 ) -> Result<(), Refusal> {
     let numbers = part.block.numbers();
+    if let Some(progress) = part.progress {
+        progress.at(part.request, part.first, part.block.candidates(), None);
+    }
     match guarded(|| simulation.evaluate(part.block, means)) {
         Ok(Some(Ok(results))) if results.len() == part.block.len() * numbers => {
             for (index, results) in results.chunks_exact(numbers).enumerate() {
                 evaluation.push(part, index, all_finite(results, part.names));
+            }
+            if let Some(progress) = part.progress {
+                progress.ended(part.block.len());
             }
             Ok(())
         }
@@ -215,7 +242,13 @@ fn one_by_one(
     abort: &AtomicBool,
     evaluation: &mut Evaluation,
 ) -> Result<(), Refusal> {
-    let Part { block, first, .. } = part;
+    let Part {
+        block,
+        first,
+        request,
+        progress,
+        ..
+    } = part;
     let mut results = vec![0.0; block.numbers()];
     let episodes = block.seeds.len();
     let parameters: Vec<Parameters> = (0..episodes)
@@ -231,6 +264,9 @@ fn one_by_one(
             if abort.load(Ordering::Relaxed) {
                 return Ok(());
             }
+            if let Some(progress) = progress {
+                progress.at(*request, first + candidate, 1, Some(episode));
+            }
             let run = || {
                 results[0] = rollout(&mut *simulation, parameters, &controller)?;
                 measure(&*simulation, block.metrics, &mut results[1..]);
@@ -245,6 +281,9 @@ fn one_by_one(
                 Err(cause) => Err(cause),
             };
             evaluation.push(part, candidate * episodes + episode, result);
+            if let Some(progress) = progress {
+                progress.ended(1);
+            }
         }
     }
     Ok(())

@@ -18,6 +18,7 @@ mod identity;
 mod job;
 pub mod machine;
 mod notice;
+mod progress;
 mod run;
 mod server;
 
@@ -25,6 +26,7 @@ pub use guard::guarded;
 pub use identity::Identity;
 pub use job::{Done, Job};
 pub use machine::{Action, Machine, Notice};
+pub use progress::Progress;
 pub use server::{Options, ServeError, SimulationServer};
 pub use swarmwright_worlds::{
     Block, Body, Description, Determinism, Failure, Means, ParameterError, Parameters,

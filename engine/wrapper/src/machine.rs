@@ -5,6 +5,7 @@
 //! for that tool for a moment. It answers discovery when it is free, or held and asked by its holder.
 
 mod batched;
+mod early;
 mod offloaded;
 mod presence;
 mod stepwise;
@@ -27,8 +28,9 @@ use crate::batch::Batch;
 use crate::guard::guarded;
 use crate::job::Setup;
 use crate::run::Run;
+use early::Early;
 use offloaded::Work;
-use turns::Turns;
+use turns::{Tool, Turns};
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -52,7 +54,7 @@ enum State {
     Running(Box<Run>),
     Stepping(Box<Batch>),
     Working(Work),
-    Held { tool: String, until: Instant },
+    Held { tool: Tool, until: Instant },
 }
 
 /// A simulation that is offered.
@@ -104,6 +106,8 @@ pub struct Machine {
     state: State,
     /// The last parameters messages by hash, the newest at the back.
     parameters: VecDeque<(String, Parameters)>,
+    /// Control messages whose parameters have not come yet, the oldest first.
+    early: VecDeque<Early>,
     /// Titles by the hash of the discovery that named them.
     discovered: VecDeque<(String, String)>,
     /// The last runs of tools that say where to reply, which give every run a hash of its own.
@@ -139,6 +143,7 @@ impl Machine {
             step_timeout,
             state: State::Free,
             parameters: VecDeque::new(),
+            early: VecDeque::new(),
             discovered: VecDeque::new(),
             begun: VecDeque::new(),
             last: None,
@@ -189,6 +194,9 @@ impl Machine {
             Ok(Message::Parameters(message)) if message.server == self.identity.id => {
                 self.configure(message, now)
             }
+            Ok(Message::Parameters(message)) => {
+                self.other_configured(&message.simulation_hash, now)
+            }
             Ok(Message::Control(control)) if control.server == self.identity.id => {
                 self.control(control, now)
             }
@@ -219,52 +227,67 @@ impl Machine {
         if !capabilities.fulfil(&discovery.requirements) || !self.is_free_for(&discovery, now) {
             return;
         }
+        if discovery.tool.is_none() {
+            self.turns.has_asked_enough(&None);
+        }
+        self.answer(discovery);
+    }
+
+    fn answer(&mut self, discovery: Discovery) {
+        let Discovery {
+            simulation,
+            simulation_hash,
+            ..
+        } = discovery;
+        let offers = &self.offers;
+        let Some(offer) = offers.iter().find(|o| o.description.title == simulation) else {
+            return;
+        };
         let answer = ServerMessage {
             server: self.identity.id,
-            simulation_hash: discovery.simulation_hash.clone(),
+            simulation_hash: simulation_hash.clone(),
             simulations: self.titles(),
-            capabilities,
+            capabilities: self.capabilities(offer),
         };
         self.actions
             .push(Action::Publish(Topic::Server, answer.encode()));
-        remember(
-            &mut self.discovered,
-            discovery.simulation_hash,
-            discovery.simulation,
-        );
+        remember(&mut self.discovered, simulation_hash, simulation);
     }
 
     /// Whether a tool may have the server. One that may not is remembered, and has its turn later.
     fn is_free_for(&mut self, discovery: &Discovery, now: Instant) -> bool {
         match &self.state {
             State::Free => return true,
-            State::Held { tool, .. } if discovery.tool.as_ref() == Some(tool) => return true,
-            _ if discovery.tool == self.holder() => return false,
+            State::Held { tool, .. } if discovery.tool == *tool => return true,
             _ => {}
         }
-        if let Some(tool) = &discovery.tool {
-            self.turns.ask(tool, now);
+        if self.occupant().as_ref() != Some(&discovery.tool) {
+            self.turns.ask(discovery, now);
         }
         false
     }
 
     fn configure(&mut self, message: ParametersMessage, now: Instant) {
-        remember(
-            &mut self.parameters,
-            message.simulation_hash,
-            message.parameters,
-        );
-        if let State::Free | State::Configured { .. } = self.state {
-            self.enter(
-                State::Configured {
-                    until: now + PATIENCE,
-                },
-                now,
-            );
+        let hash = message.simulation_hash;
+        remember(&mut self.parameters, hash.clone(), message.parameters);
+        let patience = now + PATIENCE;
+        match &mut self.state {
+            State::Free | State::Configured { .. } => {
+                self.enter(State::Configured { until: patience }, now);
+            }
+            // Nobody says whose they are: those of the tool that is waited for, as far as anybody knows.
+            State::Held { tool: None, until } => *until = patience,
+            _ => {}
         }
+        self.start_early(&hash, now);
+    }
+
+    fn has_parameters(&self, hash: &str) -> bool {
+        self.parameters.iter().any(|(known, _)| known == hash)
     }
 
     fn end(&mut self, control: &Control, now: Instant) {
+        self.forget_early(&control.simulation_hash);
         let last = self
             .last
             .as_ref()
@@ -275,7 +298,8 @@ impl Machine {
                 .parameters
                 .back()
                 .is_some_and(|(hash, _)| *hash == control.simulation_hash),
-            State::Held { tool, .. } => last || control.tool.as_ref() == Some(tool),
+            State::Held { tool: None, .. } => last || self.has_parameters(&control.simulation_hash),
+            State::Held { tool, .. } => last || control.tool == *tool,
             State::Stepping(batch) => control.tool.as_ref() == Some(&batch.tool),
             State::Working(work) => control.tool == work.holder(),
             State::Free => return,
@@ -310,7 +334,7 @@ impl Machine {
             .changed_at
             .filter(|_| !self.offline)
             .map(|at| at + SETTLE);
-        [own, settle].into_iter().flatten().min()
+        [own, settle, self.next_early()].into_iter().flatten().min()
     }
 
     /// When somebody is told that actuators are missing, or the run is given up.
@@ -325,6 +349,7 @@ impl Machine {
 
     /// Time has passed. `stamp` is now in RFC 3339, for presence.
     pub fn tick(&mut self, now: Instant, stamp: impl FnOnce() -> String) {
+        self.refuse_early(now);
         match &mut self.state {
             State::Configured { until } if *until <= now => {
                 self.warn(
@@ -377,6 +402,7 @@ impl Machine {
         }
         self.actions
             .push(Action::Notice(Notice::Lost(reason.to_owned())));
+        self.early.clear();
         self.free(now);
         self.published = None;
         self.offline = true;
@@ -409,9 +435,8 @@ impl Machine {
                 .iter_mut()
                 .for_each(|offer| offer.spares.clear());
         }
-        let holder = self.holder();
         let active = !matches!(self.state, State::Held { .. } | State::Free);
-        self.turns.held_by(holder, active, now);
+        self.turns.held_by(self.occupant(), active, now);
         // A change back before anybody was told is none; the comparison is made when it is to be published.
         self.changed_at.get_or_insert(now);
     }
@@ -425,7 +450,7 @@ impl Machine {
     fn taken(&self, tool: &str) -> Option<Refusal> {
         let reason = match &self.state {
             State::Free | State::Configured { .. } => return None,
-            State::Held { tool: holder, .. } if holder == tool => return None,
+            State::Held { tool: holder, .. } if holder.as_deref() == Some(tool) => return None,
             State::Working(work) => return work.taken(tool),
             State::Stepping(batch) if batch.tool == tool => {
                 format!("batch {} of this tool is under way", batch.request)
@@ -474,10 +499,12 @@ impl Machine {
 }
 
 fn asker(control: &Control) -> &str {
-    control
-        .tool
-        .as_deref()
-        .unwrap_or("an optimization tool without a name")
+    name(control.tool.as_deref())
+}
+
+/// A tool in words.
+fn name(tool: Option<&str>) -> &str {
+    tool.unwrap_or("an optimization tool without a name")
 }
 
 fn remember<T>(queue: &mut VecDeque<(String, T)>, key: String, value: T) {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use memchr::memmem::Finder;
-use swarmwright_protocol::{Actuator, Control, Fitness, ReadingWriter};
+use swarmwright_protocol::{Actuator, Control, Fitness, MAX_SENSOR, ReadingWriter};
 use swarmwright_worlds::{Failure, MetricInfo, ParameterError, Parameters, Simulation};
 
 use crate::guard::{finite, guarded};
@@ -53,6 +53,8 @@ pub(crate) enum Outcome {
     Finished(Fitness, Option<Failure>),
     /// The simulation failed.
     Failed(Failure),
+    /// What an agent senses does not fit into a message.
+    TooLarge { agent: u32, bytes: usize },
 }
 
 /// Why an episode did not start.
@@ -162,7 +164,12 @@ impl Run {
                     format!("sensor {index} of agent {agent} is {value}, not a finite number");
                 return Outcome::Failed(reason.into());
             }
-            send(self.writer.encode(u64::from(agent), &self.sensors));
+            let payload = self.writer.encode(u64::from(agent), &self.sensors);
+            let bytes = payload.len();
+            if bytes > MAX_SENSOR {
+                return Outcome::TooLarge { agent, bytes };
+            }
+            send(payload);
         }
         Outcome::Stepped
     }

@@ -1,6 +1,7 @@
 //! The server's shell: connection, clock, the machine's actions carried out.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 use swarmwright_mqtt::{
@@ -17,6 +18,7 @@ use crate::Identity;
 use crate::evaluator::{Evaluator, SHORT};
 use crate::job::Job;
 use crate::machine::{Action, Machine, Notice};
+use crate::progress::Progress;
 
 /// For how long the broker keeps the news that a server was lost.
 const LOST_EXPIRY: u32 = 3600;
@@ -46,6 +48,8 @@ pub struct Options {
     pub alone: bool,
     /// Called with every frame of a run that is to be shown.
     pub on_frame: Option<FrameHandler>,
+    /// Where it is written what is computed, for whoever watches the process.
+    pub progress: Option<Arc<Progress>>,
 }
 
 impl Options {
@@ -62,6 +66,7 @@ impl Options {
             threads: 1,
             alone: false,
             on_frame: None,
+            progress: None,
         })
     }
 }
@@ -169,7 +174,7 @@ impl SimulationServer {
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,
-            evaluator: Evaluator::new(options.threads, connection.waker()),
+            evaluator: Evaluator::new(options.threads, options.progress, connection.waker()),
             pending: None,
             ready: false,
             connection,
@@ -268,6 +273,7 @@ impl SimulationServer {
     }
 
     fn act(&mut self, on_notice: &mut impl FnMut(&Notice)) {
+        let mut unsent = None;
         for action in self.machine.actions() {
             match action {
                 Action::Publish(Topic::Presence, payload) => {
@@ -280,13 +286,10 @@ impl SimulationServer {
                     );
                 }
                 Action::Publish(topic, payload) => {
-                    self.connection.publish(
-                        &self.topics.name(topic),
-                        &payload,
-                        QoS::AtMostOnce,
-                        false,
-                        None,
-                    );
+                    let name = self.topics.name(topic);
+                    let options = PublishOptions::default();
+                    let sent = self.connection.publish_with(&name, &payload, &options);
+                    unsent = unsent.or(sent.err().map(|error| (topic, error)));
                 }
                 Action::Reply {
                     topic,
@@ -318,6 +321,10 @@ impl SimulationServer {
                     }
                 }
             }
+        }
+        if let Some((topic, TooLarge { bytes, most })) = unsent {
+            self.machine.unsent(topic, bytes, most, Instant::now());
+            self.act(on_notice);
         }
     }
 }

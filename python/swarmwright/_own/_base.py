@@ -134,3 +134,11 @@ class Simulation(Described):
         `swarmwright replay` draws it, and so does a server that is asked to (`simulate --visual`).
         """
         return None
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return what it looks like now as an image, (height, width, 3), red, green, blue from 0 to 255.
+
+        None, the default, for nothing to show. `swarmwright replay` makes films and pages of it where there
+        is no `scene`.
+        """
+        return None

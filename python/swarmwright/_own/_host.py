@@ -7,7 +7,6 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright._errors import InputError, SimulationError
+from swarmwright._frames import is_installed, shown
 from swarmwright._own._base import Simulation
 from swarmwright._own._batch import BatchSimulation
 from swarmwright._own._describe import Description, describe
@@ -138,6 +138,18 @@ class Host:
         except (TypeError, ValueError) as error:
             self._fail(f"scene: {_short(scene)} returned: {error}")
 
+    def picture(self) -> NDArray[np.uint8]:
+        """Return what it looks like, (height, width, 3). Raises SimulationError when the code fails."""
+        picture = self._call("picture")
+        try:
+            drawn = np.asarray(picture)
+        except (TypeError, ValueError):  # ragged
+            drawn = np.empty(0)
+        if drawn.ndim != 3 or drawn.shape[2] != 3 or drawn.dtype != np.uint8 or not drawn.size:
+            found = f"{drawn.dtype} of the shape {drawn.shape}" if drawn.ndim else _short(picture)
+            self._fail(f"picture: {found} returned, expected uint8 of the shape (height, width, 3)")
+        return drawn
+
     def start(self, parameters: str, seeds: NDArray[np.uint64]) -> Many:
         """Go to the start of many episodes of a BatchSimulation; raises as `reset`.
 
@@ -257,7 +269,8 @@ class Host:
             if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
-        except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
+        # Also `sys.exit` ends no more than the episode.
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
 
     def _made(self) -> Simulation | BatchSimulation:
@@ -271,7 +284,7 @@ class Host:
             return self._kind()
         except InputError:  # what it needs is not there
             raise
-        except Exception as error:  # noqa: BLE001 - a user's code may fail in any way
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - as in `_call`
             self._fail(self._cause("__init__", error), error)
 
     def _cause(self, method: str, error: BaseException) -> str:
@@ -282,10 +295,10 @@ class Host:
         frames = traceback.extract_tb(error.__traceback__)[1:]
         own = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
         if self._kind.__module__.startswith("swarmwright.adapters."):
-            mine = [frame for frame in frames if not _is_installed(frame.filename)] or frames
+            mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
         else:
             mine = [frame for frame in frames if frame.filename == own] or frames
-        where = f" ({_shown(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
+        where = f" ({shown(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
         words = str(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
 
@@ -312,22 +325,6 @@ def _seed(value: Any) -> int:  # noqa: ANN401 - any JSON value
     if not number or not 0 <= value < 2**64 or value != int(value):
         raise InputError(f"seed: {_short(value)} found, expected an integer from 0 to 2**64 - 1")
     return int(value)
-
-
-def _shown(file: str) -> str:
-    """A file's path, relative where it lies below the working folder."""
-    path = Path(file)
-    with contextlib.suppress(OSError):
-        folder = Path.cwd()
-        return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
-    return file
-
-
-def _is_installed(file: str) -> bool:
-    """Whether a file belongs to Swarmwright, to Python, or to a package that was installed."""
-    path = Path(file)
-    own = Path(__file__).parents[1]
-    return path.is_relative_to(own) or bool({"site-packages", "dist-packages"} & set(path.parts))
 
 
 def _short(value: Any) -> str:  # noqa: ANN401 - any object

@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+from swarmwright._code._copy import FOLDER as CODE
+from swarmwright._code._copy import beside
 from swarmwright._errors import InputError
 from swarmwright.adapters._name import is_adapted
 
@@ -26,6 +28,21 @@ def absolute(name: str, folder: Path | None = None) -> str:
         return name
     place, colon, wanted = name.rpartition(":")
     return f"{((folder or Path()) / place).resolve()}{colon}{wanted}" if place.endswith(".py") else name
+
+
+def of_run(name: str, run: Path) -> str:
+    """Return the absolute name of a run's simulation.
+
+    Where it is no copy in the run folder, because an earlier version wrote it or the copy was deleted, a file
+    in or beside the folder goes before the one where it was: whoever copies both means the former.
+    """
+    place, colon, wanted = name.rpartition(":")
+    name = absolute(name, run)
+    if place.endswith(".py") and not (run / CODE in (run / place).parents and (run / place).exists()):
+        for path in beside(run.resolve(), Path(place)):
+            if path.is_file():
+                return f"{path}{colon}{wanted}"
+    return name
 
 
 def name_of(kind: type) -> str:

@@ -1,12 +1,14 @@
 """The figure of a comparison: how the groups got on, and what every run came to."""
 
+import re
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swarmwright._results._curves import bands, together
-from swarmwright._results._style import INK, PAPER, SOFT, dress, look, new_figure, thousands
+from swarmwright._results._style import AXES, INK, PAPER, SOFT, dress, look, new_figure, thousands, zoom
 from swarmwright._results._table import p_words
 
 if TYPE_CHECKING:
@@ -15,8 +17,18 @@ if TYPE_CHECKING:
 
     from swarmwright._results.comparison import Comparison, Group
 
+Drawn = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]
 _LABEL = 34
 """Characters in a line of the legend."""
+_NAME = 18
+"""Characters in a line of a name below a box; the parts of a name have lines of their own."""
+_PARTS = re.compile(r", (?![^\[]*\])")  # not those within a list
+_SLANTED = 44
+"""Characters of a name that is slanted, in one line."""
+_CHARACTER = 0.088
+"""Inches that a character of a name needs."""
+_WIDEST = 6.0
+"""Inches of the boxes' axes beyond which their names are slanted."""
 _CLEAR = 3
 """Groups up to which the worst and best runs are shaded as well; of more, one would see nothing."""
 
@@ -24,22 +36,28 @@ _CLEAR = 3
 def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     """Return the figure. x: "evaluations" or "generations"."""
     groups = comparison.groups
-    figure = new_figure(max(10.0, 8.6 + 0.42 * len(groups)), 5.4)
-    left, right = figure.subplots(1, 2, width_ratios=[2.4, max(1.0, 0.32 * len(groups))])
+    names, slanted, width = _names([one.label for one in groups])
+    height = 5.4 + (0.6 * _CHARACTER * max(map(len, names)) if slanted else 0.0)
+    figure = new_figure(7.0 + width, height)
+    left, right = figure.subplots(1, 2, width_ratios=[6.0, width])
+    drawn = []
     for index, one in enumerate(groups):
-        _course(left, one, index, x, extremes=len(groups) <= _CLEAR)
+        drawn.append(_course(left, one, index, x, extremes=len(groups) <= _CLEAR))
         _final(right, one, index)
-    dress(left, x=x, y="best fitness so far (more is better)")
+    zoom(left, drawn)
+    dress(left, x=AXES[x], y="best fitness so far (more is better)")
     thousands(left.xaxis)
     left.margins(x=0.01)
     if comparison.at is not None and x == "evaluations":
         left.axvline(comparison.at, color=SOFT, linewidth=1, linestyle=":")
     when = "at the end" if comparison.at is None else f"after {comparison.at:,} evaluations"
     dress(right, y=f"best fitness of each run, {when}")
-    right.set_xticks(range(len(groups)), [str(index + 1) for index in range(len(groups))])
+    style: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
+    right.set_xticks(range(len(groups)), names, **style)
+    for text in right.get_xticklabels():
+        text.set_parse_math(False)
     right.set_xlim(-0.6, len(groups) - 0.4)
     right.grid(visible=False, axis="x")
-    right.set_xlabel("group", fontsize=11, color=INK)
     right.set_title(_verdict(comparison), loc="left", fontsize=10, color=SOFT)
     simulations = sorted({one.runs[0].experiment.label for one in groups})
     figure.suptitle(
@@ -59,13 +77,27 @@ def _verdict(comparison: "Comparison") -> str:
     return f"Mann-Whitney p {p_words(found.p)}, A12 {found.effect:.2f}"
 
 
+def _names(labels: Sequence[str]) -> tuple[list[str], bool, float]:
+    """Return names of groups for below their boxes, whether they are slanted, and inches that the axes need.
+
+    Slanted are those that would not stand beside each other.
+    """
+    lines = [
+        [line for part in _PARTS.split(label) for line in textwrap.wrap(part, _NAME)] for label in labels
+    ]
+    longest = max((len(line) for words in lines for line in words), default=0)
+    width = len(labels) * (_CHARACTER * longest + 0.15)
+    if width <= _WIDEST:
+        return ["\n".join(words) for words in lines], False, max(width, 3.0)
+    slanted = [textwrap.shorten(label, _SLANTED, placeholder=" …") for label in labels]
+    return slanted, True, max(0.42 * len(labels), 3.0)
+
+
 def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None:
     handles, _ = axes.get_legend_handles_labels()
     labels = [
-        "\n".join(
-            textwrap.wrap(f"{index + 1}  {one.label} ({len(one.runs)})", _LABEL, subsequent_indent="    ")
-        )
-        for index, one in enumerate(groups)
+        "\n".join(textwrap.wrap(f"{one.label} ({len(one.runs)})", _LABEL, subsequent_indent="    "))
+        for one in groups
     ]
     legend = figure.legend(
         handles, labels, loc="outside lower left", ncols=min(3, len(groups)), fontsize=10, frameon=False,
@@ -79,7 +111,8 @@ def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None
         axes.set_title(meaning, loc="left", fontsize=10, color=SOFT)
 
 
-def _course(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> None:
+def _course(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> Drawn:
+    """Draw how a group got on; return x, and the least and the greatest that is drawn there."""
     color, dashes = look(index)
     places, values, shortest = together(one.runs, x)
     low, lower, middle, upper, high = bands(values)
@@ -98,6 +131,7 @@ def _course(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -
     rest = places >= places[sure][-1]
     if np.count_nonzero(rest) > 1:
         axes.step(places[rest], middle[rest], where="post", color=color, linewidth=1.0, alpha=0.7)
+    return (places, low, high) if extremes else (places, lower, upper)
 
 
 def _final(axes: "Axes", one: "Group", index: int) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from swarmwright._code._copy import shown
 from swarmwright._experiment import ELSEWHERE, Experiment
 from swarmwright._flat import flat
 from swarmwright._run import Run
@@ -34,8 +35,8 @@ def group(runs: Sequence[Run]) -> tuple[list[Kin], list[str]]:
         The groups, and notes on what was left out.
     """
     kept, notes = _once(runs)
-    flattened = [_flat(run.experiment) for run in kept]
-    keys = _distinguishing(flattened)
+    flattened = [flattened_of(run) for run in kept]
+    keys = distinguishing(flattened)
     found: dict[str, tuple[dict[str, Any], list[Run]]] = {}
     for run, values in zip(kept, flattened, strict=True):
         # An option that a kind does not have is left out; a parameter may have been left out by its author.
@@ -54,7 +55,7 @@ def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     notes = []
     for run in runs:
         place = str(run.path.resolve())
-        same = json.dumps([_flat(run.experiment), run.experiment.seed], sort_keys=True, default=str)
+        same = json.dumps([flattened_of(run), run.experiment.seed], sort_keys=True, default=str)
         other = kept.get(same)
         if place in places:
             notes.append(f"{run.path} is given twice and counts once")
@@ -72,9 +73,14 @@ def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     return list(kept.values()), notes
 
 
-def _flat(experiment: Experiment) -> dict[str, Any]:
-    """Return the experiment with nested keys joined by points."""
+def flattened_of(run: Run) -> dict[str, Any]:
+    """Return the experiment with nested keys joined by points, and what its code is."""
+    experiment = run.experiment
     mapping = experiment.to_mapping()
+    mapping["simulation"] = shown(experiment.simulation)
+    code = run.code
+    if code:
+        mapping["code"] = code[max(code)][:12]
     # A parameter that is not given has its default; a foreign simulation keeps its defaults to itself.
     mapping["parameters"] = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
     kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
@@ -95,7 +101,7 @@ def _defaults(simulation: str) -> dict[str, Any]:
     return {name: parameter.get("default") for name, parameter in parameters.items()}
 
 
-def _distinguishing(flat: Sequence[dict[str, Any]]) -> list[str]:
+def distinguishing(flat: Sequence[dict[str, Any]]) -> list[str]:
     """Return the keys whose values differ, in the experiment's order.
 
     Options of a component count only among runs with the same kind of it: that an option of one kind is

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmwright._results._diversity import diversity
-from swarmwright._results._style import COLORS, INK, PAPER, SOFT, dress, new_figure, thousands
+from swarmwright._results._style import AXES, COLORS, INK, PAPER, SOFT, dress, new_figure, thousands, zoom
 from swarmwright._run import Run
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ def draw(run: Run, *, x: str = "evaluations") -> "Figure":
     dress(upper, y="fitness (more is better)")
     continuous = run.experiment.representation().continuous
     dress(
-        lower, x=x, y="diversity\n(first generation: 1)" if continuous else "diversity\n(genes that differ)"
+        lower,
+        x=AXES[x],
+        y="diversity\n(first generation: 1)" if continuous else "diversity\n(genes that differ)",
     )
     thousands(lower.xaxis)
     experiment = run.experiment
@@ -82,6 +84,8 @@ def _fitness(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:
         ha="center" if found else "left", color=_BEST, fontsize=11.5, fontweight="bold",
     )  # fmt: skip
     axes.margins(x=0.02, y=0.14)
+    drawn = np.stack([quartiles[0], quartiles[1], best, now])
+    zoom(axes, [(places, drawn.min(axis=0), drawn.max(axis=0))])
 
 
 def _diversity(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:

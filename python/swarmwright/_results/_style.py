@@ -1,10 +1,14 @@
 """How figures of runs look, and how they are written."""
 
 import io
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright._errors import InputError
+from swarmwright._html import png_of
+from swarmwright._scale import Values, cut
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -14,6 +18,8 @@ INK, SOFT, PAPER, GRID, EDGE = "#22303c", "#5b6875", "#ffffff", "#e3e7eb", "#9aa
 # Okabe and Ito's colours, which colour-blind people can tell apart; yellow, too light for lines, comes last.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B8A900")
 DASHES = ("-", "--", ":", "-.")
+AXES = {"evaluations": "evaluations", "generations": "generation (from 0)"}
+"""What an axis over these is called."""
 ENDINGS = (".png", ".svg", ".pdf")
 
 
@@ -25,14 +31,25 @@ def look(index: int) -> tuple[str, str]:
 def new_figure(width: float, height: float) -> "Figure":
     """Return a figure of inches, with a canvas of its own: no global state, no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=120, facecolor=PAPER, layout="constrained")
+    figure = _shown()(figsize=(width, height), dpi=120, facecolor=PAPER, layout="constrained")
     FigureCanvasAgg(figure)
     engine = figure.get_layout_engine()
     assert engine is not None
     engine.set(h_pad=0.09, w_pad=0.09)  # type: ignore[call-arg] # inches; every engine has its own options
     return figure
+
+
+@cache
+def _shown() -> "type[Figure]":
+    """Return the class of figures that a notebook shows, whatever is set up there for pyplot's."""
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            return png_of(self)
+
+    return ShownFigure
 
 
 def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
@@ -46,6 +63,19 @@ def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(EDGE)
+
+
+def zoom(axes: "Axes", curves: Sequence[tuple[Values, Values, Values]]) -> None:
+    """Let first values not squash the rest, and say what is cut off; see `swarmwright._scale.cut`."""
+    hidden = cut(curves)
+    if hidden is None:
+        return
+    axes.set_ylim(hidden.low, hidden.high)
+    note = axes.text(
+        0.988, 0.02, hidden.note, transform=axes.transAxes, fontsize=10, color=SOFT, ha="right", va="bottom",
+        bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}, zorder=6,
+    )  # fmt: skip
+    note.set_in_layout(False)
 
 
 def thousands(axis: Any) -> None:  # noqa: ANN401 - an axis of matplotlib

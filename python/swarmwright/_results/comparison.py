@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright._code._copy import shown
 from swarmwright._errors import InputError
 from swarmwright._results._curves import fitness_at
 from swarmwright._results._groups import Kin, group
@@ -187,9 +188,13 @@ def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
             f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its own end; "
             f"--at {shortest} compares all after as many"
         )
-    simulations = {one.runs[0].experiment.simulation for one in groups}
+    simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
     if len(simulations) > 1:
         found.append(f"fitness of different simulations is compared: {', '.join(sorted(simulations))}")
+    if any("code" in one.differs for one in groups):
+        found.append(
+            "fitness that different code computed is compared: `swarmwright runs show` names the files"
+        )
     interrupted = [str(run.path) for one in groups for run in one.runs if run.interrupted]
     if interrupted:
         found.append(f"ended before their time: {', '.join(interrupted)}")

@@ -1,19 +1,23 @@
 """Episodes of runs, played again."""
 
 import json
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from swarmwright._controller import Controller
+from swarmwright._controller import Controller, controller_words
 from swarmwright._errors import InputError, engine_errors
 from swarmwright._fitness import JudgedEpisode
 from swarmwright._results._choice import Choice, choose
 from swarmwright._run import Run
+from swarmwright._run_code import used_for
 from swarmwright.display import Caption, Playable
 
 if TYPE_CHECKING:
     from swarmwright._experiment import Experiment
+    from swarmwright.display.pictures import PictureRecording
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class Replay:
     """Index of the episode; None for one that the run did not have."""
     seed: int
     """Seed of the simulation."""
+    experiment: "Experiment"
+    """The run's, or with other parameters."""
 
     @classmethod
     def of(
@@ -41,6 +47,8 @@ class Replay:
         controller: Path | None = None,
         episode: int | None = None,
         seed: int | None = None,
+        simulation: str | type | None = None,
+        settings: Iterable[str] = (),
     ) -> Self:
         """Choose what is played.
 
@@ -51,12 +59,18 @@ class Replay:
             controller: file or run folder with another controller, instead of a candidate of the run.
             episode: one of the run's, default 0.
             seed: of the simulation, for an episode that the run did not have.
+            simulation: a class, or `FILE:Class`, instead of the code with which the candidate was evaluated.
+            settings: other values of parameters and fitness than the run's, see `Experiment.load`.
 
         Raises:
             InputError: the simulation is not here, or there is no such candidate, controller or episode.
         """
         _check_here(run)
         chosen = None if controller is not None else choose(run, generation, candidate)
+        used = used_for(run, None if chosen is None else chosen.generation, simulation)
+        experiment = used.with_settings(
+            settings, only=("parameters", "fitness"), reason="only parameters and fitness can be set here"
+        )
         seeds = run.seeds(0) if chosen is None else chosen.seeds
         number = None if seed is not None else episode or 0
         if number is not None and number >= len(seeds):
@@ -65,18 +79,44 @@ class Replay:
                 f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"
             )
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
-        return cls(
-            run, played, chosen, controller, number, seeds[number] if number is not None else seed or 0
-        )
+        played_seed = seeds[number] if number is not None else seed or 0
+        return cls(run, played, chosen, controller, number, played_seed, experiment)
+
+    @property
+    def pictured(self) -> bool:
+        """Whether the simulation draws pictures itself, in the place of scenes.
+
+        Raises InputError for a simulation that has neither.
+        """
+        from swarmwright import _simulations
+
+        return _simulations.shown_as(self.experiment.simulation) == "picture"
 
     def episode(self) -> Playable:
         """Return the episode, before its first step."""
-        from swarmwright import _engine, _simulations
+        from swarmwright import _simulations
 
-        experiment = self.run.experiment
+        if not self.pictured:
+            return self._episode(_simulations.playable(self.experiment.simulation))
+        from swarmwright.display.pictures import Pictured
+
+        host = _simulations.drawing(self.experiment.simulation)
+        return Pictured(self._episode(host), host.picture)
+
+    def pictures(self) -> "PictureRecording":
+        """Play the episode of a simulation that draws pictures, and return them."""
+        from swarmwright import _simulations
+        from swarmwright.display.pictures import record
+
+        host = _simulations.drawing(self.experiment.simulation)
+        return record(self._episode(host), host.picture)
+
+    def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
+        from swarmwright import _engine
+
+        experiment = self.experiment
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
         parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
-        simulation = _simulations.playable(experiment.simulation)
         with engine_errors():
             episode = _engine.Episode(simulation, parameters, self.controller.json)
         expression = experiment.fitness_expression
@@ -106,8 +146,15 @@ class Replay:
     def outcome(self, fitness: float) -> str:
         """Return the episode's fitness in words, beside the candidate's when that is another thing."""
         said = f"Fitness {fitness + 0.0:.6g}"  # no -0
-        if self.choice is None or (self.number is not None and self._episodes == 1):
+        if self.choice is None:
             return f"{said}."
+        if self.number is not None and self._episodes == 1:
+            if fitness == self.choice.fitness or math.isnan(self.choice.fitness):
+                return f"{said}."
+            return (
+                f"{said}; in the run it was {self.choice.fitness + 0.0:.6g}: this simulation does not repeat "
+                "itself to the last bit here."
+            )
         where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
         meaning = f", the {self._meaning}" if self._episodes > 1 else ""
         return f"{said} {where}; the candidate's in the run is {self.choice.fitness + 0.0:.6g}{meaning}."
@@ -140,20 +187,6 @@ class Replay:
             facts.append(("fitness of the candidate", f"{value}{episodes}"))
         facts.append(("simulation seed", str(self.seed)))
         return Caption(self.title, tuple(facts))
-
-
-def controller_words(specification: dict[str, Any]) -> str:
-    """Return what kind of controller it is: `layered, 4-8-1, tanh`."""
-    kind = specification.get("kind", "controller")
-    sensors, actuators = specification.get("sensors"), specification.get("actuators")
-    hidden = specification.get("hidden")
-    parts = [str(kind)]
-    if sensors is not None and actuators is not None:
-        middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
-        parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
-    if "activation" in specification:
-        parts.append(str(specification["activation"]))
-    return ", ".join(parts)
 
 
 def _origin(experiment: "Experiment") -> list[tuple[str, str]]:

@@ -26,7 +26,8 @@ CREATE TABLE evaluation (
     episodes BLOB NOT NULL, metrics BLOB NOT NULL, genome BLOB NOT NULL);
 CREATE TABLE session (
     session INTEGER PRIMARY KEY, started TEXT NOT NULL, place TEXT NOT NULL, host TEXT NOT NULL,
-    machine TEXT NOT NULL, versions TEXT NOT NULL, seconds REAL, outcome TEXT);
+    machine TEXT NOT NULL, versions TEXT NOT NULL, seconds REAL, outcome TEXT,
+    code INTEGER);
 CREATE TABLE attempt (
     session INTEGER NOT NULL, generation INTEGER NOT NULL, mode TEXT NOT NULL, candidate INTEGER NOT NULL,
     candidates INTEGER NOT NULL, episode INTEGER NOT NULL, episodes INTEGER NOT NULL, server INTEGER NOT NULL,
@@ -35,6 +36,8 @@ CREATE TABLE attempt (
 CREATE TABLE event (
     session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
 """
+_LATER = (("attempt", "stack", "TEXT"), ("session", "code", "INTEGER"))
+"""Columns that stores of this format may lack: table, column, type."""
 
 
 def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
@@ -74,8 +77,10 @@ def reopen(file: Path) -> sqlite3.Connection:
                 if line != "ok":
                     raise InputError(f"{file}: is damaged: {line}")
             connection.execute("BEGIN IMMEDIATE")
-            if "stack" not in {name for _, name, *_ in connection.execute("PRAGMA table_info(attempt)")}:
-                connection.execute("ALTER TABLE attempt ADD COLUMN stack TEXT")
+            for table, column, kind in _LATER:
+                there = {name for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
+                if column not in there:
+                    connection.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
             connection.execute("COMMIT")
         except BaseException:
             connection.close()

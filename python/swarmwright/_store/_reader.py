@@ -171,6 +171,30 @@ class StoreReader:
             leader=leader,
         )
 
+    def one_generation(self, generation: int) -> Iterator[Evaluated]:
+        """Yield a generation, if it is there."""
+        for summary in self.history():
+            if summary.generation == generation:
+                yield self._evaluated(summary)
+
+    def used_seeds(self) -> set[int]:
+        """Return every simulation seed of the finished generations."""
+        with self._reading() as connection:
+            rows = connection.execute("SELECT DISTINCT seeds FROM generation").fetchall()
+        return {seed for (text,) in rows for seed in self._parsed(text)}
+
+    def ended(self) -> str:
+        """Return what ended a run that is done; empty where that was not written."""
+        with self._reading() as connection:
+            row = connection.execute("SELECT value FROM fact WHERE name = 'ended'").fetchone()
+        return "" if row is None else str(row[0])
+
+    def unseen(self) -> dict[str, Any] | None:
+        """Return how the best did on seeds that the run did not use; None when that was not evaluated."""
+        with self._reading() as connection:
+            row = connection.execute("SELECT value FROM fact WHERE name = 'unseen'").fetchone()
+        return None if row is None else self._parsed(row[0])
+
     def record(self) -> Record:
         """Return every evaluation of the finished generations."""
         with self._reading() as connection:
@@ -262,11 +286,9 @@ class StoreReader:
             reached = dict(
                 connection.execute("SELECT session, max(seconds) FROM generation GROUP BY session")
             )
-            rows = connection.execute(
-                "SELECT session, started, place, host, machine, versions, seconds, outcome FROM session "
-                "ORDER BY session"
-            ).fetchall()
-        names = ("session", "started", "place", "host", "machine", "versions", "seconds", "outcome")
+            cursor = connection.execute("SELECT * FROM session ORDER BY session")
+            names = [column[0] for column in cursor.description]
+            rows = cursor.fetchall()
         sessions = []
         for row in rows:
             values = dict(zip(names, row, strict=True))
@@ -275,6 +297,23 @@ class StoreReader:
                 values["seconds"] = reached.get(values["session"])
             sessions.append(Session(**values))
         return sessions
+
+    def session_of(self, generation: int) -> int:
+        """Return the session in which a generation was evaluated. Raises InputError without that one."""
+        with self._reading() as connection:
+            row = connection.execute(
+                "SELECT session FROM generation WHERE generation = ?", (generation,)
+            ).fetchone()
+            if row is None:
+                self._generation(connection, generation)  # says which there are
+                raise AssertionError
+        return int(row[0])
+
+    def code(self) -> dict[int, str]:
+        """Return the SHA-256 of each version of the source that was copied, from 1 on."""
+        with self._reading() as connection:
+            rows = connection.execute("SELECT name, value FROM fact WHERE name GLOB 'code.[0-9]*'").fetchall()
+        return {int(name.partition(".")[2]): digest for name, digest in sorted(rows)}
 
     def attempts(self) -> Iterator[Attempt]:
         """Yield every attempt at evaluations, in the order in which they ended."""

@@ -51,6 +51,8 @@ class Session:
     """Duration; up to the last generation when it was killed; None when it is not known."""
     outcome: str | None
     """done, interrupted, stopped (by a callback), or why it failed; None when it was killed or goes on."""
+    code: int | None = None
+    """Version of the copy of the source that was used; None where there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)

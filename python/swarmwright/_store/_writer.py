@@ -18,11 +18,18 @@ from typing import IO, Any, Self
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright._code._copy import FOLDER as CODE
+from swarmwright._code._copy import Copy
+from swarmwright._code._copy import remove as remove_copies
+from swarmwright._code._part import Part
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
+from swarmwright._files import write_text
 from swarmwright._store._database import FILE, NEW, create, errors, reopen, transaction
-from swarmwright._store._reader import best_of
+from swarmwright._store._reader import StoreReader, best_of
 from swarmwright._store._rows import Evaluated, attempt_row
+from swarmwright._yaml import dump
+from swarmwright.adapters._name import is_adapted
 from swarmwright.representations import Representation
 
 _EXPERIMENT = "experiment.yaml"
@@ -48,20 +55,22 @@ class StoreWriter:
         self._outcome: str | None = None
 
     @classmethod
-    def create(cls, folder: Path, experiment: Experiment, metrics: Sequence[str]) -> Self:
+    def create(
+        cls, folder: Path, experiment: Experiment, metrics: Sequence[str], code: Sequence[Part] = ()
+    ) -> Self:
         """Make a run folder with an empty store.
 
         Args:
             folder: new or empty.
             experiment: as it is run, sensors and actuators known.
             metrics: names, in the order in which they are stored.
+            code: the source that is not Swarmwright's own, of which a copy is kept.
 
         Raises:
             InputError: the folder cannot be written, or is not empty.
         """
         check_folder(folder)
         facts = {
-            "experiment": json.dumps(experiment.to_mapping(), allow_nan=False),
             "name": experiment.path.stem if experiment.path is not None else experiment.label,
             "metrics": json.dumps(list(metrics)),
             "created": _now(),
@@ -75,8 +84,17 @@ class StoreWriter:
         try:
             if (folder / FILE).exists():  # another process was faster
                 check_folder(folder)
-            experiment.save(folder / _EXPERIMENT)
+            remove_copies(folder)  # of a process that ended before there was a store
+            copy = Copy.write(folder, 1, code) if code else None
+            values = _recorded(experiment, folder, copy)
+            if copy is not None:
+                facts[f"{CODE}.1"] = copy.digest
+            facts["experiment"] = json.dumps(values, allow_nan=False)
+            write_text(folder / _EXPERIMENT, dump(values))
             return cls(folder, create(folder / FILE, facts), lock)
+        except OSError as error:
+            lock.close()
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
         except BaseException:
             lock.close()
             raise
@@ -93,6 +111,8 @@ class StoreWriter:
         if not file.is_file():
             raise without_store(folder)
         try:
+            if not (folder / _EXPERIMENT).exists():
+                write_text(folder / _EXPERIMENT, dump(StoreReader(folder).experiment()))
             lock = _locked(folder)
         except OSError as error:
             raise InputError(f"{folder}: cannot be used: {error.strerror}") from error
@@ -102,22 +122,54 @@ class StoreWriter:
             lock.close()
             raise
 
-    def replace_experiment(self, experiment: Experiment) -> None:
-        """Note a changed experiment: a larger budget."""
-        text = json.dumps(experiment.to_mapping(), allow_nan=False)
-        with transaction(self._connection, self.file):
-            self._connection.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (text,))
-        experiment.save(self.folder / _EXPERIMENT)
+    def replace_experiment(self, experiment: Experiment, copy: Copy | None) -> None:
+        """Note a changed experiment: a larger budget.
 
-    def begin(self, place: str, libraries: Sequence[str] = ()) -> None:
-        """Begin a session: note where, when and with what, `libraries` being packages of the method's."""
+        copy: of the code with which the run goes on; None when there is none.
+        """
+        values = _recorded(experiment, self.folder, copy)
+        with transaction(self._connection, self.file):
+            self._connection.execute(
+                "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)
+            )
+        write_text(self.folder / _EXPERIMENT, dump(values))
+
+    def keep_code(self, version: int, code: Sequence[Part]) -> Copy:
+        """Keep a copy of the source with which the run goes on. Raises RunError when the disk refuses it."""
+        try:
+            copy = Copy.write(self.folder, version, code)
+        except OSError as error:
+            raise RunError(f"{self.folder}: cannot be written: {error.strerror}") from error
+        with transaction(self._connection, self.file):
+            self._connection.execute(
+                "INSERT OR REPLACE INTO fact VALUES (?, ?)", (f"{CODE}.{version}", copy.digest)
+            )
+        return copy
+
+    def begin(
+        self, place: str, libraries: Sequence[str] = (), code: int | None = None, notes: Iterable[str] = ()
+    ) -> None:
+        """Begin a session: note where, when and with what.
+
+        Args:
+            place: where it is evaluated.
+            libraries: packages that the method, the simulation and plug-ins import.
+            code: version of their source, if there is a copy.
+            notes: what was changed deliberately since the last session.
+        """
         self._started = time.monotonic()
         with transaction(self._connection, self.file):
             cursor = self._connection.execute(
-                "INSERT INTO session (started, place, host, machine, versions) VALUES (?, ?, ?, ?, ?)",
-                (_now(), place, socket.gethostname(), platform.platform(), json.dumps(_versions(libraries))),
+                "INSERT INTO session (started, place, host, machine, versions, code) "
+                "VALUES (?, ?, ?, ?, ?, ?)",
+                (
+                    *(_now(), place, socket.gethostname(), platform.platform()),
+                    *(json.dumps(_versions(libraries)), code),
+                ),
             )
-        self._session = int(cursor.lastrowid or 0)
+            self._session = int(cursor.lastrowid or 0)
+            for note in notes:
+                self._connection.execute(_EVENT, (self._session, None, _now(), "changed", note))
 
     def commit(self, evaluated: Evaluated, journal: Iterable[dict[str, Any]]) -> None:
         """Write a generation and how it was evaluated, wholly or not at all.
@@ -169,9 +221,25 @@ class StoreWriter:
         with suppress(RunError), transaction(self._connection, self.file):
             self._connection.execute(_EVENT, (self._session, None, _now(), "incidents", text))
 
+    def note_unseen(self, values: Mapping[str, Any]) -> None:
+        """Write how the best did on seeds that the run did not use; it is no part of the record."""
+        text = json.dumps(dict(values), allow_nan=False)
+        with transaction(self._connection, self.file):
+            self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
+
+    def note_ended(self, ended: str | None) -> None:
+        """Write which budget a run that is done has used, or that the target was reached."""
+        with transaction(self._connection, self.file):
+            self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
+
     def conclude(self, outcome: str) -> None:
         """Say how this session ended: done, interrupted, stopped, or why it failed."""
         self._outcome = outcome
+
+    @property
+    def outcome(self) -> str | None:
+        """How this session ended, None as long as it has not."""
+        return self._outcome
 
     def save_best(self, representation: Representation) -> None:
         """Write best.json, the best controller so far, for programs that want nothing else."""
@@ -223,6 +291,16 @@ class StoreWriter:
             self._lock.close()
 
 
+def _recorded(experiment: Experiment, folder: Path, copy: Copy | None) -> dict[str, Any]:
+    """Return the experiment as it is written: with the run's copy of its class, which goes where it goes."""
+    values = experiment.to_mapping()
+    kept = None if copy is None else copy.parts.get("simulation")
+    if copy is not None and kept is not None and not is_adapted(kept.component):
+        place = copy.place(kept).relative_to(folder).as_posix()
+        values["simulation"] = f"{place}:{kept.component.rpartition(':')[2]}"
+    return values
+
+
 def check_folder(folder: Path) -> None:
     """Raise InputError unless `folder` is new or empty: results are never written over.
 
@@ -253,7 +331,7 @@ def _broken_off(folder: Path) -> bool:
     Raises InputError when it is still at it.
     """
     names = {entry.name for entry in folder.iterdir()}
-    if NEW not in names or not names <= {NEW, _EXPERIMENT}:
+    if NEW not in names or not names <= {NEW, _EXPERIMENT, CODE}:
         return False
     if _EXPERIMENT in names and is_locked(folder):
         raise without_store(folder)

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -25,7 +25,7 @@ _SEEDS = 5
 _MOST_RUNS = 100_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Variant:
     """One variant of the experiment."""
 
@@ -46,7 +46,7 @@ class Sweep:
     out: Path
 
     @classmethod
-    def load(cls, path: str | Path, *, out: Path | None = None) -> Self:
+    def load(cls, path: str | Path, *, out: Path | None = None, settings: Iterable[str] = ()) -> Self:
         """Read a sweep file (YAML).
 
         Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
@@ -60,6 +60,7 @@ class Sweep:
         Args:
             path: of the file.
             out: instead of the file's.
+            settings: as in `Experiment.load`, for all variants.
 
         Raises:
             InputError: the file or a variant is wrong; the message says where.
@@ -68,31 +69,65 @@ class Sweep:
         source = read(file)
         if source.problems:
             raise InputError("\n".join(f"{file}:{line}: {what}" for _, line, what in source.problems))
-        values = source.values
-        if not isinstance(values, Mapping):
+        if not isinstance(source.values, Mapping):
             raise InputError(f"{file}: is no sweep; a sweep begins like 'experiment: minisim.yaml'")
+        return cls._checked(source, file, out, settings)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any], *, out: Path | None = None) -> Self:
+        """Make a sweep of plain values with the keys of a file, see `load`.
+
+        The experiment can be an `Experiment`, a mapping with its keys, or the path of its file. Without `out`
+        the folder is runs/<simulation>-sweep.
+        """
+        plain = {key: value if key == "experiment" else _listed(value) for key, value in values.items()}
+        return cls._checked(Source("", values=plain), None, out, ())
+
+    @classmethod
+    def _checked(cls, source: Source, file: Path | None, out: Path | None, settings: Iterable[str]) -> Self:
+        values = source.values
         for key in values:
             if key not in _KEYS:
                 raise InputError(f"{source.place((str(key),))}unknown key{did_you_mean(str(key), _KEYS)}")
-        experiment = _experiment(source, file)
+        experiment = _experiment(source, file, settings)
         seeds = _seeds(source)
         variants = _variants(source, experiment)
         if len(variants) * len(seeds) > _MOST_RUNS:
             raise InputError(
-                f"{file}: {len(variants)} variants with {len(seeds)} seeds each are too many runs, at most "
-                f"{_MOST_RUNS} are possible"
+                f"{source.place(())}{len(variants)} variants with {len(seeds)} seeds each are too many runs, "
+                f"at most {_MOST_RUNS} are possible"
             )
-        return cls(variants, seeds, out or _out(source, file))
+        stem = f"{experiment.label}-sweep" if file is None else file.stem
+        return cls(variants, seeds, out or _out(source, stem))
 
 
-def _experiment(source: Source, file: Path) -> Experiment:
+def _listed(value: Any) -> Any:  # noqa: ANN401 - any value
+    """Return a value in which whatever is a sequence or an array is a list, as in a file."""
+    if isinstance(value, Mapping):
+        return {key: _listed(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [_listed(inner) for inner in value]
+    return _listed(value.tolist()) if hasattr(value, "tolist") else value
+
+
+def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> Experiment:
     name = source.values.get("experiment")
+    if file is None and isinstance(name, Experiment):
+        return name
+    if file is None and isinstance(name, Mapping):
+        return Experiment.from_mapping(name)
+    if file is None and isinstance(name, str | Path):
+        return Experiment.load(name)
+    if file is None:
+        raise InputError(
+            "experiment: must be an Experiment, a mapping with its keys, or the path of its file"
+        )
     if not isinstance(name, str):
         raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
     path = file.parent / name
     if not path.is_file():
         raise InputError(f"{source.place(('experiment',))}{path}: there is no such file")
-    return Experiment.load(path)
+    return Experiment.load(path, settings)
 
 
 def _seeds(source: Source) -> tuple[int, ...]:
@@ -110,11 +145,11 @@ def _whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _out(source: Source, file: Path) -> Path:
+def _out(source: Source, stem: str) -> Path:
     out = source.values.get("out")
     if out is None:
-        return RUNS / file.stem
-    if not isinstance(out, str) or not out:
+        return RUNS / stem
+    if not isinstance(out, str | Path) or not str(out):
         raise InputError(f"{source.place(('out',))}must be the path of a folder, not {shown(out)}")
     return Path(out)
 

@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright import _backend
-from swarmwright._backend import Servers
-from swarmwright._errors import InputError
+from swarmwright._backend import Progress, Servers
+from swarmwright._code._copy import shown
+from swarmwright._errors import InputError, SwarmwrightError
 from swarmwright._experiment import ELSEWHERE, Experiment
 from swarmwright._local_servers import LocalServers
 from swarmwright._loop import OnGeneration
 from swarmwright._optimize import optimize, resume
 from swarmwright._run import Run
+from swarmwright._run_code import changed_code
 from swarmwright._store import FILE
 from swarmwright._store._writer import check_folder
 from swarmwright._sweep._file import Sweep, Variant
@@ -22,7 +24,7 @@ _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Task:
     """One run of a sweep."""
 
@@ -48,6 +50,12 @@ class Task:
             raise InputError(
                 f"{self.folder}: holds a run of another experiment; name another folder for the results (out)"
             )
+        changed = changed_code(run, self.experiment)
+        if changed is not None:
+            raise InputError(
+                f"{changed}\nRuns of different code cannot be compared. Restore what was edited, or name "
+                "another folder for the results (out)"
+            )
         if run.state == "running":
             raise InputError(f"{self.folder}: another process works on this run; wait for it or stop it")
         return run
@@ -69,11 +77,22 @@ def _same(experiment: Experiment) -> str:
     values: dict[str, Any] = {
         key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
     }
+    values["simulation"] = shown(experiment.simulation)
+    place, colon, wanted = values["simulation"].rpartition(":")
+    if place.endswith(".py"):  # the same file, wherever it is: `changed_code` compares what it holds
+        values["simulation"] = f"{Path(place).name}{colon}{wanted}"
     return json.dumps(values, sort_keys=True, default=str)
 
 
+def reason(error: Exception) -> str:
+    """Return why a run failed, in words; the name of the error too where it was not made for people."""
+    return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
+
+
 class Crew:
-    """Broker and servers for all runs of a sweep. A context manager: what it started ends with it.
+    """Broker and servers for runs of a sweep, one after the other.
+
+    A context manager: what it started ends with it.
 
     Args:
         sweep: whose runs.
@@ -89,14 +108,16 @@ class Crew:
         self._broker = broker
         self._servers = servers
         self._started: list[LocalServers] = []
+        self._here: Servers = "local"
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         first = self._sweep.variants[0].experiment
         wanted = first.servers if self._servers is None else self._servers
-        if self._broker is None and wanted != "local":
+        if self._broker is None and wanted not in _backend.HERE:
             self._broker = first.broker
-        if wanted == "local" and self._broker is None:
+        if wanted in _backend.HERE and self._broker is None:
+            self._here = wanted
             return self
         try:
             self._start(wanted)
@@ -119,12 +140,14 @@ class Crew:
                 return  # the broker's own servers
             self._started.append(local)
             self._broker = address
-            started = wanted = len(local.pids)
+            started = wanted = local.count
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def run(self, task: Task, on_generation: OnGeneration | None = None) -> Run:
+    def run(
+        self, task: Task, on_generation: OnGeneration | None = None, on_progress: Progress | None = None
+    ) -> Run:
         """Do a task, or what is left of it; return the run.
 
         Raises InputError and RunError as `optimize` and `resume`; KeyboardInterrupt before the first
@@ -132,9 +155,9 @@ class Crew:
         """
         for local in self._started:
             local.check()
-        where: dict[str, Any] = {"broker": self._broker}
+        where: dict[str, Any] = {"broker": self._broker, "on_progress": on_progress, "progress": False}
         if self._broker is None:
-            where = {"servers": "local"}
+            where = {"servers": self._here, "on_progress": on_progress, "progress": False}
         if task.found() is not None:
             return resume(task.folder, on_generation, **where)
         return optimize(task.experiment, on_generation, out=task.folder, **where)

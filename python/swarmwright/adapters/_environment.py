@@ -1,14 +1,20 @@
 """What adapters of libraries of environments have in common."""
 
+import os
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
+from swarmwright._errors import InputError, explained
 from swarmwright._own._base import Simulation
+
+_ARRAY = "rgb_array"
+"""The render mode that gives pictures as arrays."""
+_MOST_FRAMES = 1000
+"""Frames a second, at most, that an environment can ask for."""
 
 
 class Environment(Simulation):
@@ -27,6 +33,8 @@ class Environment(Simulation):
     """The name from which the class was made; empty for one that somebody wrote."""
     most_steps: ClassVar[int] = 10_000
     """An episode that the environment does not end is ended after so many."""
+    rendering: ClassVar[bool] = False
+    """Whether environments are made with `render_mode="rgb_array"`, see `rendered`."""
 
     def __init__(self) -> None:
         self.env: Any = None
@@ -38,6 +46,60 @@ class Environment(Simulation):
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - libraries' own types
         """Return a new environment. Raises any exception when there is none with these options."""
 
+    @classmethod
+    def unshown(cls) -> str | None:
+        """Return why the environment has nothing to show, by its own account; None where it renders."""
+        modes = _render_modes(cls().env)
+        if _ARRAY in modes:
+            return None
+        return (
+            f"{cls.__name__} {cls.environment}: has nothing to show: its metadata has the render_modes "
+            f"{', '.join(modes) or 'none'}, and pictures need {_ARRAY}"
+        )
+
+    @classmethod
+    def rendered(cls) -> type[Self]:
+        """Return a class like this one whose objects draw pictures, which costs time.
+
+        Raises InputError when the environment cannot render to an array, or what it renders with is not
+        installed.
+        """
+        reason = cls.unshown()
+        if reason is not None:
+            raise InputError(reason)
+        # Many draw with pygame, which greets on standard output and looks for a screen; arrays need none.
+        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+        attributes = {"rendering": True, "__module__": cls.__module__, "__doc__": cls.__doc__}
+        made: type[Self] = type(cls.__name__, (cls,), attributes)
+        label = f"{cls.__name__} {cls.environment}"
+        try:
+            trial = made()
+            if getattr(trial.env, "render_mode", _ARRAY) == _ARRAY:
+                trial.env.reset(seed=0)
+                drawn = trial.picture()
+            else:
+                drawn = None
+        except Exception as error:  # libraries complain in their own ways
+            raise InputError(f"{label}: cannot be rendered: {type(error).__name__}: {error}") from error
+        frames = getattr(trial.env, "metadata", {}).get("render_fps")
+        if isinstance(frames, int | float) and 0 < frames <= _MOST_FRAMES:
+            made.frame_seconds = 1 / frames
+        trial.env.close()
+        if drawn is None:
+            raise InputError(
+                f"{label}: cannot be rendered: it was made without render_mode={_ARRAY!r}; a make() of your "
+                "own must hand its options on to the environment"
+            )
+        return made
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return what the environment renders, (height, width, 3)."""
+        if not self.rendering:
+            return None
+        drawn = self.env.render()
+        return None if drawn is None else np.asarray(drawn, dtype=np.uint8)[:, :, :3]
+
     @abstractmethod
     def _sizes(self) -> tuple[int, int]:
         """Read the spaces of the environment; return how many sensors and actuators an agent has."""
@@ -48,12 +110,13 @@ class Environment(Simulation):
             return False
         label = f"{type(self).__name__} {self.environment}"
         try:
-            made = self.make({**self.options, **parameters})
+            rendering = {"render_mode": _ARRAY} if self.rendering else {}
+            made = self.make({**self.options, **parameters, **rendering})
         except InputError:
             raise
         except Exception as error:  # libraries complain in their own ways
             where = f"{', '.join(parameters)}: {label}" if parameters else label
-            raise InputError(f"{where}: {type(error).__name__}: {error}") from error
+            raise InputError(f"{where}: {explained(error)}") from error
         if self.env is not None:
             self.env.close()
         self.env, self._given = made, dict(parameters)
@@ -71,6 +134,12 @@ class Environment(Simulation):
                 f"{name}: with it agents have {found} instead of {self.sensors} and {self.actuators}; put it "
                 f"into the simulation's name, as {self.environment}?{next(iter(parameters))}=.."
             )
+
+
+def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - libraries' own types
+    """Return the ways in which an environment says that it renders."""
+    modes = (getattr(env, "metadata", None) or {}).get("render_modes") or []
+    return [str(mode) for mode in modes]
 
 
 def environment_seed(seed: int) -> int:

@@ -13,7 +13,7 @@ import torch
 import vmas
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
+from swarmwright._errors import InputError, explained
 from swarmwright._own._batch import BatchSimulation
 from swarmwright.adapters._environment import environment_seed
 
@@ -97,7 +97,7 @@ class Vmas(BatchSimulation):
                 )
         except Exception as error:  # libraries complain in their own ways
             where = f"{', '.join(parameters)}: " if parameters else ""
-            raise InputError(f"{where}Vmas {self.environment}: {type(error).__name__}: {error}") from error
+            raise InputError(f"{where}Vmas {self.environment}: {explained(error)}") from error
 
     def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - VMAS's own
         seen = {space.shape for space in env.observation_space}

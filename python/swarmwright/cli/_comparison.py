@@ -4,10 +4,28 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
     from swarmwright._results.comparison import Comparison
+
+
+def run_folders(paths: Sequence[Path]) -> list[Path]:
+    """Return the folders among what was named; `runs/sweep/*` names the sweep's comparison.png, too.
+
+    Files are left out with a remark on standard error. Raises UsageError when nothing is left.
+    """
+    folders = [path for path in paths if path.is_dir()]
+    files = [str(path) for path in paths if not path.is_dir()]
+    if not folders:
+        which = "is no run folder" if len(files) == 1 else "are no run folders"
+        raise click.UsageError(f"{', '.join(files)} {which}; name folders such as runs/minisim-1.")
+    if files:
+        which = "is a file and no run" if len(files) == 1 else "are files and no runs"
+        click.echo(f"swarmwright: left out: {', '.join(files)} {which}", err=True)
+    return folders
 
 
 def show_comparison(output: Output, runs: Sequence[Path], *, at: int | None = None) -> "Comparison":

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright._own._names import is_own
+from swarmwright._words import duration
 from swarmwright.cli._observing import Observing, observed
 from swarmwright.cli._output import Output
-from swarmwright.cli._progress import Progress, duration, progress
+from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._signals import INTERRUPTED, check
+from swarmwright.cli._unseen import unseen_facts, unseen_words
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
@@ -28,6 +29,8 @@ FILES = {
     "fitness.png": "fitness over generations, a plot",
     "run.sqlite": "every evaluation, and how it came about",
     "experiment.yaml": "the experiment with every default written out",
+    "code": "a copy of the source of its simulation and plug-ins",
+    "servers.log": "what the simulation servers printed",
 }
 
 
@@ -66,14 +69,36 @@ def evolve(
         mlflow: MLflow's tracking server, if wanted.
         observing: log and figures for programs, if wanted.
     """
-    from swarmwright._optimize import InterruptedAtEnd
+    from swarmwright._optimize import InterruptedWithResults
+
+    try:
+        return _evolve(output, experiment, work, tensorboard=tensorboard, mlflow=mlflow, observing=observing)
+    except InterruptedWithResults as interrupt:
+        # On standard error: what was going to be printed of the results is not.
+        sys.stderr.write(
+            "swarmwright: interrupted; the results so far are kept. Go on with:\n"
+            f"  {program()} resume {shlex.quote(str(interrupt.folder))}\n"
+        )
+        return INTERRUPTED
+
+
+def _evolve(
+    output: Output,
+    experiment: "Experiment",
+    work: "Callable[[OnGeneration, OnProgress], Run]",
+    *,
+    tensorboard: Path | None,
+    mlflow: str | None,
+    observing: Observing,
+) -> int:
+    from swarmwright._optimize import InterruptedAtEnd, InterruptedWithResults
 
     reader = Reader()
     with ExitStack() as stack:
         observer = stack.enter_context(observed(output, observing))
         observer.started(experiment)
         watchers = [stack.enter_context(one) for one in _watchers(experiment, tensorboard, mlflow)]
-        shown = stack.enter_context(progress(output, experiment.generations))
+        shown = stack.enter_context(progress(output, experiment.budget))
 
         def tell(generation: "Generation") -> bool:
             observer.generation(generation)
@@ -86,9 +111,13 @@ def evolve(
             run = work(tell, partial(reader.evaluating, shown))
         except InterruptedAtEnd as interrupt:
             run, undrawn = interrupt.run, True
-        observer.ended(run)
-        for watcher in watchers:
-            watcher.conclude(run)
+        try:
+            observer.ended(run)
+            for watcher in watchers:
+                watcher.conclude(run)
+            stack.close()
+        except KeyboardInterrupt:
+            raise InterruptedWithResults(run.path) from None
     if not reader.gone:
         if undrawn:
             output.text("Interrupted while fitness.png was drawn; nothing else is missing.")
@@ -132,9 +161,8 @@ class Reader:
 
 def _conclude(output: Output, run: "Run") -> None:
     """Say what came out, where everything is, and what to do next."""
-    from swarmwright import _engine
-
     best = run.best
+    unseen = run.unseen
     output.json(
         {
             "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
@@ -143,6 +171,7 @@ def _conclude(output: Output, run: "Run") -> None:
             "seconds": run.seconds,
             "run": str(run.path),
         }
+        | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
     )
     if run.interrupted:
         output.text("Interrupted; the results so far are kept. Go on with:")
@@ -150,24 +179,40 @@ def _conclude(output: Output, run: "Run") -> None:
     rate = run.evaluations / max(run.seconds, 1e-3)
     whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
+    if unseen is not None:
+        output.text(f"{unseen_words(unseen)}.")
     values = best.controller.parameters
     if values:
         output.text(f"Its parameters: {', '.join(f'{name} {value}' for name, value in values.items())}.")
     for event in run.events():
         if event.kind == "incidents" and event.session == run.sessions[-1].session:
             output.text(f"Incidents: {event.text}.")
+    if run.ended not in {None, "generations"}:
+        output.text(f"Ended since {run.experiment.budget.words(run.ended)}.")
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
     for name, meaning in FILES.items():
         if (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")
-    if is_own(run.experiment.simulation):
-        return  # it has nothing to show
+    _hint(output, run)
+
+
+def _hint(output: Output, run: "Run") -> None:
+    """Say how the best controller can be watched, where there is something to see."""
+    from swarmwright import SwarmwrightError, _simulations
+
+    simulation = run.experiment.simulation
+    folder = shlex.quote(str(run.path))
+    here = _simulations.is_here(simulation)
+    if here:
+        try:
+            _simulations.shown_as(simulation)
+        except SwarmwrightError:
+            return  # it has nothing to show
     output.text()
     output.text("See the best controller at work:")
-    folder = shlex.quote(str(run.path))
-    if run.experiment.simulation in _engine.simulations():
+    if here:
         output.text(f"  {program()} replay {folder}")
         output.text(f"  {program()} replay {folder} --save best.gif")
     else:

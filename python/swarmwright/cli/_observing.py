@@ -70,7 +70,7 @@ class ToolObserver:
             simulation=experiment.label,
             method=experiment.to_mapping()["method"]["kind"],
             seed=experiment.seed,
-            generations=experiment.generations,
+            generations=experiment.budget.generations,
         )
 
     def generation(self, generation: "Generation") -> None:

@@ -87,13 +87,13 @@ def _nearest(path: Path) -> str:
     return did_you_mean(path.name, neighbours).removesuffix("?")
 
 
-Servers = int | Literal["auto", "local"]
+Servers = int | Literal["auto", "local", "in-process"]
 
 
 class ServerCount(click.ParamType[Servers]):
-    """`auto`, `local` or a number of servers."""
+    """`auto`, `local`, `in-process` or a number of servers."""
 
-    name = "auto|local|K"
+    name = "auto|local|in-process|K"
 
     def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> Servers:
         """The word or the number."""
@@ -101,10 +101,12 @@ class ServerCount(click.ParamType[Servers]):
             return "auto"
         if value == "local":
             return "local"
+        if value == "in-process":
+            return "in-process"
         try:
             number = int(value)
         except ValueError:
-            self.fail(f"'{value}' is neither a number of servers nor 'auto' nor 'local'.", param, ctx)
+            self.fail(f"'{value}' is no number of servers, nor 'auto', 'local' or 'in-process'.", param, ctx)
         if not 1 <= number <= 1024:
             self.fail(f"{number} is not in the range 1..1024.", param, ctx)
         return number
@@ -131,8 +133,29 @@ servers_option: Decorator = click.option(
     "--servers",
     type=ServerCount(),
     metavar="K",
-    help="Servers to start; 'local' evaluates in this process, without broker.",
+    help="Servers to start. 'local': none; a simulation in Python runs in worker processes, one a processor, "
+    "a built-in one in this process. 'in-process': everything in this process.",
 )
+
+simulation_option: Decorator = click.option(
+    "--simulation",
+    metavar="FILE:CLASS",
+    help="A class in Python instead of the run's: its code was edited, or is somewhere else now.",
+)
+
+
+def set_option(
+    text: str = "Another value than FILE's: method.generations=50, 'controller.hidden=[8, 4]'.",
+) -> Decorator:
+    """`--set KEY=VALUE`, as often as wanted: what is otherwise than the experiment says."""
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help=f"{text} The value is YAML; null stands for the default. May be repeated.",
+    )
+
 
 json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 
@@ -184,7 +207,7 @@ def experiment_broker(broker: str | None, of_experiment: str | None, servers: ob
 
     None when none is named or the experiment is evaluated in this process: then nothing is connected to.
     """
-    if broker is not None or of_experiment is not None or servers == "local":
+    if broker is not None or of_experiment is not None or servers in ("local", "in-process"):
         return broker
     return _environment_broker()
 

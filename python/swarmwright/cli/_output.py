@@ -23,15 +23,20 @@ def finite(value: object) -> object:
 
 
 def show_warnings() -> None:
-    """Show what the library warns of on standard error, a line each."""
+    """Show what the library warns of, and what takes it long, on standard error, a line each."""
     import logging
+
+    course = logging.getLogger("swarmwright.course")
 
     class Handler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             # Looked up each time: while a progress bar is shown, standard error is redirected above it.
             print(f"swarmwright: {record.getMessage()}", file=sys.stderr, flush=True)
 
-    logging.getLogger("swarmwright").addHandler(Handler(logging.WARNING))
+    course.setLevel(logging.INFO)
+    handler = Handler(logging.INFO)
+    handler.addFilter(lambda record: record.levelno >= logging.WARNING or record.name == course.name)
+    logging.getLogger("swarmwright").addHandler(handler)
 
 
 class Output:

@@ -1,12 +1,13 @@
 """How an optimization's progress is shown: a bar on a terminal, plain lines when piped, JSON for machines."""
 
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Protocol
 
+from swarmwright._budget import Budget
+from swarmwright._words import duration
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -52,20 +53,6 @@ class Stall:
         return seconds
 
 
-def duration(seconds: float) -> str:
-    """Seconds as people read them: 8.2 s, 3 min 05 s, 2 h 07 min."""
-    if not math.isfinite(seconds):
-        return "?"
-    if seconds < 9.95:
-        return f"{seconds:.1f} s"
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02} min"
-
-
 class JsonProgress:
     """An object per generation."""
 
@@ -83,17 +70,18 @@ class JsonProgress:
 class PlainProgress:
     """A line per generation."""
 
-    def __init__(self, output: Output, total: int) -> None:
+    def __init__(self, output: Output, budget: Budget) -> None:
         self._output = output
-        self._total = total
+        self._budget = budget
         self._stall = Stall()
 
     def generation(self, generation: "Generation") -> None:
         """Print a line."""
+        rate = generation.evaluations_per_second
         self._output.text(
-            f"{generation.generation + 1} of {self._total} generations  best {generation.best_so_far:.6g}  "
-            f"mean {generation.mean:.6g}  {generation.evaluations} evaluations "
-            f"({generation.evaluations_per_second:.0f}/s)  {duration(generation.seconds_left)} left"
+            f"{_how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
+            f"mean {generation.mean:.6g}  {generation.evaluations} evaluations ({rate:.0f}/s)  "
+            f"{duration(generation.seconds_left)} left"
         )
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
@@ -106,8 +94,8 @@ class PlainProgress:
 class BarProgress:
     """A bar and the numbers of the last generation, redrawn in place by `rich`."""
 
-    def __init__(self, total: int) -> None:
-        self._total = total
+    def __init__(self, budget: Budget) -> None:
+        self._budget = budget
         self._last: Generation | None = None
         self._part = 0.0
         self._waiting = "looking for servers"
@@ -123,6 +111,15 @@ class BarProgress:
         seconds = self._stall.seconds(done, total)
         self._waiting = _reason(waiting_for, seconds) if seconds >= PATIENCE else ""
 
+    def _completed(self) -> float:
+        """Return the share of the run that is done, the generation under way counted in part."""
+        last = self._last
+        if last is None:
+            whole = self._budget.generations
+            return 0.0 if whole is None else self._part / whole
+        one = last.share / (last.generation + 1) if last.budget != "seconds" else 0.0
+        return min(last.share + self._part * one, 1.0)
+
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
         """Two lines that fit any width, and a third when something is waited for."""
         from rich.progress_bar import ProgressBar
@@ -130,12 +127,7 @@ class BarProgress:
         from rich.text import Text
 
         last = self._last
-        finished = 0 if last is None else last.generation + 1
-        done = (
-            f"{finished} of {self._total} generations"
-            if options.max_width >= 50
-            else f"{finished}/{self._total}"
-        )
+        done = _how_far(self._budget, last, short=options.max_width < 50)
         left = "" if last is None else f"{duration(last.seconds_left)} left"
         line = Table.grid(padding=(0, 1), expand=True)
         line.add_column(no_wrap=True)
@@ -144,8 +136,8 @@ class BarProgress:
         line.add_row(
             Text(done),
             ProgressBar(
-                total=max(self._total, 1),
-                completed=min(finished + self._part, self._total),
+                total=1.0,
+                completed=self._completed(),
                 style="bright_black",
                 complete_style="cyan",
                 finished_style="green",
@@ -163,24 +155,39 @@ class BarProgress:
             yield Text(self._waiting, style="yellow", no_wrap=True, overflow="ellipsis")
 
 
+def _how_far(budget: Budget, last: "Generation | None", *, short: bool = False) -> str:
+    """Return how much is used of the budget that ends the run first: `3 of 20 generations`."""
+    done = 0 if last is None else last.generation + 1
+    limit = budget.nearest(0, 0, 0.0)[0] if last is None else last.budget
+    if limit == "generations":
+        whole = budget.generations
+        return f"{done}/{whole}" if short else f"{done} of {whole} generations"
+    if limit == "evaluations":
+        used = 0 if last is None else last.evaluations
+        return f"{used}/{budget.evaluations}" if short else f"{used} of {budget.evaluations} evaluations"
+    seconds = budget.seconds or 0.0
+    used_time, whole_time = duration((last.share if last else 0.0) * seconds), duration(seconds)
+    return f"{used_time} of {whole_time}" if short else f"{done} generations, {used_time} of {whole_time}"
+
+
 def _reason(waiting_for: str, seconds: float) -> str:
     return waiting_for or f"no result for {seconds:.0f} s"
 
 
 @contextmanager
-def progress(output: Output, total: int) -> Iterator[Progress]:
+def progress(output: Output, budget: Budget) -> Iterator[Progress]:
     """The fitting way to show progress, for the time of a `with` block.
 
-    total: number of generations.
+    budget: of the run.
     """
     if output.as_json:
         yield JsonProgress(output)
     elif not output.terminal:
-        yield PlainProgress(output, total)
+        yield PlainProgress(output, budget)
     else:
         from rich.live import Live
 
-        bar = BarProgress(total)
+        bar = BarProgress(budget)
         with Live(_renderable(bar), console=output.console(), refresh_per_second=8):
             yield bar
 

@@ -5,8 +5,10 @@ from collections import Counter
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
+from swarmwright._code._copy import shown
+from swarmwright._words import duration
 from swarmwright.cli._output import Output
-from swarmwright.cli._progress import duration
+from swarmwright.cli._unseen import unseen_facts, unseen_words
 
 if TYPE_CHECKING:
     from swarmwright import Run
@@ -20,12 +22,12 @@ def facts_of(run: "Run") -> dict[str, Any]:
     return {
         "run": str(run.path),
         "state": run.state,
-        "simulation": experiment.simulation,
+        "simulation": shown(experiment.simulation),
         "controller": experiment.controller.kind,
         "method": experiment.method.kind,  # type: ignore[attr-defined] # every kind's options have it
         "seed": experiment.seed,
         "generations": run.generations,
-        "of": experiment.generations,
+        "of": experiment.budget.generations,
         "evaluations": run.evaluations,
         "best": run.history[-1].best_so_far if run.history else None,
         "seconds": run.seconds,
@@ -48,7 +50,7 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
             facts["simulation"],
             facts["method"],
             str(facts["seed"]),
-            f"{facts['generations']}/{facts['of']}",
+            str(facts["generations"]) if facts["of"] is None else f"{facts['generations']}/{facts['of']}",
             "-" if facts["best"] is None else f"{facts['best']:.6g}",
             local_time(facts["created"])[:16],
         )
@@ -62,11 +64,15 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
 
 def describe(output: Output, run: "Run") -> None:
     """Print everything worth knowing of a run."""
+    from swarmwright._run_code import remarks
+
     facts = facts_of(run)
     servers = _servers(run)
+    code = [{"version": version, "sha256": digest} for version, digest in run.code.items()]
+    edited = remarks(run)
     sessions = [vars(session) for session in run.sessions]
     warnings = [vars(event) for event in run.events()]
-    best = None
+    best, unseen = None, run.unseen
     if run.generations:
         best = {
             "fitness": run.best.fitness,
@@ -77,7 +83,11 @@ def describe(output: Output, run: "Run") -> None:
         facts
         | {
             "best": best,
+            "ended": run.ended,
+            "unseen": None if unseen is None else unseen_facts(unseen),
             "digest": run.digest,
+            "code": code,
+            "edited": edited,
             "servers": servers,
             "sessions": sessions,
             "warnings": warnings,
@@ -85,30 +95,33 @@ def describe(output: Output, run: "Run") -> None:
     )
     if output.as_json:
         return
-    output.text(f"{run.path}: {facts['state']}")
-    output.text(f"  {facts['simulation']}, {facts['controller']} by {facts['method']}, seed {facts['seed']}")
-    output.text(
-        f"  {run.generations} of {facts['of']} generations, {run.evaluations} evaluations, "
-        f"{duration(run.seconds)}"
-    )
-    if run.experiment.method.operation == "steady_state":
-        window = run.experiment.method.in_flight
-        output.text(
-            f"  steady state: candidate n was made when the results of candidates 0 to n - {window} were "
-            "known, and no later one"
-        )
-    if best is not None:
-        output.text(
-            f"  best {best['fitness']:.6g} (generation {best['generation']}, candidate {best['candidate']})"
-        )
-    output.text(f"  record SHA-256 {run.digest}")
+    _summary(output, run, facts)
+    for version in code:
+        output.text(f"  code {version['version']} SHA-256 {version['sha256']}")
+    for remark in edited:
+        output.text(f"  {remark}")
+    _list_sessions(output, run)
+    _list_servers(output, servers)
+    if warnings:
+        output.text()
+    for event in warnings[:_WARNINGS]:
+        output.text(f"{local_time(event['time'])} {_generation(event)}{event['text']}")
+    if len(warnings) > _WARNINGS:
+        output.text(f".. and {len(warnings) - _WARNINGS} more: --json shows all")
+
+
+def _list_sessions(output: Output, run: "Run") -> None:
     for session in run.sessions:
         took = "?" if session.seconds is None else duration(session.seconds)
         output.text()
         outcome = session.outcome or run.state
         output.text(f"session {session.session}: {local_time(session.started)}, {took}, {outcome}")
-        output.text(f"  {session.place}, on {session.host} ({session.machine})")
+        used = "" if session.code is None else f", code {session.code}"
+        output.text(f"  {session.place}{used}, on {session.host} ({session.machine})")
         output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
+
+
+def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
     if servers:
         output.text()
     for server in servers:
@@ -117,12 +130,36 @@ def describe(output: Output, run: "Run") -> None:
             f"server {server['server']}: {server['evaluations']} episodes, "
             f"busy for {duration(server['seconds'])}{failed}"
         )
-    if warnings:
-        output.text()
-    for event in warnings[:_WARNINGS]:
-        output.text(f"{local_time(event['time'])} generation {event['generation']}: {event['text']}")
-    if len(warnings) > _WARNINGS:
-        output.text(f".. and {len(warnings) - _WARNINGS} more: --json shows all")
+
+
+def _generation(event: dict[str, Any]) -> str:
+    return "" if event["generation"] is None else f"generation {event['generation']}: "
+
+
+def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
+    """Print how far it got and what came out."""
+    best = run.best if run.generations else None
+    unseen = run.unseen
+    output.text(f"{run.path}: {facts['state']}")
+    output.text(f"  {facts['simulation']}, {facts['controller']} by {facts['method']}, seed {facts['seed']}")
+    whole = "" if facts["of"] is None else f" of {facts['of']}"
+    output.text(
+        f"  {run.generations}{whole} generations, {run.evaluations} evaluations, {duration(run.seconds)}"
+    )
+    if run.ended is not None:
+        output.text(f"  ended since {run.experiment.budget.words(run.ended)}")
+    if run.experiment.method.operation == "steady_state":
+        window = run.experiment.method.in_flight
+        output.text(
+            f"  steady state: candidate n was made when the results of candidates 0 to n - {window} were "
+            "known, and no later one"
+        )
+    if best is not None:
+        output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
+    if unseen is not None:
+        words = unseen_words(unseen)
+        output.text(f"  {words[0].lower()}{words[1:]}")
+    output.text(f"  record SHA-256 {run.digest}")
 
 
 def _servers(run: "Run") -> list[dict[str, Any]]:

@@ -5,8 +5,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from swarmwright._watch import SILENCE, ServerRow, ToolRow, View, views, words
+from swarmwright._words import duration
 from swarmwright.cli._output import Output
-from swarmwright.cli._progress import duration
 from swarmwright.cli._signals import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 SERVERS = ("id", "state", "simulations", "for whom", "does", "silent", "speed", "failures")
-TOOLS = ("tool", "run", "generation", "evaluations", "waits for")
+TOOLS = ("tool", "run", "generations done", "evaluations", "waits for")
 
 
 def doing(server: ServerRow) -> str:
@@ -56,7 +56,8 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
     """Return what the table says of a tool, a cell per heading."""
     status = tool.status
     generation, generations = status.get("generation"), status.get("generations")
-    how_far = "-" if generation is None else str(generation + 1)
+    # The index of the one under way, from 0, is the number of those that are done.
+    how_far = "-" if generation is None else str(generation)
     if generation is not None and generations is not None:
         how_far += f" of {generations}"
     evaluations = (
@@ -80,14 +81,14 @@ def headline(view: View, broker: str) -> tuple[str, str]:
 
 def _course(tool: ToolRow) -> str:
     """Say how far a tool is, so that it changes now and then."""
-    _, run, generation, _, _ = tool_cells(tool)
+    _, run, how_far, _, _ = tool_cells(tool)
     status = tool.status
     if status["state"] == "looking" or not status["total"]:
         return f"run {run}"
     if status.get("generation") is None:
         tenths = 10 * status["done"] // status["total"]
         return f"run {run}, {10 * tenths} % of {status['total']} evaluations"
-    return f"run {run}, generation {generation}"
+    return f"run {run}, {how_far} generations done"
 
 
 class Screen:

@@ -80,6 +80,13 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     metavar="N",
     help="Packets a second that are taken of one client; one that sends more is read later.",
 )
+@click.option(
+    "--memory",
+    type=WholeNumber(min=16, max=2**24),
+    metavar="MIB",
+    help="Memory for everything that is kept for clients, MiB; beyond it, whoever holds most is disconnected."
+    " Default: a quarter of the machine's, at least 256.",
+)
 @log_options
 @json_option
 def command(
@@ -94,6 +101,7 @@ def command(
     folder: Path | None,
     prefixes: tuple[str, ...],
     rate: int,
+    memory: int | None,
     log: Path | None,
     log_level: str,
     as_json: bool,
@@ -141,12 +149,15 @@ def command(
             certificate=str(certificate) if certificate else None,
             key=str(key) if key else None,
             rate=rate,
+            memory=None if memory is None else memory << 20,
         )
         try:
             output.text(f"The broker listens on {broker.url} (Ctrl-C stops it)")
             output.json({"event": "listening", "url": broker.url, "port": broker.port})
             lines.write("info", "listening", url=broker.url)
-            threading.Event().wait()
+            # In slices: a signal that comes just before a wait without end begins would never be noticed.
+            while not threading.Event().wait(0.5):
+                pass
         except Terminated:
             lines.write("info", "stopped")  # SIGTERM is how a service is asked to end
         finally:

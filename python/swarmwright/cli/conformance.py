@@ -18,7 +18,7 @@ from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
     from swarmwright.conformance._results import Report, Result
-    from swarmwright.conformance._rules import Rules
+    from swarmwright.conformance._rules import Profile, Rules
 
 LARGEST_ID = 2**63 - 1
 
@@ -32,7 +32,8 @@ LARGEST_ID = 2**63 - 1
 def command() -> None:
     """Try whether a simulation server or an optimization tool speaks the protocol.
 
-    Every rule of it, over a broker, whatever language the peer is written in.
+    Every rule of it, over a broker, whatever language the peer is written in. Each is D6.1's or
+    Swarmwright's; --profile d6.1 tries the former alone.
     """
 
 
@@ -51,6 +52,13 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
             multiple=True,
             metavar="IDS",
             help="Try these rules or groups only, such as S2,S4.1; with '-' before it, all but these.",
+        ),
+        click.option(
+            "--profile",
+            type=click.Choice(["d6.1", "all"]),
+            default="all",
+            show_default=True,
+            help="d6.1: try those rules alone that deliverable D6.1 demands; all: Swarmwright's as well.",
         ),
         click.option(
             "--junit",
@@ -135,6 +143,7 @@ def server_command(
     broker: str | None,
     prefix: str,
     rules: tuple[str, ...],
+    profile: "Profile",
     junit: Path | None,
     listing: bool,
     timeout: float,
@@ -146,13 +155,13 @@ def server_command(
     In COMMAND {broker}, {id} and {prefix} stand for the broker's address, the server's id and the prefix.
     Without --exec start the server yourself, with the address that is printed.
 
-    The exit status is 0 when no rule is broken, 1 when one is, 2 when the input is wrong.
+    The exit status is 0 when no rule that was tried is broken, 1 when one is, 2 when the input is wrong.
     """
     from swarmwright.conformance.server import RULES
 
     output = Output(as_json=as_json)
     if listing:
-        return _list(output, RULES, rules)
+        return _list(output, RULES, rules, profile)
     if server is None and start is None:
         raise click.UsageError("which server? Give its --id, or let it be started with --exec.")
     from swarmwright.conformance._check_server import check_server, parameters_of
@@ -172,6 +181,7 @@ def server_command(
         timeout=timeout,
         wait=wait,
         rules=rules,
+        profile=profile,
         tell=reporter.tell,
         say=reporter.say,
     )
@@ -226,6 +236,7 @@ def optimizer_command(
     broker: str | None,
     prefix: str,
     rules: tuple[str, ...],
+    profile: "Profile",
     junit: Path | None,
     listing: bool,
     wait: float,
@@ -238,13 +249,13 @@ def optimizer_command(
     scene: servers that behave, that send junk, fall silent, are taken by others. Without --exec start it
     once, with the address that is printed; what needs another run is skipped.
 
-    The exit status is 0 when no rule is broken, 1 when one is, 2 when the input is wrong.
+    The exit status is 0 when no rule that was tried is broken, 1 when one is, 2 when the input is wrong.
     """
     from swarmwright.conformance.optimizer import RULES
 
     output = Output(as_json=as_json)
     if listing:
-        return _list(output, RULES, rules)
+        return _list(output, RULES, rules, profile)
     from swarmwright.conformance._check_optimizer import check_optimizer
 
     reporter = _Reporter(output)
@@ -259,20 +270,22 @@ def optimizer_command(
         lasts=lasts,
         wait=wait,
         rules=rules,
+        profile=profile,
         tell=reporter.tell,
         say=reporter.say,
     )
     return reporter.finish(report, RULES, junit)
 
 
-def _list(output: Output, rules: "Rules", wanted: tuple[str, ...]) -> int:
+def _list(output: Output, rules: "Rules", wanted: tuple[str, ...], profile: "Profile") -> int:
     from swarmwright.conformance._table import rules_table
 
-    chosen = rules.chosen(wanted)
+    chosen = rules.chosen(wanted, profile)
     for line in rules_table(chosen):
         output.text(line)
     for rule in chosen:
-        output.json({"id": rule.id, "rule": rule.sentence, "where": rule.where, "needs": list(rule.needs)})
+        said = {"id": rule.id, "rule": rule.sentence, "source": rule.source, "where": rule.where}
+        output.json({**said, "needs": list(rule.needs)})
     return 0
 
 
@@ -299,15 +312,19 @@ class _Reporter:
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
         """The table, the file; the exit status."""
         from swarmwright.conformance._junit import write_junit
-        from swarmwright.conformance._results import summary
+        from swarmwright.conformance._results import by_source, summary
         from swarmwright.conformance._table import print_table
 
+        if any("give --actuators" in result.detail for result in report.results):
+            self.say("Many rules were skipped, for the number of actuators is not known: give --actuators N.")
         if junit is not None:
             write_junit(report, junit, rules.groups)
         if self._output.terminal:
             click.echo("\r\x1b[K", nl=False, err=True)
             print_table(self._output.console(), report, rules.groups, unicode=self._output.unicode)
         else:
+            for text in by_source(report):
+                self._output.text(text)
             self._output.text(f"{report.peer}: {summary(report)}")
         self._output.json({"peer": report.peer, "ok": report.ok, **report.counts})
         return 0 if report.ok else 1

@@ -1,6 +1,7 @@
-"""`swarmwright evaluate`: repeat an evaluation from its record."""
+"""`swarmwright evaluate`: a candidate once more, from its record or in other episodes."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -8,51 +9,125 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
+    WholeNumber,
     broker_option,
     candidate_options,
     experiment_broker,
     json_option,
     servers_option,
+    set_option,
+    simulation_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._server_output import server_output_option
+
+if TYPE_CHECKING:
+    from swarmwright import Experiment, PostEvaluation, Run
+    from swarmwright._statistics import Estimate
 
 
 @click.command(
     "evaluate",
     cls=Command,
     example="swarmwright evaluate runs/minisim-1\n"
-    "swarmwright evaluate runs/minisim-1 --generation 3 --candidate 12",
+    "swarmwright evaluate runs/minisim-1 --generation 3 --candidate 12\n"
+    "swarmwright evaluate runs/minisim-1 --episodes 100 --seed 5000\n"
+    "swarmwright evaluate runs/minisim-1 --episodes 100 --set parameters.speedDefenders=0.5",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.option(
+    "--episodes",
+    type=WholeNumber(min=1, max=10_000_000),
+    metavar="N",
+    help="Evaluate in N episodes with other seeds than the record's. Default with --seed: 60.",
+)
+@click.option(
+    "--seed",
+    type=WholeNumber(min=0, max=2**62),
+    metavar="S",
+    help="Simulation seed of the first of these episodes; the others have S + 1, S + 2, .. Default: seeds "
+    "that the run did not use.",
+)
 @candidate_options
+@set_option("With --episodes, another value than the run's: parameters.maxSteps=40.")
 @broker_option(
     default=None,
     text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
 )
 @servers_option
+@simulation_option
+@server_output_option
 @json_option
 def command(
     run: Path,
+    episodes: int | None,
+    seed: int | None,
     candidate: int | None,
     generation: int | None,
+    settings: tuple[str, ...],
     broker: str | None,
     servers: Servers | None,
+    simulation: str | None,
     as_json: bool,
 ) -> int:
-    """Evaluate a candidate of RUN once more and say whether its fitness is the same.
+    """Evaluate a candidate of RUN once more, the best one unless another is named.
 
-    The seeds are those of the record. The exit status is 0 when every episode comes out the same to the bit,
-    else 1.
+    Without --episodes and --seed, the seeds are those of the record, and it is said whether the fitness is
+    the same: the exit status is 0 when every episode comes out the same to the bit, else 1. With one of them,
+    it is evaluated in other episodes: the best of a run was chosen by its fitness, so it is overrated
+    wherever that depends on the seed.
+
+    Where the code of the simulation was edited since, the copy in RUN is used, and it is said so.
     """
-    from swarmwright import Run, repeat
+    from swarmwright import Run
+    from swarmwright._experiment import ELSEWHERE
+    from swarmwright._run_code import used_for
 
     output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
-    experiment = opened.experiment
-    wanted = servers if servers is not None else experiment.servers
-    broker = experiment_broker(broker, experiment.broker, wanted)
-    found = repeat(opened, candidate, generation, broker=broker, servers=servers)
+    again = episodes is None and seed is None
+    only = ELSEWHERE if again else ELSEWHERE | {"parameters", "fitness", "ranking", "simulation"}
+    reason = (
+        "the record was not made with it; give --episodes" if again else "it is what the run evolved with"
+    )
+    used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
+    experiment = used.with_settings(settings, only=only, reason=reason)
+    broker = experiment_broker(
+        broker, experiment.broker, servers if servers is not None else experiment.servers
+    )
+    if again:
+        return _repeated(output, opened, experiment, candidate, generation, broker, servers)
+    from swarmwright import post_evaluate
+    from swarmwright._post_evaluation import EPISODES
+
+    found = post_evaluate(
+        opened,
+        candidate,
+        generation,
+        episodes=episodes or EPISODES,
+        seed=seed,
+        experiment=experiment,
+        broker=broker,
+        servers=servers,
+    )
+    output.json({"run": str(run), **found.to_mapping()})
+    _show(output, found)
+    return 0
+
+
+def _repeated(
+    output: Output,
+    run: "Run",
+    experiment: "Experiment",
+    candidate: int | None,
+    generation: int | None,
+    broker: str | None,
+    servers: Servers | None,
+) -> int:
+    from swarmwright import repeat
+
+    found = repeat(run, candidate, generation, experiment=experiment, broker=broker, servers=servers)
     output.json(
         {
             "number": found.number,
@@ -70,3 +145,34 @@ def command(
         output.text(f"  episode {episode}: recorded {before!r}, now {now!r}")
     output.text("The fitness is the same, to the bit." if found.same else "The fitness is NOT the same.")
     return 0 if found.same else 1
+
+
+def _show(output: Output, found: "PostEvaluation") -> None:
+    values = found.to_mapping()
+    output.text(
+        f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}: recorded "
+        f"fitness {found.recorded + 0.0:.6g}."
+    )
+    known = f"{found.seen} of them used by the run" if found.seen else "none of them used by the run"
+    first, last = found.seeds[0], found.seeds[-1]
+    count = len(found.episodes)
+    output.text(f"{count} episode{'s' * (count > 1)} with the seeds {first} to {last}, {known}:")
+    if found.failed:
+        output.text(f"  {found.failed} failed; the others:")
+    deviation = values["standard_deviation"]
+    spread = "" if deviation is None else f", standard deviation {deviation:.4g}"
+    output.text(f"  mean {_interval(found.mean)}{spread}")
+    output.text(f"  median {values['median']:.6g}, lowest {values['min']:.6g}, highest {values['max']:.6g}")
+    options = found.ranking.options
+    if options.episodes > 1 and found.fitness != found.mean:
+        how = getattr(options, "aggregate", options.kind)  # type: ignore[attr-defined] # every kind has it
+        output.text(f"  fitness, as the {how} of {options.episodes} episodes: {_interval(found.fitness)}")
+
+
+def _interval(estimate: "Estimate") -> str:
+    if estimate.standard_error is None:
+        return f"{estimate.mean + 0.0:.6g}"
+    return (
+        f"{estimate.mean + 0.0:.6g}, standard error {estimate.standard_error:.2g}, "
+        f"95 % confidence interval {estimate.low:.6g} to {estimate.high:.6g} (Student's t)"
+    )

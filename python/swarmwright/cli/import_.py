@@ -13,7 +13,9 @@ FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE nam
 @click.command(
     "import",
     cls=Command,
-    example="swarmwright import old/stadium.zse -o stadium.yaml\nswarmwright optimize stadium.yaml",
+    example="swarmwright import old/stadium.zse -o stadium.yaml\n"
+    "swarmwright optimize stadium.yaml\n"
+    "swarmwright import old/light.zse --simulation light.py:Light -o light.yaml",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE.zse")
 @click.option(
@@ -25,11 +27,36 @@ FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE nam
     help="Write there, into a new file. Default: print.",
 )
 @click.option("--field", type=ExistingPath(), metavar="FIELD", help=FIELD_HELP)
-def command(file: Path, target: Path | None, field: Path | None) -> None:
+@click.option(
+    "--simulation",
+    metavar="NAME",
+    help="Take this simulation in the place of FREVO's problem: a title, or a class as pong.py:Pong.",
+)
+@click.option(
+    "--method", metavar="KIND", help="Take this method, with its defaults, in the place of FREVO's."
+)
+@click.option(
+    "--controller",
+    metavar="KIND",
+    help="Take this controller, with its defaults, in the place of FREVO's representation.",
+)
+@click.option(
+    "--ranking", metavar="KIND", help="Take this ranking, with its defaults, in the place of FREVO's."
+)
+def command(
+    file: Path,
+    target: Path | None,
+    field: Path | None,
+    simulation: str | None,
+    method: str | None,
+    controller: str | None,
+    ranking: str | None,
+) -> None:
     """Make an experiment of a FREVO session.
 
-    Emergency Exit, NNGA, FullyMeshedNet and AbsoluteRanking can be taken over. The experiment says of every
-    entry of FILE.zse what became of it.
+    What can be taken over: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
+    CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork and MealyFSM; AbsoluteRanking. For other components
+    something of this program can be named. The experiment says of every entry of FILE.zse what became of it.
     """
     if target is not None and not target.parent.is_dir():
         raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")
@@ -38,7 +65,15 @@ def command(file: Path, target: Path | None, field: Path | None) -> None:
     from swarmwright import frevo
     from swarmwright._files import write_text
 
-    imported = frevo.load(file, field=field, folder=Path() if target is None else target.parent)
+    imported = frevo.load(
+        file,
+        field=field,
+        folder=Path() if target is None else target.parent,
+        simulation=simulation,
+        method=method,
+        controller=controller,
+        ranking=ranking,
+    )
     for note in imported.notes:
         click.echo(f"swarmwright: not as in FREVO: {note}", err=True)
     if target is None:

@@ -15,19 +15,25 @@ from swarmwright.cli._options import (
     experiment_broker,
     json_option,
     servers_option,
+    set_option,
     wait_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._server_output import server_output_option
 
 
 @click.command(
-    "optimize", cls=Command, example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2"
+    "optimize",
+    cls=Command,
+    example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2\n"
+    "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
 @broker_option(
     default=None,
     text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
+@set_option()
 @click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: the file's.")
 @click.option(
     "--out",
@@ -36,12 +42,14 @@ from swarmwright.cli._output import Output, show_warnings
     help="Folder for the results. Default: a new one in runs/.",
 )
 @servers_option
+@server_output_option
 @wait_option
 @watch_options
 @observe_options
 @json_option
 def command(
     file: Path,
+    settings: tuple[str, ...],
     broker: str | None,
     seed: int | None,
     out: Path | None,
@@ -62,7 +70,7 @@ def command(
 
     output = Output(as_json=as_json)
     show_warnings()
-    experiment = Experiment.load(file)
+    experiment = Experiment.load(file, settings)
     wanted = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, wanted)
     return evolve(

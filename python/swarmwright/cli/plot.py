@@ -1,5 +1,6 @@
 """`swarmwright plot`: runs as figures."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -15,7 +16,7 @@ from swarmwright.cli._output import Output
     example="swarmwright plot runs/minisim-1\n"
     "swarmwright plot runs/nnga-* runs/random-* --out comparison.svg",
 )
-@click.argument("runs", type=ExistingPath(folder=True), metavar="RUN...", nargs=-1, required=True)
+@click.argument("runs", type=ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
 @click.option(
     "--out",
     "file",
@@ -40,11 +41,14 @@ def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, a
     are a group; the groups are drawn on one axis, and the final fitness of their runs is tested
     (Mann-Whitney, Kruskal-Wallis, with effect sizes).
     """
+    from swarmwright.cli._comparison import run_folders
+
     output = Output(as_json=as_json)
-    if len({run.resolve() for run in runs}) == 1 and at is None:
-        _draw_one(output, runs[0], file or runs[0] / "plot.png", x)
+    folders = run_folders(runs)
+    if len({run.resolve() for run in folders}) == 1 and at is None:
+        _draw_one(output, folders[0], file or folders[0] / "plot.png", x)
     else:
-        _draw_several(output, runs, file or Path("comparison.png"), x, at)
+        _draw_several(output, folders, file or Path("comparison.png"), x, at)
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
@@ -72,7 +76,7 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     )  # fmt: skip
 
 
-def _draw_several(output: Output, runs: tuple[Path, ...], file: Path, x: str, at: int | None) -> None:
+def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, at: int | None) -> None:
     from swarmwright._results import _style
     from swarmwright.cli._comparison import show_comparison
 

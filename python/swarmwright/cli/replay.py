@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, WholeNumber, candidate_options, json_option
-from swarmwright.cli._output import Output
+from swarmwright.cli._options import (
+    ExistingPath,
+    WholeNumber,
+    candidate_options,
+    json_option,
+    set_option,
+    simulation_option,
+)
+from swarmwright.cli._output import Output, show_warnings
 
 if TYPE_CHECKING:
     from swarmwright._results.replay import Replay
@@ -58,6 +65,8 @@ if TYPE_CHECKING:
     metavar="S",
     help="An episode that the run did not have: the simulation's seed.",
 )
+@simulation_option
+@set_option("Another value than the run's: parameters.maxSteps=40.")
 @json_option
 def command(
     run: Path,
@@ -68,11 +77,14 @@ def command(
     controller: Path | None,
     episode: int | None,
     seed: int | None,
+    simulation: str | None,
+    settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Show a candidate of RUN at work, the best one unless another is named.
 
-    The simulation runs in this process, with the parameters and the seed that the run used.
+    The simulation runs in this process, with the parameters and the seed that the run used, unless others
+    are given.
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(
@@ -86,6 +98,7 @@ def command(
     from swarmwright._results.replay import Replay
 
     output = Output(as_json=as_json)
+    show_warnings()
     replay = Replay.of(
         Run.open(run),
         generation=generation,
@@ -93,6 +106,8 @@ def command(
         controller=controller,
         episode=episode,
         seed=seed,
+        simulation=simulation,
+        settings=settings,
     )
     if file is not None:
         _save(output, replay, file, speed)
@@ -118,16 +133,23 @@ def _check_file(file: Path) -> None:
 
 def _save(output: Output, replay: "Replay", file: Path, speed: float) -> None:
     from swarmwright import InputError
-    from swarmwright.display import record
+    from swarmwright.display import Recording, record
     from swarmwright.display.files import save
+    from swarmwright.display.pictures import PictureRecording
+    from swarmwright.display.pictures import save as save_pictures
 
-    recording = record(replay.episode())
+    recording: Recording | PictureRecording
     try:
-        save(recording, file, caption=replay.caption(), speed=speed)
+        if replay.pictured:
+            recording = pictures = replay.pictures()
+            save_pictures(pictures, file, caption=replay.caption(), speed=speed)
+        else:
+            recording = scenes = record(replay.episode())
+            save(scenes, file, caption=replay.caption(), speed=speed)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
     output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")
-    steps = len(recording.scenes) - 1
+    steps = len(recording.course) - 1
     output.json({"fitness": recording.fitness, "steps": steps, "picture": str(file), **replay.identity()})
 
 

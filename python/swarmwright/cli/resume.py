@@ -15,9 +15,12 @@ from swarmwright.cli._options import (
     experiment_broker,
     json_option,
     servers_option,
+    set_option,
+    simulation_option,
     wait_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._server_output import server_output_option
 
 
 @click.command(
@@ -31,6 +34,7 @@ from swarmwright.cli._output import Output, show_warnings
     text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
 )
 @servers_option
+@server_output_option
 @wait_option
 @click.option(
     "--generations",
@@ -38,6 +42,13 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="G",
     help="A larger budget than the experiment's; prolongs finished runs, too.",
 )
+@click.option(
+    "--accept-changed-code",
+    is_flag=True,
+    help="Go on although the code of the simulation or of a plug-in was edited; it is noted in the run.",
+)
+@simulation_option
+@set_option("Another budget, or where it is evaluated: method.evaluations=9000, timeouts.step=5.")
 @watch_options
 @observe_options
 @json_option
@@ -47,6 +58,9 @@ def command(
     servers: Servers | None,
     wait: float | None,
     generations: int | None,
+    accept_changed_code: bool,
+    simulation: str | None,
+    settings: tuple[str, ...],
     tensorboard: Path | None,
     mlflow: str | None,
     log: Path | None,
@@ -56,34 +70,42 @@ def command(
 ) -> int:
     """Go on with RUN where it was interrupted, killed, or failed.
 
-    What comes out is what an undisturbed run gives, to the bit. A finished RUN is left as it is.
+    What comes out is what an undisturbed run gives, to the bit. A finished RUN is left as it is. What would
+    make it another run is refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
+    from swarmwright._optimize import prolonged
+    from swarmwright._run_code import check
 
     output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
-    experiment = opened.experiment
+    # Complain before anything is said or started.
+    asked = prolonged(opened, opened.experiment, settings, generations=generations)
+    edited = check(opened, asked, accept_changed_code=accept_changed_code, simulation=simulation)
+    experiment = prolonged(opened, edited, settings, generations=generations)
     wanted = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, wanted)
-    if opened.state == "done" and not generations:
+    if opened.state == "done" and experiment.budget == opened.experiment.budget:
         output.text(f"{run} is finished: there is nothing left to do.")
     else:
-        whole = generations or experiment.generations
-        output.text(
-            f"{opened.generations} of {whole} generations are stored; through these, then on from there."
-        )
+        limit = experiment.budget.generations
+        whole = "" if limit is None else f" of {limit}"
+        output.text(f"{opened.generations}{whole} generations are stored; through these, then on from there.")
     return evolve(
         output,
-        experiment if generations is None else experiment.replace(method={"generations": generations}),
+        experiment,
         lambda on_generation, on_progress: resume(
             opened,
             on_generation,
             generations=generations,
+            settings=settings,
             on_progress=on_progress,
             broker=broker,
             servers=servers,
             wait=wait,
+            accept_changed_code=accept_changed_code,
+            simulation=simulation,
         ),
         tensorboard=tensorboard,
         mlflow=mlflow,

@@ -90,17 +90,18 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     example="swarmwright runs compare runs/nnga-* runs/random-*\n"
     "swarmwright runs compare runs/* --at 1000 --json",
 )
-@click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
+@click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @at_option
 @json_option
 def compare(runs: tuple[Path, ...], at: int | None, as_json: bool) -> None:
     """Compare the best fitness that runs reached, with tests and effect sizes.
 
-    Runs whose experiments differ in the seed alone are a group. `swarmwright plot` draws it as well.
+    Runs whose experiments differ in the seed alone are a group. Files beside them, which a pattern such as
+    results/* names as well, are left out. `swarmwright plot` draws it as well.
     """
-    from swarmwright.cli._comparison import show_comparison
+    from swarmwright.cli._comparison import run_folders, show_comparison
 
-    show_comparison(Output(as_json=as_json), runs, at=at)
+    show_comparison(Output(as_json=as_json), run_folders(runs), at=at)
 
 
 @command.command(

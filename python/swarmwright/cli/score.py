@@ -22,7 +22,8 @@ from swarmwright.cli.import_ import FIELD_HELP
 def command(file: Path, field: Path | None, as_json: bool) -> None:
     """Evaluate every candidate of a FREVO result again, and show both fitness values.
 
-    The candidates of FILE.zre are run in this process, on the problem that the file names.
+    The candidates of FILE.zre are run in this process, on the problem that the file names. The method that
+    evolved them, and the ranking, do not matter.
     """
     from swarmwright import frevo
 

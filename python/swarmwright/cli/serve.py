@@ -1,9 +1,10 @@
 """`swarmwright serve`: simulation servers."""
 
 import json
+import queue
 import secrets
-import signal
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,9 @@ import click
 
 from swarmwright._credentials import from_keyring
 from swarmwright._suggest import unknown
+from swarmwright._supervision import Ended, Restarted, Supervisor
+from swarmwright._supervision import Output as Printed
+from swarmwright._supervision._supervisor import News
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observed_servers
@@ -24,7 +28,6 @@ from swarmwright.cli._options import (
 )
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
-from swarmwright.cli._supervisor import Ended, Event, Supervisor
 
 if TYPE_CHECKING:
     from swarmwright._prometheus import ServeFigures
@@ -58,6 +61,12 @@ LARGEST_ID = 2**31 - 1
     metavar="SECONDS",
     help="How long an episode may wait for an agent's actuators before it is given up.",
 )
+@click.option(
+    "--restart/--no-restart",
+    default=True,
+    help="Start a server again whose process crashed or was killed, or leave that to something else, such as "
+    "systemd or Slurm.  [default: restart]",
+)
 @wait_option
 @observe_options
 @json_option
@@ -68,6 +77,7 @@ def command(
     count: int,
     prefix: str,
     step_timeout: float,
+    restart: bool,
     wait: float | None,
     log: Path | None,
     log_level: str,
@@ -99,13 +109,23 @@ def command(
     output = Output(as_json=as_json)
     with observed_servers(output, Observing(log, log_level, metrics)) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
-        try:
-            with Supervisor(settings) as servers:
-                for item in servers.news():
-                    reporter.tell(item)
-        except Terminated:
-            pass  # SIGTERM is how a service is asked to end
+        with suppress(Terminated):  # SIGTERM is how a service is asked to end
+            _serve(settings, reporter, restart=restart)
     return reporter.status
+
+
+def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, restart: bool) -> None:
+    """Keep servers alive until none is left."""
+    news: queue.SimpleQueue[News] = queue.SimpleQueue()
+    servers = Supervisor(settings, draws=True, restart=restart, output=Printed(), tell=news.put)
+    try:
+        servers.start()
+        while not (servers.all_given_up() and news.empty()):
+            # A time-out, because a wait without one cannot be interrupted on every system.
+            with suppress(queue.Empty):
+                reporter.tell(news.get(timeout=1.0))
+    finally:
+        servers.stop()
 
 
 def _title(simulation: str) -> str:
@@ -145,11 +165,16 @@ class Reporter:
         self._last: dict[int, str] = {}
         self._errors: dict[int, str] = {}
 
-    def tell(self, item: Event | Ended) -> None:
+    def tell(self, item: News) -> None:
         """Report one piece of news."""
         self._note(item)
         if isinstance(item, Ended):
             self._ended(item)
+            return
+        if isinstance(item, Restarted):
+            line = f"server {item.server} is started again (process {item.pid})"
+            self._output.json({"event": "restarted", "server": item.server, "pid": item.pid})
+            self._output.text(line)
             return
         if item.report.get("event") == "error":
             self._errors[item.server] = str(item.report.get("message"))
@@ -164,18 +189,22 @@ class Reporter:
             self._output.text(line)
             self._last[item.server] = line
 
-    def _note(self, item: Event | Ended) -> None:
+    def _note(self, item: News) -> None:
         """Tell programs."""
         if isinstance(item, Ended):
-            event, level = "ended", "error" if item.status else "info"
-            fields: dict[str, Any] = {"status": item.status, "message": item.last_words or None}
+            death = item.death
+            event, level, server, pid = "ended", "error" if death.status else "info", death.server, death.pid
+            fields: dict[str, Any] = {"status": death.status, "message": death.words or None}
+        elif isinstance(item, Restarted):
+            event, level, server, pid, fields = "restarted", "warning", item.server, item.pid, {}
         else:
+            server, pid = item.server, item.pid
             event = str(item.report.get("event"))
             level = {"ready": "info", "busy": "info", "error": "error"}.get(event, "warning")
             fields = {key: value for key, value in item.report.items() if key not in {"event", "server"}}
-        self._log.write(level, f"server_{event}", server=item.server, pid=item.pid, **fields)
+        self._log.write(level, f"server_{event}", server=server, pid=pid, **fields)
         if self._figures is not None:
-            self._figures.event(item.server, event)
+            self._figures.event(server, event)
 
     def _sentence(self, server: int, pid: int, report: Mapping[str, Any]) -> str:
         event = report.get("event")
@@ -190,31 +219,23 @@ class Reporter:
         return f"server {server}: {event}: {rest}"
 
     def _ended(self, item: Ended) -> None:
-        error = self._errors.get(item.server)
-        self.status = max(self.status, 2 if item.status == 2 and error else 1)
+        death = item.death
+        error = self._errors.pop(death.server, None)
+        self.status = max(self.status, 2 if death.status == 2 and error else 1)
         self._output.json(
             {
                 "event": "ended",
-                "server": item.server,
-                "pid": item.pid,
-                "status": item.status,
-                "message": error or item.last_words,
+                "server": death.server,
+                "pid": death.pid,
+                "status": death.status,
+                "message": error or death.words,
+                "restart": item.pause,
             }
         )
+        again = "" if item.pause is None else f"; it is started again in {item.pause:g} s"
         if error:
-            click.echo(f"swarmwright: server {item.server}: {error}", err=True)
+            click.echo(f"swarmwright: server {death.server}: {error}{again}", err=True)
             return
-        how = f"was killed by {signal_name(-item.status)}" if item.status < 0 else f"ended with {item.status}"
-        click.echo(f"swarmwright: server {item.server} (process {item.pid}) {how}", err=True)
-        if item.last_words:
-            click.echo(
-                "its last words:\n" + "\n".join(f"  {w}" for w in item.last_words.splitlines()), err=True
-            )
-
-
-def signal_name(number: int) -> str:
-    """The name of a signal: 9 -> 'SIGKILL'."""
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
+        click.echo(f"swarmwright: server {death.server} (process {death.pid}) {death.how}{again}", err=True)
+        if death.words:
+            click.echo("its last words:\n" + "\n".join(f"  {w}" for w in death.words.splitlines()), err=True)

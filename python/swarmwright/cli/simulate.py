@@ -7,11 +7,24 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, broker_option, experiment_broker, json_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    WholeNumber,
+    broker_option,
+    experiment_broker,
+    json_option,
+    set_option,
+)
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._server_output import server_output_option
 
 
-@click.command("simulate", cls=Command, example="swarmwright simulate experiments/minisim.yaml --visual")
+@click.command(
+    "simulate",
+    cls=Command,
+    example="swarmwright simulate experiments/minisim.yaml --visual\n"
+    "swarmwright simulate experiments/minisim.yaml --seed 7 --set parameters.placement=random",
+)
 @click.argument("file", type=ExistingPath(), metavar="FILE")
 @click.option(
     "--controller",
@@ -19,13 +32,29 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="C",
     help="A controller (best.json) or a run folder. Default: a random one.",
 )
+@set_option("Another value than FILE's: parameters.maxSteps=30.")
+@click.option(
+    "--seed",
+    type=WholeNumber(min=0, max=2**63 - 1),
+    metavar="S",
+    help="Seed of the simulation. Default: parameters.seed, else 0.",
+)
 @broker_option(
     default=None,
     text="Use a server on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
 @click.option("--visual", is_flag=True, help="Ask the server to draw the run, a frame every step.")
+@server_output_option
 @json_option
-def command(file: Path, controller: Path | None, broker: str | None, visual: bool, as_json: bool) -> None:
+def command(
+    file: Path,
+    controller: Path | None,
+    settings: tuple[str, ...],
+    seed: int | None,
+    broker: str | None,
+    visual: bool,
+    as_json: bool,
+) -> None:
     """Run the simulation of an experiment FILE once, without optimization."""
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
@@ -34,14 +63,16 @@ def command(file: Path, controller: Path | None, broker: str | None, visual: boo
 
     output = Output(as_json=as_json)
     show_warnings()
-    experiment = Experiment.load(file)
+    experiment = Experiment.load(file, settings)
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
     broker = experiment_broker(broker, experiment.broker, experiment.servers)
-    result = episode(experiment, loaded, broker=broker, visual=visual)
+    result = episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
     whose = None if controller is None else str(controller)
-    output.json({"fitness": result.fitness, "controller": whose, "metrics": result.metrics})
+    output.json(
+        {"fitness": result.fitness, "controller": whose, "seed": result.seed, "metrics": result.metrics}
+    )
     output.text(f"Fitness {result.fitness:.6g} with {whose or 'a random controller'}.")
     if result.metrics:
         output.text(", ".join(f"{name} {value:.6g}" for name, value in result.metrics.items()))

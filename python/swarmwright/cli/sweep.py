@@ -1,26 +1,28 @@
 """`swarmwright sweep`: an experiment in many variants, and how they compare."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._observing import Observing, ToolObserver, observe_options, observed
+from swarmwright.cli._observing import Observing, observe_options, observed
 from swarmwright.cli._options import (
     ExistingPath,
     Servers,
+    WholeNumber,
     broker_option,
     experiment_broker,
     json_option,
     servers_option,
+    set_option,
 )
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._signals import INTERRUPTED, check
+from swarmwright.cli._signals import INTERRUPTED
 
 if TYPE_CHECKING:
-    from swarmwright import Generation, Run
-    from swarmwright._sweep import Crew, Task
+    from swarmwright import Run
 
 FAILED = 1
 
@@ -31,6 +33,7 @@ FAILED = 1
     example="swarmwright sweep methods.yaml --servers 4\nswarmwright sweep methods.yaml --out results",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
+@set_option("Another value than the experiment's, for all variants: method.generations=50.")
 @broker_option(
     default=None,
     text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
@@ -42,13 +45,22 @@ FAILED = 1
     help="Folder for the runs. Default: the file's, else runs/ and the file's name.",
 )
 @servers_option
+@click.option(
+    "--jobs",
+    type=WholeNumber(min=1, max=1024),
+    metavar="N",
+    help="Runs at a time. Default: one for each server that is started, or for each processor with --servers "
+    "local; on a broker as many as its servers can serve.",
+)
 @observe_options
 @json_option
 def command(
     file: Path,
+    settings: tuple[str, ...],
     broker: str | None,
     out: Path | None,
     servers: Servers | None,
+    jobs: int | None,
     log: Path | None,
     log_level: str,
     metrics: tuple[str, int] | None,
@@ -56,102 +68,48 @@ def command(
 ) -> int:
     """Run an experiment in every variant and with every seed that FILE names, and compare them.
 
-    All runs share one broker and its servers. A run that is finished is not run again, one that was
-    interrupted goes on: after Ctrl-C the same command continues. At the end the comparison is printed, and
-    drawn into comparison.png in the folder of the runs.
+    Several runs go on at a time where they do not take work from each other. A run that is finished is
+    not run again, one that was interrupted goes on: after Ctrl-C the same command continues. A run that
+    fails does not stop the others; it is named at the end, and the exit status is 1. At the end the
+    comparison is printed, and drawn into comparison.png in the folder of the runs.
     """
-    from swarmwright._sweep import Crew, Sweep, tasks
+    from swarmwright._sweep import Sweep, conduct, tasks
+    from swarmwright.cli._sweep_report import Report
 
     output = Output(as_json=as_json)
     show_warnings()
-    sweep = Sweep.load(file, out=out)
+    sweep = Sweep.load(file, out=out, settings=settings)
     first = sweep.variants[0].experiment
     broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
     todo = tasks(sweep)
     for task in todo:
-        task.found()  # complain before anything is started
+        task.found()  # complain before anything is said
     output.text(
         f"{_count(len(sweep.variants), 'variant')} with {_count(len(sweep.seeds), 'seed')} each: "
         f"{_count(len(todo), 'run')} in {sweep.out}"
     )
-    interrupted = False
-    with observed(output, Observing(log, log_level, metrics)) as observer:
-        progress = _Progress(output, observer, len(todo))
-        try:
-            with Crew(sweep, broker=broker, servers=servers) as crew:
-                for task in todo:
-                    if not progress.do(crew, task):
-                        interrupted = True
-                        break
-        except KeyboardInterrupt:
-            interrupted = True
-    if progress.done:
-        _conclude(output, progress.done, sweep.out)
-    if interrupted:
-        output.text(f"Interrupted after {len(progress.done)} of {len(todo)} runs; the same command goes on.")
+    try:
+        with observed(output, Observing(log, log_level, metrics)) as observer:
+            report = Report(output, observer, todo)
+            with report.shown():
+                outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)
+            report.conclude()
+        if outcome.runs:
+            _conclude(output, outcome.finished, sweep.out)
+        for task, message in outcome.failures.items():
+            output.text(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
+        if outcome.interrupted:
+            done, whole = len(outcome.runs), len(todo)
+            output.text(f"Interrupted after {done} of {whole} runs; the same command goes on.")
+            return INTERRUPTED
+    except KeyboardInterrupt:
+        sys.stderr.write("swarmwright: interrupted; what is finished is kept, and the same command goes on\n")
         return INTERRUPTED
-    return FAILED if progress.failed else 0
+    return FAILED if outcome.failures else 0
 
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
-class _Progress:
-    """Does tasks and says how each ended."""
-
-    def __init__(self, output: Output, observer: ToolObserver, total: int) -> None:
-        self._output = output
-        self._observer = observer
-        self._total = total
-        self._count = 0
-        self.done: list[Run] = []
-        self.failed = 0
-
-    def do(self, crew: "Crew", task: "Task") -> bool:
-        """Do a task; whether to go on with the next one."""
-        from swarmwright import RunError
-
-        self._count += 1
-        before = task.found()
-        if before is not None and not before.interrupted:
-            self._say(task, before, "was finished before")
-            return True
-        self._observer.started(task.experiment)
-        try:
-            run = crew.run(task, self._generation)
-        except RunError as error:
-            self._observer.log.write("error", "run_failed", seed=task.seed, message=str(error))
-            self.failed += 1
-            self._output.text(f"{self._where(task)}: failed: {error}")
-            self._output.json({"variant": task.variant.label, "seed": task.seed, "error": str(error)})
-            return True
-        self._observer.ended(run)
-        if run.interrupted:
-            return False
-        self._say(task, run, f"{run.seconds:.1f} s")
-        return True
-
-    def _generation(self, generation: "Generation") -> bool:
-        check()
-        self._observer.generation(generation)
-        return True
-
-    def _where(self, task: "Task") -> str:
-        return f"[{self._count}/{self._total}] {task.variant.label}, seed {task.seed}"
-
-    def _say(self, task: "Task", run: "Run", how: str) -> None:
-        self.done.append(run)
-        best = run.history[-1].best_so_far
-        self._output.text(
-            f"{self._where(task)}: best fitness {best + 0.0:.6g}, {run.evaluations:,} evaluations, {how}"
-        )
-        self._output.json(
-            {
-                "variant": task.variant.label, "seed": task.seed, "run": str(run.path), "fitness": best,
-                "evaluations": run.evaluations,
-            }
-        )  # fmt: skip
 
 
 def _conclude(output: Output, runs: "list[Run]", folder: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._results import Report, Result
+from swarmwright.conformance._rules import Profile
 from swarmwright.conformance._run import run
 from swarmwright.conformance.optimizer import RULES
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings, write_experiment
@@ -26,6 +27,7 @@ def check_optimizer(
     lasts: float = 30.0,
     wait: float = 30.0,
     rules: Sequence[str] = (),
+    profile: Profile = "all",
     tell: Callable[[Result], None] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Report:
@@ -43,13 +45,14 @@ def check_optimizer(
         lasts: seconds of one run at most.
         wait: seconds in which a tool that is started by others must be there.
         rules: ids and groups that are wanted, `-O5` for those that are not; default: all.
+        profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
         say: gets a line for people where one is due.
 
     Raises InputError (what was given is wrong) and RunError (no broker).
 
     """
-    chosen = RULES.chosen(rules)
+    chosen = RULES.chosen(rules, profile)
     own = command is not None and "{experiment}" in command
     settings = ToolSettings(
         title=simulation,

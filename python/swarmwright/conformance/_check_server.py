@@ -11,6 +11,7 @@ from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._results import Report, Result
+from swarmwright.conformance._rules import Profile
 from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
 from swarmwright.conformance._subject import Json, Settings
@@ -36,6 +37,7 @@ def check_server(
     timeout: float = 5.0,
     wait: float = 30.0,
     rules: Sequence[str] = (),
+    profile: Profile = "all",
     tell: Callable[[Result], None] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Report:
@@ -56,13 +58,14 @@ def check_server(
         timeout: seconds that one answer may take.
         wait: seconds in which it must be there.
         rules: ids and groups that are wanted, `-S6` for those that are not; default: all.
+        profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
         say: gets a line for people where one is due.
 
     Raises InputError (what was given is wrong) and RunError (no broker).
 
     """
-    chosen = RULES.chosen(rules)
+    chosen = RULES.chosen(rules, profile)
     tell, say = tell or _nothing, say or _nothing
     with ExitStack() as stack:
         address, own, door = open_broker(broker, stack, stranger=command is None and start is None)

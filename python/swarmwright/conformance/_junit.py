@@ -36,6 +36,8 @@ def _case(suite: Element, result: Result, name: str) -> None:
     case = SubElement(
         suite, "testcase", classname=name, name=f"{result.id} {result.rule}", time=f"{result.seconds:.3f}"
     )
+    properties = SubElement(case, "properties")
+    SubElement(properties, "property", name="source", value=_text(result.source))
     if result.status in {"failed", "died"}:
         kind = "failure" if result.status == "failed" else "error"
         SubElement(case, kind, message=_text(result.came)).text = _text(explained(result))

@@ -10,9 +10,11 @@ INTRODUCTION = """\
 <!-- Made by `python -m swarmwright.conformance._reference`; change the rules in the code, not here. -->
 
 What `swarmwright conformance` tries, and what to do about a rule that is broken;
-[how to use it](../how-to/conformance.md). A rule stands in [the protocol](protocol.md), in its
+[how to use it](../how-to/conformance.md). A rule is D6.1's, with the section that demands it, and
+`--profile d6.1` tries it; or it is Swarmwright's own. All stand in [the protocol](protocol.md), in its
 [schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
-[003](../decisions/003-mqtt-connection.md) on connections. It is not tried when one that it needs is broken.
+[003](../decisions/003-mqtt-connection.md) on connections. [What D6.1 leaves open](d6.1.md), and what we
+chose, is a page of its own. A rule is not tried when one that it needs is broken.
 """
 TITLES = {"server": "Simulation servers", "optimizer": "Optimization tools"}
 SIDES = (SERVER, OPTIMIZER)
@@ -26,10 +28,15 @@ def reference() -> str:
 def _side(rules: Rules) -> str:
     parts = [f"## {TITLES[rules.side]}\n"]
     for group, title in rules.groups.items():
-        parts += [f"### {group} {title}\n", "| | rule | where | mend | needs |", "|---|---|---|---|---|"]
+        parts += [
+            f"### {group} {title}\n",
+            "| | rule | whose | where | mend | needs |",
+            "|---|---|---|---|---|---|",
+        ]
         for rule in rules:
             if rule.group == group:
-                cells = (rule.id, rule.sentence, rule.where, rule.mend, ", ".join(rule.needs))
+                whose = rule.source if rule.d61 else rule.owner
+                cells = (rule.id, rule.sentence, whose, rule.where, rule.mend, ", ".join(rule.needs))
                 parts.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
         parts.append("")
     return "\n".join(parts)

@@ -4,6 +4,8 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from swarmwright.conformance._rules import OWNERS, owner
+
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")
 
@@ -12,13 +14,14 @@ BAD: tuple[Status, ...] = ("failed", "died")
 class Result:
     """What came of one rule.
 
-    status: `died` when the peer was gone after it, `not run` when it could not be tried, `skipped` when it
-    does not apply. detail: a note, or the reason. sent, came, expected, mend: of a failure. seconds: how long
-    it took.
+    source: whose rule it is, and where it stands: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
+    peer was gone after it, `not run` when it could not be tried, `skipped` when it does not apply. detail: a
+    note, or the reason. sent, came, expected, mend: of a failure. seconds: how long it took.
     """
 
     id: str
     rule: str
+    source: str
     where: str
     status: Status
     detail: str = ""
@@ -27,6 +30,11 @@ class Result:
     expected: str = ""
     mend: str = ""
     seconds: float = 0.0
+
+    @property
+    def owner(self) -> str:
+        """Whose rule it is: D6.1 or Swarmwright."""
+        return owner(self.source)
 
     def record(self) -> dict[str, object]:
         """As a JSON object, without what is empty."""
@@ -53,14 +61,23 @@ class Report:
         """How many results of each status."""
         return dict(Counter(result.status for result in self.results))
 
+    def by_owner(self) -> list[tuple[str, "Report"]]:
+        """The results of D6.1's rules, then those of Swarmwright's; none that is empty."""
+        parts = [
+            (name, Report(self.peer, [result for result in self.results if result.owner == name]))
+            for name in OWNERS
+        ]
+        return [(name, part) for name, part in parts if part.results]
+
     def of(self, *statuses: Status) -> list[str]:
         """Ids of the rules with one of these statuses."""
         return [result.id for result in self.results if result.status in statuses]
 
     def __str__(self) -> str:
-        """A line of figures, then what failed."""
-        lines = [f"{self.peer}: {summary(self)}"]
-        lines += [explained(result) for result in self.results if result.status in BAD]
+        """A line of figures, then what failed, D6.1's rules first."""
+        lines = [f"{self.peer}: {summary(self)}", *by_source(self)]
+        for _, part in self.by_owner():
+            lines += [explained(result) for result in part.results if result.status in BAD]
         return "\n".join(lines)
 
 
@@ -74,9 +91,20 @@ def summary(report: Report) -> str:
     return ", ".join(words)
 
 
+def by_source(report: Report) -> list[str]:
+    """Return a line for each source of rules: how many passed, which did not."""
+    lines = []
+    for name, part in report.by_owner():
+        bad = part.of(*BAD, "not run")
+        which = f" ({', '.join(bad)})" if bad else ""
+        heading = f"{name}'s rules:"
+        lines.append(f"{heading:<20} {summary(part)}{which}")
+    return lines
+
+
 def explained(result: Result) -> str:
     """Return a failure in words, several lines."""
-    lines = [f"{result.id} {result.rule} ({result.where})"]
+    lines = [f"{result.id} {result.rule} ({result.source})"]
     lines += [
         f"  {label}: {text}"
         for label, text in (

@@ -8,6 +8,10 @@ from swarmwright._errors import InputError
 from swarmwright._suggest import did_you_mean
 
 Side = Literal["server", "optimizer"]
+Profile = Literal["d6.1", "all"]
+"""Which rules are tried: those of D6.1 alone, or Swarmwright's as well."""
+OWNERS = ("D6.1", "Swarmwright")
+"""Whose rules there are, in the order in which reports show them."""
 
 
 class Skip(Exception):  # noqa: N818 - it is no error
@@ -30,26 +34,50 @@ class Failure(Exception):  # noqa: N818 - of the peer, not of this program
         self.sent = sent
 
 
+class WentOn(Failure):
+    """The server went on while it should have waited.
+
+    D6.1 does not say that a server waits: this breaks one of its rules only where the server waits otherwise.
+    """
+
+
 @dataclass(frozen=True)
 class Rule:
     """One rule. `check` gets the peer, returns a note or None, raises Failure or Skip.
 
-    id: group and number, such as S2.4. where: the place in docs/reference/protocol.md or a decision. needs:
-    rules without which this one cannot be tried. seconds: for which it may last, episodes not counted.
+    id: group and number, such as S2.4. where: the place in docs/reference/protocol.md or a decision. d61: the
+    section of D6.1 that demands it, empty for a rule that is Swarmwright's own. needs: rules without which
+    this one cannot be tried. seconds: for which it may last, episodes not counted.
     """
 
     id: str
     sentence: str
     where: str
     mend: str
+    d61: str
     needs: tuple[str, ...]
     seconds: float
     check: Callable[[Any], str | None] = field(repr=False)
 
     @property
+    def source(self) -> str:
+        """Whose rule it is, and where it stands, such as `D6.1, 6.2 Control message, Schema 4`."""
+        return f"D6.1, {self.d61}" if self.d61 else f"Swarmwright, {self.where}"
+
+    @property
+    def owner(self) -> str:
+        """Whose rule it is: one of OWNERS."""
+        return owner(self.source)
+
+    @property
     def group(self) -> str:
         """What stands before the dot."""
         return self.id.partition(".")[0]
+
+
+def owner(source: str) -> str:
+    """Whose rule it is, of its source."""
+    return source.partition(",")[0]
 
 
 class Rules:
@@ -67,6 +95,7 @@ class Rules:
         *,
         where: str,
         mend: str,
+        d61: str = "",
         needs: Sequence[str] = (),
         seconds: float = 20.0,
     ) -> Callable[[Callable[[Any], str | None]], Callable[[Any], str | None]]:
@@ -77,7 +106,7 @@ class Rules:
             assert number.partition(".")[0] in self.groups, number
             unmet = [need for need in needs if need not in self._rules]
             assert not unmet, f"{number} needs {unmet}, which come later or not at all"
-            self._rules[number] = Rule(number, sentence, where, mend, tuple(needs), seconds, check)
+            self._rules[number] = Rule(number, sentence, where, mend, d61, tuple(needs), seconds, check)
             return check
 
         return register
@@ -94,10 +123,12 @@ class Rules:
         """The rule with an id."""
         return self._rules[number]
 
-    def chosen(self, wanted: Sequence[str] = ()) -> list[Rule]:
+    def chosen(self, wanted: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
         """Rules whose id is named, or whose group is; `-S7` leaves out. Default: all.
 
-        Raises InputError for a name that is no rule's.
+        profile: `d6.1` leaves out what D6.1 does not demand.
+
+        Raises InputError for a name that is no rule's, or when no rule is left.
         """
         names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
         known = [*self.groups, *self._rules]
@@ -108,8 +139,15 @@ class Rules:
                 raise InputError(f"--rules: there is no rule {bare!r}{meant or ';'} --list shows them")
         taken = {name for name in names if not name.startswith("-")}
         left = {name[1:] for name in names if name.startswith("-")}
-        return [
+        named = [
             rule
             for rule in self._rules.values()
             if (not taken or {rule.id, rule.group} & taken) and not {rule.id, rule.group} & left
         ]
+        found = [rule for rule in named if profile == "all" or rule.d61]
+        if named and not found:
+            raise InputError(
+                f"--profile {profile}: {', '.join(rule.id for rule in named)} are Swarmwright's own; "
+                "--list shows whose each rule is"
+            )
+        return found

@@ -52,7 +52,7 @@ def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> li
 
 
 def _result(rule: Rule, status: str, detail: str = "", **more: object) -> Result:
-    return Result(rule.id, rule.sentence, rule.where, status, detail, **more)  # type: ignore[arg-type]
+    return Result(rule.id, rule.sentence, rule.source, rule.where, status, detail, **more)  # type: ignore[arg-type]
 
 
 def _tried(peer: Peer, rule: Rule) -> Result:

@@ -13,16 +13,26 @@ FREE_AFTER = 8.0
 """Seconds in which a server comes free by itself, with some to spare."""
 
 
+WATCH = 2.0
+"""Seconds in which a server that does not wait for actuators has asked again."""
+
+
 class ServerPeer(Server):
     """The server under test, as the run sees it."""
+
+    _waits: bool | None = None
 
     def ready(self, rule: Rule) -> None:
         """Forget what came; begin the rule's time."""
         self.client.deadline = float("inf")
         self.client.drain()
         self.episodes, self.tools = [], set()
+        self._allow(rule.seconds + self.settings.timeout)
+
+    def _allow(self, seconds: float) -> None:
+        """Set the deadline, with the time of some episodes to spare."""
         episode = self.course.seconds if self.course else self.settings.timeout
-        self.client.deadline = time.monotonic() + rule.seconds + self.settings.timeout + EPISODES * episode
+        self.client.deadline = time.monotonic() + seconds + EPISODES * episode
 
     def recover(self) -> str:
         """End what is under way, until the server answers discovery; why it does not, empty if it does."""
@@ -85,6 +95,31 @@ class ServerPeer(Server):
             return False
         self.process.start()
         return found(self, 30.0) is not None
+
+    def again(self) -> bool:
+        """Make it ready for another try within a rule; whether that was possible."""
+        if self.recover() and not self.revive():
+            return False
+        self.client.drain()
+        self._allow(10 + 4 * self.settings.timeout)
+        return True
+
+    def waits(self) -> bool:
+        """Whether it waits for actuators: nothing comes while nobody is answered. Tried once."""
+        if self._waits is None:
+            self.client.deadline = time.monotonic() + WATCH + 2 * self.settings.timeout
+            episode = self.episode()
+            episode.configure()
+            episode.start()
+            with suppress(Failure, Overdue):
+                episode.gather()
+                limit = time.monotonic() + WATCH
+                while time.monotonic() < limit and not (episode.repeated or episode.over):
+                    for message in self.client.drain(0.1):
+                        if episode.is_mine(message):
+                            episode.take(message)
+            self._waits = not (episode.repeated or episode.over)
+        return self._waits
 
     def gone(self) -> str:
         """How its process ended, in words; empty when it runs, or is none of the kit's."""

@@ -3,6 +3,7 @@
 import json
 import math
 import secrets
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
@@ -13,7 +14,7 @@ from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message,
 from swarmwright.conformance._course import Course, Numbers, Policy, Wander
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._rules import Failure, Skip, WentOn
 
 QUIET = 0.05
 """Seconds in which a quick server that would say something has said it."""
@@ -65,6 +66,7 @@ class Server:
         self.course: Course | None = None
         self.quiet = QUIET
         self.deterministic: bool | None = None
+        self.repeats: bool | None = None
         self.seen_metrics: set[str] = set()
         self.episodes: list[Episode] = []
         self.tools: set[str] = set()
@@ -130,6 +132,18 @@ class Server:
         most = min(self.settings.timeout / 2, (self.settings.step_timeout or 60.0) / 4)
         self.quiet = min(most, max(QUIET, seconds))
 
+    @property
+    def repeatable(self) -> bool:
+        """Whether an episode can be compared with the reference.
+
+        Plays one if nobody knows; for a free server.
+        """
+        if self.deterministic is not None:
+            return self.deterministic
+        if self.repeats is None:
+            self.repeats = not self.reference.difference(self.play())
+        return self.repeats
+
     def comparable(self) -> None:
         """Skip the rule when courses cannot be compared."""
         if self.deterministic is False:
@@ -171,6 +185,13 @@ class Server:
             raise Failure(f"nothing came within {self.settings.timeout:g} s", expected, sent)
         return answer
 
+    def must_come_free(self, expected: str, sent: str = "") -> None:
+        """Ask until it answers; Failure when it does not within the time of an answer."""
+        limit = time.monotonic() + self.settings.timeout
+        while self.discover(within=min(0.25, self.settings.timeout)) is None:
+            if time.monotonic() > limit:
+                raise Failure(f"it answered no discovery within {self.settings.timeout:g} s", expected, sent)
+
     def must_not_answer(self, questions: Iterable[Json], why: str) -> None:
         """Ask what it should not answer, then what it should; Failure when it answers the former.
 
@@ -202,13 +223,15 @@ class Server:
                 f"discovery {shown(json.dumps(asked[-1]))}",
             )
 
-    def must_be_silent(self, why: str, sent: str = "", *, but: "Episode | None" = None) -> None:
+    def must_be_silent(
+        self, why: str, sent: str = "", *, but: "Episode | None" = None, seconds: float | None = None
+    ) -> None:
         """Failure when the server says anything on the seven topics: with one of our hashes, or its ID.
 
-        but: an episode that is under way; what is said of it is kept for it.
+        but: an episode that is under way; what is said of it is kept for it. seconds: how long to listen.
         """
         known = {episode.hash for episode in self.episodes if episode is not but}
-        for message in self.client.drain(self.quiet):
+        for message in self.client.drain(self.quiet if seconds is None else seconds):
             if but is not None and but.is_mine(message):
                 but.take(message)
                 continue
@@ -274,6 +297,7 @@ class Episode:
         self.tool = tool
         self.course = Course()
         self.pending: list[tuple[int, int, Numbers]] = []
+        self.repeated: list[Message] = []
         self.over = True
 
     @property
@@ -289,7 +313,7 @@ class Episode:
     def start(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
         """Send control; what was sent."""
         self.over = False
-        self.course, self.pending = Course(), []
+        self.course, self.pending, self.repeated = Course(), [], []
         fields = {
             "server": self.server.id,
             "simulation_hash": self.hash,
@@ -340,9 +364,10 @@ class Episode:
 
     def _sensed(self, message: Message) -> None:
         content = message.json
-        agent, sensors = content.get("agent"), content.get("sensor")
-        if not isinstance(agent, int) or isinstance(agent, bool) or agent < 0:
-            raise Failure(f"{message} came", '"agent" is an integer from 0')
+        named, sensors = content.get("agent"), content.get("sensor")
+        if not is_number(named) or named != int(named):
+            raise Failure(f"{message} came", '"agent" is an integer')
+        agent = int(named)
         if not isinstance(sensors, list) or not sensors or not all(is_number(value) for value in sensors):
             raise Failure(f"{message} came", '"sensor" is a list of finite numbers, at least one')
         with np.errstate(over="ignore"):
@@ -350,6 +375,9 @@ class Episode:
         turn = len(self.course.readings[agent])
         self.course.readings[agent].append(numbers)
         self.course.messages += 1
+        if any(asked == agent for asked, _, _ in self.pending):
+            self.repeated.append(message)
+            self.pending = [entry for entry in self.pending if entry[0] != agent]
         self.pending.append((agent, turn, numbers))
 
     def _finish(self, message: Message) -> None:
@@ -381,7 +409,7 @@ class Episode:
                 self.take(message)
 
     def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
-        """Failure when the episode goes on: a fitness comes, or one of these agents is asked again.
+        """Raise WentOn when the episode goes on: a fitness comes, or one of these agents is asked again.
 
         Agents that had not been asked before are late, no more.
         """
@@ -390,7 +418,7 @@ class Episode:
             if not self.is_mine(message):
                 continue
             if message.topic == "fitness" or message.maybe.get("agent") in asked:
-                raise Failure(f"{message} came", f"silence: {why}", sent)
+                raise WentOn(f"{message} came", f"silence: {why}", sent)
             self.take(message)
 
     def play(self, policy: Policy | None = None) -> Course:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from swarmwright.conformance._results import BAD, Report, Result, explained, summary
+from swarmwright.conformance._results import BAD, Report, Result, by_source, explained, summary
 from swarmwright.conformance._rules import Rule
 
 if TYPE_CHECKING:
@@ -15,14 +15,14 @@ COLORS = {"passed": "green", "failed": "red", "died": "red", "skipped": "yellow"
 def line(result: Result) -> str:
     """A result as a line of plain text."""
     detail = f": {result.detail}" if result.detail else ""
-    text = f"{result.status:8} {result.id:6} {result.rule}{detail}"
+    text = f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}"
     if result.status not in BAD:
         return text
     return "\n".join([text, *(f"         {part}" for part in explained(result).splitlines()[1:])])
 
 
 def print_table(console: "Console", report: Report, groups: Mapping[str, str], *, unicode: bool) -> None:
-    """Print all results, grouped, and what failed in full below."""
+    """Print all results, D6.1's rules first, and what failed in full below."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -31,26 +31,30 @@ def print_table(console: "Console", report: Report, groups: Mapping[str, str], *
     for heading in ("rule", "", "", "result", "s"):
         table.add_column(heading, justify="right" if heading == "s" else "left")
     table.columns[0].no_wrap = table.columns[2].no_wrap = True
-    group = ""
-    for result in report.results:
-        if result.id.partition(".")[0] != group:
-            group = result.id.partition(".")[0]
-            table.add_row(Text(group, "bold"), Text(groups[group], "bold"))
-        cells: Sequence[RenderableType] = (
-            result.id,
-            result.rule,
-            Text(result.status, COLORS[result.status]),
-            Text(result.detail or result.came),
-            f"{result.seconds:.2f}" if result.seconds else "",
-        )
-        table.add_row(*cells)
+    for name, part in report.by_owner():
+        group = ""
+        for result in part.results:
+            if result.id.partition(".")[0] != group:
+                group = result.id.partition(".")[0]
+                table.add_row(Text(group, "bold"), Text(f"{groups[group]} ({name})", "bold"))
+            cells: Sequence[RenderableType] = (
+                result.id,
+                result.rule,
+                Text(result.status, COLORS[result.status]),
+                Text(result.detail or result.came),
+                f"{result.seconds:.2f}" if result.seconds else "",
+            )
+            table.add_row(*cells)
     console.print(table)
-    for result in report.results:
-        if result.status in BAD:
-            console.print(explained(result), "\n", sep="")
+    for _, part in report.by_owner():
+        for result in part.results:
+            if result.status in BAD:
+                console.print(explained(result), "\n", sep="", markup=False, highlight=False)
+    for text in by_source(report):
+        console.print(text, highlight=False)
     console.print(f"{report.peer}: {summary(report)}")
 
 
 def rules_table(rules: Sequence[Rule]) -> list[str]:
     """Rules as lines of plain text."""
-    return [f"{rule.id:6} {rule.sentence} ({rule.where})" for rule in rules]
+    return [f"{rule.id:6} {rule.sentence} ({rule.source})" for rule in rules]

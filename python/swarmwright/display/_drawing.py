@@ -7,17 +7,15 @@ import numpy as np
 from swarmwright.display._episode import Recording
 from swarmwright.display._ground import frame
 from swarmwright.display._look import (
-    AGENT_COLORS,
-    BLUE,
     BORDER,
     CELLS,
     FIELD,
     INK,
+    MOVING,
     PAPER,
-    RED,
+    Looks,
     agent_size,
     label,
-    look,
     mixed,
 )
 from swarmwright.display._scene import Body, Scene
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from PIL.Image import Image
 
-MOVING = ("agent", "defender")
 TRAIL_STEPS = 12
 """Length of a trail in an animation, in steps."""
 
@@ -38,6 +35,8 @@ WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
 STATUS = 2.6
 """Inches beside the title that step and fitness need."""
 LONGEST_MESSAGE = 100
+LEGEND_ROW, LEGEND_LETTER, LEGEND_MARK = 0.22, 0.088, 0.45
+"""Inches of the legend: a row, a letter, a marker with the room around it; about."""
 
 
 class Picture:
@@ -53,13 +52,16 @@ class Picture:
         self._recording = recording
         self._size = _marker_area(recording.scenes[0])
         self._paths = _paths(recording.scenes)
+        self._looks = Looks(recording.scenes)
         first = recording.scenes[0]
         # The map fills the width; the height follows within what can be looked at.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
-        height = inside + TOP + BOTTOM
+        self._columns, rows = _legend_size(self._looks)
+        bottom = BOTTOM + (rows - 1) * LEGEND_ROW
+        height = inside + TOP + bottom
         self.figure = Figure(figsize=(WIDTH, height), dpi=dpi, facecolor=PAPER)
         self._canvas = FigureCanvasAgg(self.figure)
-        box = (LEFT / WIDTH, BOTTOM / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
+        box = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
         self._axes = self.figure.add_axes(box)
         frame(self._axes, first)
         self._title(first)
@@ -108,7 +110,7 @@ class Picture:
             artists += self._beginnings()
         groups: dict[str, list[Body]] = {}
         for body in scene.bodies:
-            groups.setdefault(label(body), []).append(body)
+            groups.setdefault(label(body.kind, body.state), []).append(body)
         for bodies in groups.values():
             artists += self._group(bodies)
         return artists
@@ -129,10 +131,12 @@ class Picture:
         """Everything that the recording shows at any time, so that the legend stands still."""
         from matplotlib.lines import Line2D
 
-        seen = {label(body): body for scene in self._recording.scenes for body in scene.bodies}
+        seen = {
+            label(body.kind, body.state): body for scene in self._recording.scenes for body in scene.bodies
+        }
         handles = []
         for name, body in seen.items():
-            color, marker, _, _ = look(body.kind, body.state, self._size)
+            color, marker, _, _ = self._looks.marker(body, self._size)
             size = 12 if marker == "*" else 9
             handles.append(
                 Line2D(
@@ -147,7 +151,7 @@ class Picture:
                 )
             )
         self.figure.legend(
-            handles=handles, loc="lower center", ncols=max(len(handles), 1), frameon=False, fontsize=10,
+            handles=handles, loc="lower center", ncols=self._columns, frameon=False, fontsize=10,
             handletextpad=0.2, columnspacing=1.4, borderaxespad=0.2,
         )  # fmt: skip
 
@@ -161,7 +165,7 @@ class Picture:
         for index, way in self._paths.items():
             body = scene.bodies[index]
             passed = np.vstack([way[oldest : newest + 1], [[body.x, body.y]]])
-            color = RED if body.kind == "defender" else AGENT_COLORS.get(body.state, BLUE)
+            color = self._looks.color(body)
             shades = (
                 np.full(len(passed) - 1, 0.65) if trail is None else np.linspace(0.1, 0.65, len(passed) - 1)
             )
@@ -179,7 +183,7 @@ class Picture:
             return []
         first = self._recording.scenes[0].bodies
         places = np.array([way[0] for way in self._paths.values()])
-        colors = [RED if first[index].kind == "defender" else BLUE for index in self._paths]
+        colors = [self._looks.color(first[index]) for index in self._paths]
         size = min(max(6.0, self._size / 5), 20.0)
         return [
             self._axes.scatter(
@@ -194,7 +198,7 @@ class Picture:
         axes = self._axes
         positions = np.array([(body.x, body.y) for body in bodies])
         diameters = np.array([2 * body.radius for body in bodies])
-        color, marker, size, layer = look(bodies[0].kind, bodies[0].state, self._size)
+        color, marker, size, layer = self._looks.marker(bodies[0], self._size)
         if bodies[0].kind in CELLS:
             return [self._squares(positions, color, layer)]
         artists: list[Artist] = []
@@ -224,6 +228,14 @@ class Picture:
             zorder=layer,
         )
         return self._axes.add_collection(squares)
+
+
+def _legend_size(looks: Looks) -> tuple[int, int]:
+    """Return columns and rows of a legend that fits below the map."""
+    names = list(looks.plain())
+    widest = max((len(name) for name in names), default=0) * LEGEND_LETTER + LEGEND_MARK
+    columns = min(max(int(WIDTH / widest), 1), max(len(names), 1))
+    return columns, max(-(-len(names) // columns), 1)
 
 
 def _marker_area(scene: Scene) -> float:

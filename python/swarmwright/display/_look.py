@@ -1,5 +1,6 @@
-"""How things look: colours, markers, sizes."""
+"""How things look: the one table of shapes and colours for pages, stills, animations and films."""
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from swarmwright.display._scene import Body, Scene
@@ -7,14 +8,82 @@ from swarmwright.display._scene import Body, Scene
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
 INK, BORDER, GRID, FIELD, PAPER = "#222222", "#555555", "#E4E4DE", "#FAFAF7", "#FFFFFF"
-AGENT_COLORS = {"free": BLUE, "arrived": GREEN, "out": GREEN, "caught": GREY, "crashed": GREY}
+LIGHT = {
+    "free": BLUE,
+    "good": GREEN,
+    "lost": GREY,
+    "defender": RED,
+    "exit": ORANGE,
+    "blockade": BORDER,
+    "other-1": "#CC79A7",
+    "other-2": "#56B4E9",
+    "other-3": "#B59A00",
+    "other-4": "#222222",
+}
+"""Colours of bodies on a light ground, by name; pages have them as CSS variables."""
+DARK = {
+    "free": "#56B4E9",
+    "good": "#2BBF93",
+    "lost": "#8F979E",
+    "defender": "#F0803C",
+    "exit": "#F0B840",
+    "blockade": "#7B858E",
+    "other-1": "#D994BB",
+    "other-2": "#9AD4F5",
+    "other-3": "#D8C54A",
+    "other-4": "#ECEFF1",
+}
+"""The same on a dark ground."""
+OTHERS = ("other-1", "other-2", "other-3", "other-4")
+"""Colours of kinds and states that nobody knows, in the order in which they are seen."""
+
+SHAPES = {
+    "circle": ("o", "M1 0A1 1 0 1 1-1 0A1 1 0 1 1 1 0Z"),
+    "cross": (
+        "X",
+        "M-.95-.55-.55-.95 0-.4 .55-.95 .95-.55 .4 0 .95 .55 .55 .95 0 .4-.55 .95-.95 .55-.4 0Z",
+    ),
+    "triangle": ("^", "M0-1.1 1 .8-1 .8Z"),
+    "star": ("*", "M0-1.2 .27-.37 1.14-.37 .44 .14 .71 .97 0 .46-.71 .97-.44 .14-1.14-.37-.27-.37Z"),
+    "square": ("s", "M-1-1H1V1H-1Z"),
+    "diamond": ("D", "M0-1.1 1.1 0 0 1.1-1.1 0Z"),
+    "pentagon": ("p", "M0-1.1 1.05-.34 .65 .89-.65 .89-1.05-.34Z"),
+    "hexagon": ("h", "M0-1.1 .95-.55 .95 .55 0 1.1-.95 .55-.95-.55Z"),
+}
+"""Each shape as matplotlib's marker and as an SVG path around (0, 0) with radius 1."""
+_FREE_SHAPES = ("diamond", "pentagon", "hexagon")
+"""Shapes of kinds that nobody knows, in the order in which they are seen."""
+
+KNOWN = {
+    ("agent", ""): ("circle", "free"),
+    ("agent", "free"): ("circle", "free"),
+    ("agent", "arrived"): ("circle", "good"),
+    ("agent", "out"): ("circle", "good"),
+    ("agent", "caught"): ("cross", "lost"),
+    ("agent", "crashed"): ("cross", "lost"),
+    ("defender", ""): ("triangle", "defender"),
+    ("goal", ""): ("star", "good"),
+    ("exit", ""): ("square", "exit"),
+    ("blockade", ""): ("square", "blockade"),
+    ("obstacle", ""): ("circle", "blockade"),
+}
+"""Shape and colour by kind and state."""
 CELLS = ("blockade", "exit")
 """What fills a cell of a grid, one unit wide and high."""
+MOVING = ("agent", "defender")
+"""What leaves a trail."""
 SHADES = 16
 
 
 class Look(NamedTuple):
-    """Colour, marker (matplotlib's names), marker area in points squared, layer (higher is above)."""
+    """A shape and the name of a colour."""
+
+    shape: str
+    color: str
+
+
+class Marker(NamedTuple):
+    """How matplotlib draws it: area in points squared, layer (higher is above)."""
 
     color: str
     marker: str
@@ -22,19 +91,77 @@ class Look(NamedTuple):
     layer: float
 
 
-def look(kind: str, state: str, agent_size: float) -> Look:
-    """How a body of this kind and state is drawn."""
-    if kind == "agent":
-        return Look(
-            AGENT_COLORS.get(state, BLUE), "X" if state in {"caught", "crashed"} else "o", agent_size, 4.0
-        )
-    return {
-        "defender": Look(RED, "^", max(agent_size, 30.0), 3.0),
-        "goal": Look(GREEN, "*", 190.0, 2.5),
-        "exit": Look(ORANGE, "s", 60.0, 1.6),
-        "blockade": Look(BORDER, "s", 45.0, 1.6),
-        "obstacle": Look(BORDER, "o", 12.0, 1.6),
-    }.get(kind, Look(ORANGE, "D", 40.0, 2.5))
+class Looks:
+    """How the bodies of an episode look, the same in all its scenes and on everything that shows it.
+
+    Kinds and states of KNOWN look as there. A kind that is not there gets a shape, and a state that is not
+    there a colour, in the order in which they are first seen, so that no two look alike as long as there
+    are shapes and colours.
+    """
+
+    def __init__(self, scenes: Iterable[Scene]) -> None:
+        self._looks: dict[tuple[str, str], Look] = {}
+        self._shapes = {kind: shape for (kind, _), (shape, _) in reversed(KNOWN.items())}
+        self._unknown = 0
+        for scene in scenes:
+            for body in scene.bodies:
+                self._add(body.kind, body.state)
+
+    def _add(self, kind: str, state: str) -> None:
+        if (kind, state) in self._looks:
+            return
+        known = KNOWN.get((kind, state))
+        if known is not None:
+            self._looks[kind, state] = Look(*known)
+            return
+        if kind not in self._shapes:
+            strangers = len(self._shapes) - len({kind for kind, _ in KNOWN})
+            self._shapes[kind] = _FREE_SHAPES[strangers % len(_FREE_SHAPES)]
+        color = OTHERS[self._unknown % len(OTHERS)]
+        self._unknown += 1
+        self._looks[kind, state] = Look(self._shapes[kind], color)
+
+    def __getitem__(self, body: Body) -> Look:
+        """Return the look of a body of the episode."""
+        return self._looks[body.kind, body.state]
+
+    def color(self, body: Body) -> str:
+        """Return a body's colour on a light ground, as '#0072B2'."""
+        return LIGHT[self[body].color]
+
+    def plain(self) -> dict[str, dict[str, str]]:
+        """Return label -> shape and name of the colour, in the order in which they are seen."""
+        return {
+            label(kind, state): {"shape": look.shape, "color": look.color}
+            for (kind, state), look in self._looks.items()
+        }
+
+    def marker(self, body: Body, agent_size: float) -> Marker:
+        """Return how matplotlib draws a body."""
+        look = self[body]
+        size, layer = {
+            "agent": (agent_size, 4.0),
+            "defender": (max(agent_size, 30.0), 3.0),
+            "goal": (190.0, 2.5),
+            "exit": (60.0, 1.6),
+            "blockade": (45.0, 1.6),
+            "obstacle": (12.0, 1.6),
+        }.get(body.kind, (40.0, 2.5))
+        return Marker(LIGHT[look.color], SHAPES[look.shape][0], size, layer)
+
+
+def css() -> str:
+    """Return the colours of bodies as CSS, for light and dark."""
+
+    def variables(colors: dict[str, str]) -> str:
+        return " ".join(f"--{name}: {value.lower()};" for name, value in colors.items())
+
+    dark = variables(DARK)
+    return (
+        f":root {{ {variables(LIGHT)} }}\n"
+        f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
+        f':root[data-theme="dark"] {{ {dark} }}'
+    )
 
 
 def agent_size(scene: Scene) -> float:
@@ -42,9 +169,9 @@ def agent_size(scene: Scene) -> float:
     return min(max(1800.0 / max(len(scene.of_kind("agent")), 1), 8.0), 90.0)
 
 
-def label(body: Body) -> str:
-    """What the legend calls a body."""
-    return f"{body.kind}, {body.state}" if body.kind == "agent" and body.state else body.kind
+def label(kind: str, state: str) -> str:
+    """What legends call a body."""
+    return f"{kind}, {state}" if state else kind
 
 
 def rgb(color: str) -> tuple[int, int, int]:
@@ -60,7 +187,7 @@ def mixed(color: str, ground: str, share: float) -> str:
 
 def palette() -> list[int]:
     """Every colour of a picture with its shades, as red, green, blue, red, ... (0..255)."""
-    shaded = [BLUE, ORANGE, GREEN, RED, GREY, INK, BORDER]
+    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER]))
     colors = [rgb(mixed(color, FIELD, 1 - i / SHADES)) for color in shaded for i in range(SHADES)]
     colors += [rgb(PAPER), rgb(FIELD), rgb(GRID), rgb(mixed(GRID, FIELD, 0.5))]
     return [channel for color in colors for channel in color]

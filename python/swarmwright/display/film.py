@@ -6,13 +6,18 @@ ffmpeg is the one on the path, or the one that the package imageio-ffmpeg brings
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from swarmwright._errors import InputError, RunError
 from swarmwright.display._caption import Caption
 from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 FRAME_SECONDS = 1 / 30
 MOST_FRAMES = 3000
@@ -24,11 +29,16 @@ def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 
 
     Raises InputError when there is no ffmpeg, RunError when it fails, OSError.
     """
-    ffmpeg = _ffmpeg(path)
     step_seconds = max(recording.step_size, 0.02) / speed
     count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
     picture = Picture(recording, dpi=140)
     images = (picture.image(scene, time) for scene, time in in_between(recording.scenes, count))
+    encode(images, seconds, path, title=caption.title)
+
+
+def encode(images: "Iterator[Image]", seconds: float, path: Path, *, title: str) -> None:
+    """Write RGB images of one size, each standing for so many seconds, as an MP4. Raises as `write`."""
+    ffmpeg = _ffmpeg(path)
     first = next(images)
     # 4:2:0 colour needs even sides.
     width, height = first.width // 2 * 2, first.height // 2 * 2
@@ -37,7 +47,7 @@ def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 
         "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{1 / seconds:.6f}",
         "-i", "-",
         "-an", "-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", "yuv420p",
-        "-metadata", f"title={caption.title}", "-movflags", "+faststart", "-f", "mp4", str(path.absolute()),
+        "-metadata", f"title={title}", "-movflags", "+faststart", "-f", "mp4", str(path.absolute()),
     ]  # fmt: skip
     box = (0, 0, width, height)
     with tempfile.TemporaryFile() as said:

@@ -1,7 +1,7 @@
 """FREVO's CEA2D: its entries, and the options of ours."""
 
 from swarmwright.frevo._document import Section
-from swarmwright.frevo._mapping import Line, Mapped
+from swarmwright.frevo._mapped import Line, Mapped
 
 _PATTERNS = (1, 2, 3)
 _PATTERN_SIZE = 10  # cells in either direction that a pattern of obstacles takes
@@ -24,7 +24,7 @@ def map_cea2d(method: Section, mapped: Mapped) -> None:
     add(Line("probability", method.take_number("mutationprobability", 1.0), "mutationprobability"))
     interval = method.take_integer("saveinterval", 0)
     mapped.not_method.append(f"saveinterval = {interval}: the record of a run holds every evaluation")
-    mapped.controller.append(Line("mutation", "uniform", "CEA2D knows no other"))
+    mapped.mutation = Line("mutation", "uniform", "CEA2D knows no other")
 
 
 def _map_obstacles(method: Section, mapped: Mapped, side: int) -> None:

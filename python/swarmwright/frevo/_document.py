@@ -1,21 +1,21 @@
 """What is in FREVO's files: sections of entries, each section with the class that is to be used."""
 
 import math
+import re
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from swarmwright._errors import InputError
 from swarmwright._suggest import did_you_mean
 from swarmwright.frevo._xml import Element, read
 
-MACHINE = "fsm.MealyFSM"
-SECTIONS = {
-    "problem": ("emergencyexit.EmergencyExit",),
-    "method": ("nnga.NNGA", "CEA2D.CEA2D"),
-    "representation": ("fullyMeshedNet.FullyMeshedNet", MACHINE),
-    "ranking": ("AbsoluteRanking.AbsoluteRanking",),
-}
-"""Sections of a session, and the classes of each that have a counterpart here."""
+SECTIONS = ("problem", "method", "representation", "ranking")
+"""Sections of a session; each names the class of a component."""
+
+
+_TO_FILL_IN = re.compile("-[A-Z_]+-")
+"""What stands for a value in the templates of FREVO's evaluation scripts."""
 
 
 @dataclass
@@ -29,6 +29,8 @@ class Section:
     element: Element
     entries: dict[str, Element] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
+    unfilled: list[str] = field(default_factory=list)
+    """Entries of a template, such as `-SEED-`, for which the default was taken."""
 
     @property
     def class_name(self) -> str:
@@ -36,9 +38,16 @@ class Section:
         return self.element.attribute("class")
 
     def shown(self, key: str, default: str = "") -> str:
-        """Return an entry's value as it stands in the file."""
+        """Return an entry's value as it stands in the file; a template's place to fill in is left out."""
         self.taken.add(key)
-        return self.entries[key].attribute("value") if key in self.entries else default
+        if key not in self.entries:
+            return default
+        value = self.entries[key].attribute("value")
+        if default and _TO_FILL_IN.fullmatch(value):
+            if key not in self.unfilled:
+                self.unfilled.append(key)
+            return default
+        return value
 
     def error(self, key: str, message: str) -> InputError:
         """Return an error about an entry, to be raised."""
@@ -85,15 +94,40 @@ class Section:
 
 @dataclass(frozen=True)
 class Session:
-    """A FREVO file: what was to be done, and in a result file the populations that came out."""
+    """A FREVO file: what was to be done, and in a result file the populations that came out.
+
+    A section is read when it is asked for; InputError when it is missing or malformed.
+    """
 
     path: Path
     root: Element
-    config: Section
-    problem: Section
-    method: Section
-    representation: Section
-    ranking: Section
+
+    @cached_property
+    def config(self) -> Section:
+        """Name, seed, number of runs; without entries where the file has none."""
+        if not self.root.all("sessionconfig"):
+            return Section("sessionconfig", self.root)
+        return _section(self.root, "sessionconfig", "configentry")
+
+    @cached_property
+    def problem(self) -> Section:
+        """What candidates are evaluated on."""
+        return _section(self.root, "problem", "problementry")
+
+    @cached_property
+    def method(self) -> Section:
+        """How candidates are evolved."""
+        return _section(self.root, "method", "methodentry")
+
+    @cached_property
+    def representation(self) -> Section:
+        """What candidates are."""
+        return _section(self.root, "representation", "representationentry")
+
+    @cached_property
+    def ranking(self) -> Section:
+        """How candidates are ordered."""
+        return _section(self.root, "ranking", "rankingentry")
 
 
 def java_number(text: str) -> float | None:
@@ -109,22 +143,13 @@ def java_number(text: str) -> float | None:
 
 
 def open_session(path: Path) -> Session:
-    """Read a session or result file.
-
-    Raises InputError, with file and line, when it is none, or names a class that has no counterpart here.
-    """
+    """Read a session or result file. Raises InputError, with file and line, when it is none."""
     root = read(path)
     if root.tag != "frevo":
         raise root.error(
             "found as the outermost element; expected <frevo>, a session (.zse) or result (.zre)"
         )
-    sections = {name: _section(root, name, f"{name}entry") for name in SECTIONS}
-    for name, known in SECTIONS.items():
-        _check_class(sections[name], known)
-    has_config = bool(root.all("sessionconfig"))
-    empty = Section("sessionconfig", root)
-    config = _section(root, "sessionconfig", "configentry") if has_config else empty
-    return Session(path=path, root=root, config=config, **sections)
+    return Session(path, root)
 
 
 def _section(root: Element, name: str, entry: str) -> Section:
@@ -139,11 +164,3 @@ def _section(root: Element, name: str, entry: str) -> Section:
             raise element.error(f"the key {key} stands twice (first in line {first}); keep one")
         section.entries[key] = element
     return section
-
-
-def _check_class(section: Section, known: tuple[str, ...]) -> None:
-    if section.class_name not in known:
-        raise section.element.error(
-            f"the class {section.class_name!r} has no counterpart here"
-            f"{did_you_mean(section.class_name, known)}; what can be taken over is {' or '.join(known)}"
-        )

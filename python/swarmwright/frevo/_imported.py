@@ -2,17 +2,24 @@
 
 import json
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from swarmwright._errors import InputError
 from swarmwright._experiment import Experiment
+from swarmwright._own._names import absolute
+from swarmwright._registry import Registry
 from swarmwright._validate import check
 from swarmwright._yaml import parse
-from swarmwright.frevo._document import SECTIONS, Session, open_session
+from swarmwright.frevo._document import SECTIONS, Section, Session, open_session
 from swarmwright.frevo._field import FieldFile, as_yaml
-from swarmwright.frevo._mapping import Line, Mapped, map_session, one_line
+from swarmwright.frevo._mapped import EMERGENCY_EXIT, Line, Mapped, one_line
+from swarmwright.frevo._mapping import Instead, map_session
+from swarmwright.methods import METHODS
+from swarmwright.rankings import RANKINGS
+from swarmwright.representations import REPRESENTATIONS
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,16 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def load(path: str | Path, *, field: str | Path | None = None, folder: str | Path = ".") -> Imported:
+def load(
+    path: str | Path,
+    *,
+    field: str | Path | None = None,
+    folder: str | Path = ".",
+    simulation: str | None = None,
+    method: str | None = None,
+    controller: str | None = None,
+    ranking: str | None = None,
+) -> Imported:
     """Make an experiment of a FREVO session file (.zse) or of the session in a result file (.zre).
 
     Args:
@@ -36,13 +52,31 @@ def load(path: str | Path, *, field: str | Path | None = None, folder: str | Pat
         field: the field of Emergency Exit as JSON or as FREVO's .ser; default: the one that the session
             names, beside the session.
         folder: where the experiment file is going to be; the path of a field in it is relative to that.
+        simulation: what is taken in the place of FREVO's problem, as an experiment names it: a title, a class
+            (the path of its file is relative to the current folder), an environment.
+        method: kind that is taken in the place of FREVO's method, with its defaults, and FREVO's numbers of
+            candidates and generations.
+        controller: kind that is taken in the place of FREVO's representation, with its defaults.
+        ranking: kind that is taken in the place of FREVO's ranking, with its defaults.
 
     Raises:
         InputError: the file is no session of FREVO's, or holds what has no counterpart here; the message
-            names file, line and entry.
+            names file, line and component or entry, of all sections, a line each.
     """
     session = open_session(Path(path))
-    mapped = map_session(session, None if field is None else Path(field))
+    named = None if simulation is None else absolute(simulation)
+    for option, kind, registry in (
+        ("method", method, METHODS),
+        ("controller", controller, REPRESENTATIONS),
+        ("ranking", ranking, RANKINGS),
+    ):
+        _check_kind(option, kind, registry)
+    mapped = map_session(
+        session,
+        None if field is None else Path(field),
+        Instead(named, method, controller, ranking),
+        _sensors(named or EMERGENCY_EXIT),
+    )
     text = _yaml(session, mapped, Path(folder))
     try:
         # The name stands for the folder that the field's path is relative to.
@@ -52,13 +86,32 @@ def load(path: str | Path, *, field: str | Path | None = None, folder: str | Pat
     return Imported(text, experiment, tuple(mapped.notes))
 
 
+def _check_kind(option: str, kind: str | None, registry: Registry[Any]) -> None:
+    """Raise InputError when there is no such kind."""
+    if kind is None:
+        return
+    try:
+        registry.get(kind)
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from None
+
+
+def _sensors(simulation: str) -> int | None:
+    """Return what an agent of a simulation senses; None for one that is not here."""
+    from swarmwright import _simulations
+
+    if not _simulations.is_here(simulation):
+        return None
+    return int(_simulations.description(simulation)["sensors"])
+
+
 def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
     problem, method, representation, ranking = (getattr(session, name) for name in SECTIONS)
     lines = [
         f"# Made of FREVO's session {one_line(session.path.name)} by `swarmwright import`.",
         "# Behind each line stands FREVO's name of the entry.",
         "",
-        f"simulation: emergency_exit  # {problem.class_name}",
+        f"simulation: {_named(mapped.simulation, folder)}  # {one_line(problem.class_name)}",
         "",
         "parameters:",
         *_block(mapped.parameters),
@@ -66,14 +119,34 @@ def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
     if mapped.field_file is not None:
         lines += _field_lines(mapped.field_file, folder)
     lines += _left_out(mapped.not_parameters)
-    lines += ["", "controller:", *_block([Line("kind", mapped.controller_kind, representation.class_name)])]
+    lines += ["", "controller:", *_kind(mapped.controller_kind, representation)]
     lines += [*_block(mapped.controller), *_left_out(mapped.not_controller)]
-    lines += ["", "method:", *_block([Line("kind", mapped.method_kind, method.class_name)])]
+    lines += ["", "method:", *_kind(mapped.method_kind, method)]
     lines += [*_block(mapped.method), *_left_out(mapped.not_method)]
-    lines += ["", "ranking:", *_block([Line("kind", "absolute", ranking.class_name)])]
+    lines += ["", "ranking:", *_kind(mapped.ranking_kind, ranking)]
     lines += [*_block(mapped.ranking), *_left_out(mapped.not_ranking)]
     lines += ["", *_block([mapped.seed], ""), *_left_out(mapped.not_config, "")]
     return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def _kind(kind: str, section: Section) -> list[str]:
+    return _block([Line("kind", kind, one_line(section.class_name))])
+
+
+def _named(simulation: str, folder: Path) -> str:
+    """Return a simulation's name as it stands in an experiment file in this folder."""
+    place, colon, wanted = simulation.rpartition(":")
+    if place.endswith(".py"):
+        simulation = f"{_relative(Path(place), folder)}{colon}{wanted}"
+    plain = re.fullmatch(r"[A-Za-z_][\w.-]*(:\w[\w.-]*)?", simulation)
+    return simulation if plain else json.dumps(simulation, ensure_ascii=False)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # on another drive
+        return path.absolute().as_posix()
 
 
 def _block(lines: list[Line], indent: str = "  ") -> list[str]:
@@ -90,11 +163,7 @@ def _field_lines(field: FieldFile, folder: Path) -> list[str]:
             f"  field:  # Filename, read from {one_line(field.path.name)}",
             *(f"    {x}" for x in as_yaml(field.value)),
         ]
-    try:
-        shown = os.path.relpath(field.path, folder)
-    except ValueError:  # on another drive
-        shown = str(field.path.absolute())
-    return [f"  field: {json.dumps(Path(shown).as_posix(), ensure_ascii=False)}  # Filename"]
+    return [f"  field: {json.dumps(_relative(field.path, folder), ensure_ascii=False)}  # Filename"]
 
 
 def _scalar(value: Any) -> str:  # noqa: ANN401 - int, float or word

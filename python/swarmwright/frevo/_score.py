@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from swarmwright._errors import InputError, engine_errors
-from swarmwright.frevo._document import open_session
-from swarmwright.frevo._mapping import problem_parameters
+from swarmwright.frevo._components import LAYERS, THREE_LAYERS, all_of, check
+from swarmwright.frevo._document import Section, open_session
 from swarmwright.frevo._networks import Network, networks
+from swarmwright.frevo._problem import problem_parameters
+from swarmwright.frevo._representations import RELU, SIGMOID
 
 
 @dataclass(frozen=True)
@@ -53,18 +55,23 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
         path: the file.
         field: as in `load`.
 
+    Method and ranking do not matter, and need no counterpart here.
+
     Raises:
-        InputError: the file is no result of FREVO's, or holds what has no counterpart here; the message names
-            file, line and element.
+        InputError: the file is no result of FREVO's, or its problem or representation has no counterpart
+            here; the message names file, line and element.
     """
     session = open_session(Path(path))
+    all_of(
+        lambda: check(session.problem, replaceable=False),
+        lambda: check(session.representation, replaceable=False),
+    )
     found = networks(session)
     lines, field_file, ranking, notes = problem_parameters(session, None if field is None else Path(field))
     parameters = {line.key: line.value for line in lines}
     if field_file is not None:
         parameters["field"] = field_file.value
-    if session.representation.take_text("activationFunction", "LINEAR") == "SIGMOID":
-        notes.append("activationFunction = SIGMOID: computed to 1e-7 here, so that fates may differ")
+    notes += _notes(session.representation)
     first: int = parameters.pop("seed", 0)
     episodes = next(line.value for line in ranking if line.key == "episodes")
     results = np.empty((len(found), episodes))
@@ -86,6 +93,17 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     pairs = zip(totals.tolist(), found, strict=True)
     scores = tuple(Score(index, total, network.fitness) for index, (total, network) in enumerate(pairs))
     return Scores(scores, tuple(notes))
+
+
+def _notes(representation: Section) -> list[str]:
+    """Return why networks may behave in another way than in FREVO."""
+    if representation.class_name in (THREE_LAYERS, LAYERS):
+        return [f"{representation.class_name}: its sigmoid is {SIGMOID}"]
+    activation = representation.take_text("activationFunction", "LINEAR")
+    return {
+        "SIGMOID": [f"activationFunction = SIGMOID: {SIGMOID}"],
+        "RELU": [f"activationFunction = {RELU}"],
+    }.get(activation, [])
 
 
 def _by_architecture(networks: Sequence[Network]) -> dict[str, list[int]]:

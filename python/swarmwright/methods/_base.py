@@ -1,11 +1,11 @@
 """What every method does."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from swarmwright._errors import InputError
 from swarmwright._options import Options
@@ -14,13 +14,24 @@ from swarmwright.methods._steady import SteadyState
 from swarmwright.rankings._base import Fitness
 from swarmwright.representations._base import Genomes, Representation
 
+NO_LIMIT = 1_000_000_000
+"""As many generations as there can be."""
+
 
 class MethodOptions(Options):
     """Options of every method."""
 
-    generations: int = Field(default=200, ge=1, le=1_000_000_000)
+    generations: int = Field(default=200, ge=1, le=NO_LIMIT)
     """How often candidates are asked for and evaluated. In steady state: how many times `population`
-    evaluations."""
+    evaluations. Of generations, evaluations and seconds the first that is used up ends the run. Default: 200,
+    or no limit where evaluations or seconds are given."""
+    evaluations: int | None = Field(default=None, ge=1, le=10**15)
+    """Candidates that are evaluated at most: the run ends before the first generation with which there would
+    be more. The first generation is evaluated in any case, as a whole. Default: no limit."""
+    seconds: float | None = Field(default=None, gt=0, le=3_200_000_000)
+    """How long the run takes at most, all its sessions together: it ends with the generation in which this
+    time is over. How many generations that are depends on the machine; they are the first ones of the run
+    without this limit. Default: no limit."""
     target: float | None = None
     """Stop as soon as a candidate's fitness is at least this; without it the whole budget is used."""
     operation: Literal["generational", "steady_state"] = "generational"
@@ -30,6 +41,22 @@ class MethodOptions(Options):
     """Steady state only: candidates that may be evaluated at the same time. Part of what a run is: candidate
     n is made when the results of candidates 0 to n - in_flight are known, and no later one, however many
     servers there are and however fast they answer."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _other_budget(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
+        if isinstance(values, Mapping) and "generations" not in values:
+            others = (values.get("evaluations"), values.get("seconds"))
+            if any(one is not None for one in others):
+                return {**values, "generations": NO_LIMIT}
+        return values
+
+    @property
+    def generation_limit(self) -> int | None:
+        """How many generations there may be, None for any number."""
+        return (
+            None if self.generations == NO_LIMIT and (self.evaluations or self.seconds) else self.generations
+        )
 
 
 class Method(SteadyState):
@@ -62,6 +89,10 @@ class Method(SteadyState):
     """Typed options, with `kind` among them."""
     keeps_members: ClassVar[bool] = False
     """Whether members stay from one generation to the next with the fitness that they have: see `kept`."""
+    start_as: ClassVar[Literal["members", "center"] | None] = None
+    """How it starts from given controllers, see `start_from`. members: they are among its first candidates,
+    which come from `initials` or `initial_of`. center: its distribution begins at the first one, `start[0]`.
+    None: it cannot."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
@@ -79,6 +110,8 @@ class Method(SteadyState):
         """Candidates told so far."""
         self.done = False
         """Whether the budget is used up or the target is reached."""
+        self.start: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
+        """Genomes to start from, (k, genome_size); none unless `start_from` was called."""
         self._asked: Genomes | None = None
         self._begin_steady_state()
 
@@ -104,6 +137,32 @@ class Method(SteadyState):
         if representation is not None and reason is not None:
             found["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
         return found
+
+    @classmethod
+    def no_start(cls, options: MethodOptions, count: int) -> str | None:
+        """Return why this method cannot start from so many given controllers; None if it can."""
+        if cls.start_as is None:
+            return (
+                f"{cls.kind} cannot start from given controllers; leave the key out, or take another method"
+            )
+        if cls.start_as == "center" and count > 1:
+            return f"{cls.kind} starts from one controller, the center of its first sample, not from {count}"
+        population = getattr(options, "population", None)
+        if isinstance(population, int):
+            places = population * int(getattr(options, "populations", 1))
+            if count > places:
+                return f"{count} controllers are more than the {places} of the first generation"
+        return None
+
+    def start_from(self, genomes: Genomes) -> None:
+        """Start from these genomes, (k, genome_size), k >= 1; called before anything is asked for.
+
+        Raises InputError when the method cannot.
+        """
+        problem = self.no_start(self.options, len(genomes))
+        if problem is not None:
+            raise InputError(problem)
+        self.start = np.array(genomes, dtype=np.float32)
 
     def ask(self) -> Genomes:
         """Return the genomes of this generation that need evaluation: float32, (n, genome_size), n >= 1.
@@ -162,8 +221,16 @@ class Method(SteadyState):
         return Streams(self.seed, purpose, self.generation, candidates)
 
     def initials(self, candidates: Sequence[int]) -> Genomes:
-        """Return random genomes to start from; the same for every method, by generation and candidate."""
-        return self.representation.initials(self.streams("initial", candidates))
+        """Return random genomes to start from; the same for every method, by generation and candidate.
+
+        In the first generation those of `start` stand in the first places.
+        """
+        genomes = self.representation.initials(self.streams("initial", candidates))
+        if self.generation == 0 and len(self.start):
+            for row, candidate in enumerate(candidates):
+                if candidate < len(self.start):
+                    genomes[row] = self.start[candidate]
+        return genomes
 
     @property
     @abstractmethod

@@ -42,6 +42,7 @@ class Cma(Method):
 
     options: CmaOptions
     options_model: ClassVar[type[CmaOptions]]
+    start_as = "center"
     libraries = ("cma", "scipy")
     generational_because = "its distribution is learned from the ranks within a generation"
     diagonal: ClassVar[bool]
@@ -111,13 +112,15 @@ class Cma(Method):
 
         center, reach = center_and_reach(self.representation)
         population, share = self.population, 1.0
+        if len(self.start) and not self.starts:
+            center = self.start[0].astype(np.float64)
         if self.starts:
             center = self.representation.initial(Stream(self.seed, "cma.start", self.starts)).astype(
                 np.float64
             )
             population, share = self._regimes.begin(
                 *Stream(self.seed, "cma.regime", self.starts).unit(2).tolist(),
-                left=self.budget - self.evaluations,
+                left=min(self.budget, self.options.evaluations or self.budget) - self.evaluations,
             )
         self.starts += 1
         lower, upper = self.representation.bounds

@@ -33,6 +33,7 @@ class Pymoo(Method):
     options: PymooOptions
     options_model: ClassVar[type[PymooOptions]]
     keeps_members = True
+    start_as = "members"
     libraries = ("pymoo", "scipy")
     generational_because = "the library pymoo replaces whole generations"
 

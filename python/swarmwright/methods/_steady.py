@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright._errors import InputError
 from swarmwright._random import Streams
-from swarmwright.representations._base import Genome, Representation
+from swarmwright.representations._base import Genome, Genomes, Representation
 
 if TYPE_CHECKING:
     from swarmwright.methods._base import MethodOptions
@@ -28,6 +28,7 @@ class SteadyState(ABC):
     generation: int
     evaluations: int
     done: bool
+    start: Genomes
 
     steady_state: ClassVar[bool] = False
     """Whether the method can work candidate by candidate."""
@@ -97,7 +98,9 @@ class SteadyState(ABC):
         return Streams(self.seed, purpose, generation, [candidate])
 
     def initial_of(self, index: int) -> Genome:
-        """Return a random genome for a candidate; see `streams_of`."""
+        """Return a random genome for a candidate; see `streams_of`. The first are those to start from."""
+        if index < len(self.start):
+            return np.array(self.start[index])
         genomes = self.representation.initials(self.streams_of("initial", index))
         return np.asarray(genomes[0])
 
@@ -119,8 +122,10 @@ class SteadyState(ABC):
 
     @property
     def _last(self) -> int:
-        """How many candidates there are in all."""
-        return self.options.generations * self.generation_size
+        """How many candidates there are in all: whole generations, at least one."""
+        size, most = self.generation_size, self.options.evaluations
+        last = self.options.generations * size
+        return last if most is None else min(last, max(most // size, 1) * size)
 
     def _make(self, count: int) -> None:
         """Make candidates until there are `count`."""

@@ -84,6 +84,7 @@ class Cea2d(Method):
     options: Cea2dOptions
     steady_state = True
     keeps_members = True
+    start_as = "members"
 
     def __init__(self, options: Cea2dOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)

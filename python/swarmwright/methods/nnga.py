@@ -151,6 +151,7 @@ class Nnga(Method):
     options: NngaOptions
     steady_state = True
     keeps_members = True
+    start_as = "members"
 
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)

@@ -40,7 +40,7 @@ class OpenaiEs(Method):
     For every pair of a generation a normally distributed direction is drawn, and the center plus and minus
     `noise` times it are evaluated: candidates 2 i and 2 i + 1. Fitness becomes its rank, from -0.5 to 0.5.
     The sum of the directions, each times the difference of its pair's ranks, less the decay, is what Adam
-    climbs. It starts from a random genome.
+    climbs. It starts from the middle of the initial range, as evosax does.
 
     Source: Salimans, Ho, Chen, Sidor and Sutskever, "Evolution strategies as a scalable alternative to
     reinforcement learning", 2017 (arXiv:1703.03864), and Kingma and Ba, "Adam", ICLR 2015. It differs in
@@ -53,17 +53,23 @@ class OpenaiEs(Method):
     kind: ClassVar[str] = "openai_es"
     options_model = OpenaiEsOptions
     options: OpenaiEsOptions
+    start_as = "center"
     generational_because = "the center moves by the ranks within a generation"
 
     def __init__(self, options: OpenaiEsOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._middle, self._reach = center_and_reach(representation)
-        self._center = (self.initials([0])[0].astype(np.float64) - self._middle) / self._reach
+        self._center = np.zeros_like(self._middle)
         self._speed = np.zeros_like(self._center)
         self._spread = np.zeros_like(self._center)
         self._first_left, self._second_left = 1.0, 1.0
         self._directions: NDArray[np.float64] = np.empty(0)
         self._fitness: Fitness = np.empty(0)
+
+    def start_from(self, genomes: Genomes) -> None:
+        """Put the center there, instead of the middle of the initial range."""
+        super().start_from(genomes)
+        self._center = (self.start[0].astype(np.float64) - self._middle) / self._reach
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:

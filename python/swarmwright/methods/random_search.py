@@ -28,6 +28,7 @@ class RandomSearch(Method):
     options_model = RandomSearchOptions
     options: RandomSearchOptions
     steady_state = True
+    start_as = "members"
 
     def __init__(self, options: RandomSearchOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)

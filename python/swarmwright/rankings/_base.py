@@ -29,6 +29,11 @@ class RankingOptions(Options):
     their episodes since they came, so that a lucky evaluation does not rule for ever, and the best candidate
     of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the evaluations
     of the members that stay. Only for methods that keep members: nnga, cea2d, .."""
+    unseen_episodes: int | None = Field(default=None, ge=0, le=100_000)
+    """Episodes with seeds that the run did not use, in which the best is evaluated when the run has ended:
+    the best of many noisy evaluations is the luckiest, and these say what it is worth. They change nothing of
+    the record. 0: none. Default: where fitness depends on the seed, 60 or four times `episodes`, but at most
+    a twentieth of the run's episodes, and none if these are fewer than 10."""
     failed: Literal["last", "stop"] = "last"
     """What a failed evaluation leads to. last: the candidate ranks below all others, and the run goes on;
     a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and
@@ -77,6 +82,19 @@ class Ranking(ABC):
             scores[worked] = self._score([rows[index] for index in worked]) + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores
+
+    def samples(self, episodes: Sequence[float]) -> Fitness:
+        """Return independent fitness values of one candidate, from more episodes than a ranking takes.
+
+        Their mean estimates what the candidate's fitness is on other seeds. By default the score of each
+        `options.episodes` in a row, a rest left out.
+
+        Args:
+            episodes: results, finite, of one candidate.
+        """
+        size = self.options.episodes
+        count = len(episodes) // size
+        return self.score(np.array(episodes[: count * size], dtype=np.float64).reshape(count, size))
 
     def _with_past(self, rows: list[list[float]], genomes: NDArray[np.float32]) -> list[list[float]]:
         """Return all episodes of each genome: of one that was there before, the past, too."""

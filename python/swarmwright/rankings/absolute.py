@@ -62,6 +62,13 @@ class Absolute(Ranking):
     options_model = AbsoluteOptions
     options: AbsoluteOptions
 
+    def samples(self, episodes: Sequence[float]) -> Fitness:
+        """Return fitness values of one candidate; of a mean or a sum, every episode makes one."""
+        if self.options.aggregate in {"mean", "sum"}:
+            share = self.options.episodes if self.options.aggregate == "sum" else 1
+            return np.array(episodes, dtype=np.float64) * share
+        return super().samples(episodes)
+
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         if self.options.aggregate != "cvar" and all(len(row) == 1 for row in episodes):
             # Whatever the aggregate of one number, it is the number.

@@ -7,16 +7,29 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from swarmwright import _engine
 from swarmwright._options import Options
 from swarmwright._random import Stream, Streams
 from swarmwright.representations._base import Genome, Genomes, Limits, Representation
 
+OUTPUT_RANGE = {
+    "tanh": (-1.0, 1.0),
+    "relu": (-1.0, 1.0),
+    "linear": (-1.0, 1.0),
+    "clamp": (0.0, 1.0),
+    "sigmoid": (0.0, 1.0),
+}
+"""What a node's output is mapped from to become an actuator in -1..1, by activation."""
+
 
 class NetworkOptions(Options):
-    """Options of the genetic operators, after FREVO's FullyMeshedNet."""
+    """Options that all networks have; those of the genetic operators are after FREVO's FullyMeshedNet."""
+
+    output_range: list[float] | None = Field(default=None, min_length=2, max_length=2)
+    """Outputs of the network that stand for the actuators -1 and 1; what is beyond is limited. By default as
+    the activation says: 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
 
     weight_range: float = Field(default=2.0, gt=0, le=1e6)
     """Initial weights are uniform in +-weight_range; a mutation of severity 1 moves a weight by as much."""
@@ -25,6 +38,26 @@ class NetworkOptions(Options):
     mutation: Literal["uniform", "proportional"] = "uniform"
     """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its own
     size (at least 0.1), whatever the severity."""
+
+    @field_validator("output_range")
+    @classmethod
+    def _ascending(cls, value: list[float] | None) -> list[float] | None:
+        if value is not None and not _is_range(*value):
+            raise ValueError(f"must be two finite numbers, the lower one first, not {value}")
+        return value
+
+    @property
+    def outputs(self) -> list[float]:
+        """Outputs of the network that stand for the actuators -1 and 1."""
+        activation: str = self.activation  # type: ignore[attr-defined] # every network's options have it
+        return list(self.output_range or OUTPUT_RANGE[activation])
+
+
+def _is_range(low: float, high: float) -> bool:
+    """Return whether the engine, which computes in binary32, takes it."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        width = np.float32(high) - np.float32(low)
+    return bool(np.isfinite(width) and width > 0)
 
 
 class NodeNetwork(Representation):

@@ -6,7 +6,6 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 
 from swarmwright.representations._network import NetworkOptions, NodeNetwork
-from swarmwright.representations.layered import OUTPUT_RANGE
 
 
 class FullyMeshedOptions(NetworkOptions):
@@ -48,5 +47,5 @@ class FullyMeshed(NodeNetwork):
             "hidden": self.options.hidden,
             "activation": self.options.activation,
             "iterations": self.options.iterations,
-            "output_range": OUTPUT_RANGE[self.options.activation],
+            "output_range": self.options.outputs,
         }

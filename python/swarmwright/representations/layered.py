@@ -10,15 +10,6 @@ from swarmwright.representations._network import NetworkOptions, NodeNetwork
 
 Size = Annotated[int, Field(ge=1, le=10_000)]
 
-OUTPUT_RANGE = {
-    "tanh": [-1.0, 1.0],
-    "relu": [-1.0, 1.0],
-    "linear": [-1.0, 1.0],
-    "clamp": [0.0, 1.0],
-    "sigmoid": [0.0, 1.0],
-}
-"""What a node's output is mapped from to become an actuator in -1..1."""
-
 
 class LayeredOptions(NetworkOptions):
     """A feed-forward network: every node of a layer sees all nodes of the layer before."""
@@ -55,5 +46,5 @@ class Layered(NodeNetwork):
             "actuators": self.actuators,
             "hidden": list(self.options.hidden),
             "activation": self.options.activation,
-            "output_range": OUTPUT_RANGE[self.options.activation],
+            "output_range": self.options.outputs,
         }

@@ -49,6 +49,7 @@ def check_method(kind: str) -> None:
     _check_kept(kind, subject)
     check_replay(_new(kind, subject))
     check_steady_state(METHODS.get(kind), subject)
+    _check_start(kind, subject)
 
 
 def _new(kind: str, subject: Representation, seed: int = 1, **options: Any) -> Method:  # noqa: ANN401
@@ -232,3 +233,33 @@ def _check_kept(kind: str, subject: Representation) -> None:
             "population_fitness must show the fitness that members were given last"
         )
     assert (found > 0) == method.keeps_members, "keeps_members must say whether members are kept"
+
+
+def _check_start(kind: str, subject: Representation) -> None:
+    """Check that a method which starts from given genomes does, and another one says so."""
+    component = METHODS.get(kind)
+    given = _away(subject)
+    method, other = _new(kind, subject), _new(kind, subject)
+    if component.start_as is None:
+        try:
+            method.start_from(given)
+        except InputError:
+            return
+        raise AssertionError(f"{kind}: start_as is None, and start_from takes genomes nevertheless")
+    method.start_from(given)
+    first, usual = method.ask(), other.ask()
+    if component.start_as == "members":
+        assert first[0].tobytes() == given[0].tobytes(), f"{kind}: the first candidate is another genome"
+        assert first[1:].tobytes() == usual[1:].tobytes(), f"{kind}: the other candidates have changed"
+    else:
+        near, far = (np.abs(asked.mean(axis=0) - given[0]).sum() for asked in (first, usual))
+        assert near < far, f"{kind}: the first sample is not around the given genome"
+    again = _new(kind, subject)
+    again.start_from(given)
+    assert again.ask().tobytes() == first.tobytes(), f"{kind}: starts differently the second time"
+
+
+def _away(subject: Representation) -> Genomes:
+    """Return a genome away from the middle of the initial range, (1, genome_size)."""
+    lower, upper = subject.initial_range
+    return np.asarray((lower + 0.9 * (upper - lower)).astype(np.float32)[np.newaxis])

@@ -125,6 +125,28 @@ class IgnoresTheEnd(Broken):
         pass
 
 
+class UnevenSensors(Broken):
+    """One agent has a sensor more."""
+
+    breaks: ClassVar = {"S2.13"}
+
+    def publish(self, topic: str, **fields: Any) -> None:
+        if topic == "sensor" and fields["agent"] == 1:
+            fields["sensor"] = [*fields["sensor"], 0.0]
+        super().publish(topic, **fields)
+
+
+class NeedsSimulation(Broken):
+    """Requires simulation in control, as D6.1's schema does."""
+
+    breaks: ClassVar = {"S2.14"}
+
+    def on_control(self, content: Json) -> None:
+        if content["simulation"] != self.title:
+            raise Refused("simulation")
+        super().on_control(content)
+
+
 class Random(Broken):
     """Noise that no seed explains."""
 
@@ -289,6 +311,27 @@ class NoDecimals(Broken):
         if isinstance(content["server"], float):
             raise Refused("no integer")
         return super().is_for_me(content)
+
+
+class FirstKeyCounts(Broken):
+    """Keeps the first of repeated keys."""
+
+    breaks: ClassVar = {"S5.12"}
+
+    def read(self, payload: bytes) -> Json:
+        super().read(payload)
+        found = json.loads(payload, object_pairs_hook=lambda pairs: dict(reversed(pairs)))
+        assert isinstance(found, dict)
+        return found
+
+
+class OneSpelling(Broken):
+    """Knows max_agents alone."""
+
+    breaks: ClassVar = {"S5.13"}
+
+    def fits(self, title: str, required: Json) -> bool:
+        return super().fits(title, {key: value for key, value in required.items() if key != "max agents"})
 
 
 class AnswersAfterParameters(Broken):

@@ -377,9 +377,83 @@ class SameHash(SoundTool):
         super().begin(server, next((self.used[one.server] for one in others), hash_))
 
 
+class NegativeAgents(SoundTool):
+    """Takes any integer for an agent."""
+
+    breaks: ClassVar = {"O4.6"}
+
+    def checked(self, content: Json, running: Running) -> tuple[int, list[float]]:
+        agent = content["agent"]
+        found = abs(agent) if type(agent) is int else agent
+        return agent, super().checked({**content, "agent": found}, running)[1]
+
+
+class ReliesOnSimulation(SoundTool):
+    """Wants the title in every message."""
+
+    breaks: ClassVar = {"O4.7"}
+
+    def checked(self, content: Json, running: Running) -> tuple[int, list[float]]:
+        if content["simulation"] != TITLE:
+            raise Refused
+        return super().checked(content, running)
+
+
+class ConfiguresOnce(SoundTool):
+    """Sends parameters before the first episode of a server only, and keeps the hash."""
+
+    breaks: ClassVar = {"O2.1"}
+
+    def start(self) -> None:
+        """As the model, with a hash for each server."""
+        busy = {running.server for running in self.running.values()}
+        for server in self.known.keys() - busy:
+            if not self.work:
+                return
+            hash_ = f"server {server}"
+            self.running[hash_] = Running(server, *self.work.pop(0))
+            if server not in self.used:
+                self.send("parameters", server=server, simulation_hash=hash_)
+            self.used[server] = hash_
+            self.send("control", server=server, simulation_hash=hash_, run=True, tool=TOOL)
+
+
 TOOLS: list[type[SoundTool]] = SoundTool.__subclasses__()
+
+
+class LeastTool(AsksOnce):
+    """Does what D6.1 demands, and in all else what Swarmwright's own tool does not.
+
+    It asks once, names itself nowhere, takes servers for what it expects, wants `simulation` in sensor
+    messages, and takes NaN for a number.
+    """
+
+    breaks: ClassVar = set()
+
+    def send(self, topic: str, **fields: Any) -> None:
+        super().send(topic, **{key: value for key, value in fields.items() if key != "tool"})
+
+    def on_server(self, content: Json) -> None:
+        if self.is_answer(content):
+            self.known[content["server"]] = {"sensors": 3, "actuators": 2}
+
+    def checked(self, content: Json, running: Running) -> tuple[int, list[float]]:  # noqa: ARG002
+        agent, sensors = content["agent"], content["sensor"]
+        if type(agent) is not int or not isinstance(sensors, list) or content["simulation"] != TITLE:
+            raise Refused
+        if len(sensors) != 3 or not all(type(value) in (int, float) for value in sensors):
+            raise Refused
+        return agent, sensors
+
+    def result(self, value: object) -> None:
+        if type(value) not in (int, float):
+            raise Refused
+
+    def give_back(self) -> None:
+        pass
+
 
 if __name__ == "__main__":
     kinds: list[type[SoundTool]] = [SoundTool, *TOOLS]
-    named = {kind.__name__: kind for kind in kinds}
+    named = {kind.__name__: kind for kind in (*kinds, LeastTool)}
     named[sys.argv[1]](sys.argv[2]).run()

@@ -12,12 +12,14 @@ SPACE = spaces.Box(-1, 1, (2,), np.float32)
 class Parallel:
     """A parallel environment of two agents that fails as it is told to.
 
-    trouble: raise, more (a third agent appears), shape (the observation grows), none.
+    trouble: raise, more (a third agent appears), shape (the observation grows), assert (in the constructor,
+    without a word), none.
     """
 
     possible_agents = ["a", "b"]  # noqa: RUF012
 
     def __init__(self, trouble: str = "none", size: int = 2, agents: bool = True) -> None:
+        assert trouble != "assert"
         self.trouble, self.size = trouble, size
         if not agents:
             self.possible_agents = []
@@ -84,4 +86,21 @@ class Failing(gymnasium.Env[Any, Any]):
         return self.steps % 3, 1.0, False, False, {}
 
 
+class Several(Failing):
+    """Gives several rewards at once, from the start or after some steps."""
+
+    def __init__(self, first: int = 0, start: int = 0) -> None:
+        super().__init__(endless=True)
+        self.first, self.start = first, start
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        assert not self.start
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> Any:
+        seen, reward, *rest = super().step(action)
+        return seen, np.ones(3 if self.steps > self.first else 1) * reward, *rest
+
+
+gymnasium.register("Several-v0", entry_point="broken:Several")
 gymnasium.register("Failing-v0", entry_point="broken:Failing")

@@ -55,4 +55,4 @@ def test_no_room() -> None:
         {"simulation": "swarmwright.adapters.enki:Thymios", "parameters": {"agents": 200}}
     )
     with pytest.raises(InputError, match="agents: there is no room"):
-        simulate(one, servers="local")
+        simulate(one, servers="in-process")

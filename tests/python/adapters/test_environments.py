@@ -39,7 +39,7 @@ def experiment(simulation: Any, **changes: Any) -> Experiment:
     "name", ["gymnasium:CartPole-v1", "gymnasium:Pendulum-v1?max_episode_steps=30", SPREAD]
 )
 def test_one_record_here_and_on_servers_in_every_mode(name: str, tmp_path: Path) -> None:
-    here = optimize(experiment(name), servers="local", out=tmp_path / "here")
+    here = optimize(experiment(name), servers="in-process", out=tmp_path / "here")
     assert here.history[0].best > here.history[0].mean
     for mode, servers in (("stepwise", 1), ("batched", 2), ("offloaded", 2)):
         run = optimize(experiment(name, mode=mode), servers=servers, out=tmp_path / mode)
@@ -58,7 +58,7 @@ def test_the_fitness_is_the_reward_of_the_environment() -> None:
         seen, gained, terminated, truncated, _ = env.step(np.array([2 * action], np.float32))
         reward += float(gained)
         over = terminated or truncated
-    assert simulate(one, controller, servers="local") == pytest.approx(reward, rel=1e-6)
+    assert simulate(one, controller, servers="in-process") == pytest.approx(reward, rel=1e-6)
 
 
 def test_a_swarm_gets_the_mean_of_its_rewards() -> None:
@@ -70,13 +70,13 @@ def test_a_swarm_gets_the_mean_of_its_rewards() -> None:
     while env.agents:
         _, gained, _, _, _ = env.step(dict.fromkeys(env.agents, 0))
         rewards += gained.values()
-    assert simulate(one, controller, servers="local") == pytest.approx(sum(rewards) / 3)
+    assert simulate(one, controller, servers="in-process") == pytest.approx(sum(rewards) / 3)
 
 
 def test_options_in_the_name_and_parameters() -> None:
     five = experiment(f"{SPREAD}?N=5&continuous_actions=True", parameters={"max_cycles": 3}, fitness="steps")
     assert (five.sensors, five.actuators) == (30, 5)
-    assert simulate(five, servers="local") == 3
+    assert simulate(five, servers="in-process") == 3
     assert five.to_mapping()["simulation"] == f"{SPREAD}?N=5&continuous_actions=True"
 
 
@@ -93,20 +93,20 @@ class Pole(Gymnasium):
 
 def test_a_class_of_ones_own() -> None:
     one = experiment(Pole, fitness="steps - 10 * terminated")
-    assert simulate(one, servers="local") in {20.0, *(float(steps - 10) for steps in range(1, 20))}
+    assert simulate(one, servers="in-process") in {20.0, *(float(steps - 10) for steps in range(1, 20))}
 
 
 def test_agents_drop_out_and_differ() -> None:
     one = experiment("pettingzoo:broken")
     assert (one.sensors, one.actuators) == (2, 3)
     # a: 5 + 4 + 3 + 2 + 1 + 0, b is gone after the fourth step: 5 + 4 + 3 + 2
-    assert simulate(one, servers="local") == (15 + 14) / 2
-    assert simulate(experiment("pettingzoo:broken", fitness="best - worst"), servers="local") == 1
+    assert simulate(one, servers="in-process") == (15 + 14) / 2
+    assert simulate(experiment("pettingzoo:broken", fitness="best - worst"), servers="in-process") == 1
 
 
 def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Gymnasium, "most_steps", 50)
-    assert simulate(experiment("gymnasium:broken:Failing-v0?endless=true"), servers="local") == 50
+    assert simulate(experiment("gymnasium:broken:Failing-v0?endless=true"), servers="in-process") == 50
 
 
 @pytest.mark.parametrize(
@@ -127,6 +127,18 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
             marks=pytest.mark.skipif(find_spec("vmas") is not None, reason="VMAS is there"),
         ),
         ("pettingzoo:broken?agents=false", "broken: has no possible_agents"),
+        (
+            "pettingzoo:broken?trouble=assert",
+            r"PettingZoo broken: AssertionError \(.*broken.py:\d+: assert trouble != \"assert\"\)",
+        ),
+        (
+            "gymnasium:ALF/Pong-v5",
+            "NamespaceNotFound: .* gymnasium:MODULE:ALF/Pong-v5, as in gymnasium:ale_py:ALE/Pong-v5",
+        ),
+        (
+            "gymnasium:broken:Several-v0",
+            r"Gymnasium broken:Several-v0: its reward has 3 numbers, .* mo_gymnasium.wrappers.LinearReward",
+        ),
     ],
 )
 def test_what_does_not_exist_is_said_before_the_run(name: str, words: str) -> None:
@@ -138,10 +150,10 @@ def test_parameters_that_change_the_agents() -> None:
     one = experiment(SPREAD, parameters={"N": 4})
     words = "N: with it agents have 24 sensors and 5 actuators instead of 18 and 5; put it into the"
     with pytest.raises(InputError, match=words):
-        simulate(one, servers="local")
+        simulate(one, servers="in-process")
     wrong = experiment("gymnasium:CartPole-v1", parameters={"gravi": 3})
     with pytest.raises(InputError, match=r"gravi: .*unexpected keyword argument"):
-        simulate(wrong, servers="local")
+        simulate(wrong, servers="in-process")
 
 
 @pytest.mark.parametrize("servers", ["local", 1])
@@ -158,6 +170,8 @@ def test_parameters_that_change_the_agents() -> None:
         ),
         ("pettingzoo:broken?trouble=shape", r"PettingZoo.step: ValueError: .*\(3,\)"),
         ("gymnasium:broken:Failing-v0", r"LinAlgError: Singular matrix \(.*broken.py:\d+\)"),
+        ("gymnasium:broken:Several-v0?first=3", "Gymnasium.step: SimulationError: .* reward has 3 numbers"),
+        ("gymnasium:broken:Several-v0?start=1", r"Gymnasium.reset: AssertionError \(.*broken.py:\d+\)"),
     ],
 )
 def test_exceptions_in_an_environment_arrive_with_message_and_place(

@@ -1,5 +1,8 @@
 """Rovers and quadrotors in MuJoCo: they drive and fly as they are told, sense what is there, and repeat."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +131,7 @@ def test_one_record_here_and_on_servers_in_every_mode(kind: type[Any], tmp_path:
             }
         )
 
-    here = optimize(experiment("auto"), servers="local", out=tmp_path / "here")
+    here = optimize(experiment("auto"), servers="in-process", out=tmp_path / "here")
     for mode, servers in (("batched", 1), ("offloaded", 2)):
         same_record(optimize(experiment(mode), servers=servers, out=tmp_path / mode), here)
 
@@ -159,10 +162,50 @@ def test_places_are_free_and_follow_from_the_seed() -> None:
 def test_arenas_that_cannot_be(parameters: dict[str, Any], words: str) -> None:
     one = Experiment.from_mapping({"simulation": Rovers, "parameters": parameters})
     with pytest.raises(InputError, match=words):
-        simulate(one, servers="local")
+        simulate(one, servers="in-process")
 
 
 def test_three_dimensions_are_announced() -> None:
     one = Experiment.from_mapping({"simulation": "swarmwright.adapters.mujoco:Quadrotors"})
     assert one.requirements is not None
     assert (one.requirements.dimensions, one.sensors, one.actuators) == (3, 10, 2)
+
+
+NO_OSMESA = """
+import ctypes
+
+whole = ctypes.CDLL
+
+
+class Lacking(whole):
+    def __init__(self, name, *rest, **more):
+        if "OSMesa" in str(name):
+            raise OSError(f"{name}: cannot open shared object file")
+        super().__init__(name, *rest, **more)
+
+
+ctypes.CDLL = ctypes.cdll._dlltype = Lacking
+"""
+
+
+@pytest.mark.parametrize("drawn_by", ["osmesa", "nothing", "disable"])
+def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> None:
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "swarmwright.adapters.mujoco:Rovers",
+            "parameters": {"steps": 3},
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"kind": "random_search", "population": 2, "generations": 1},
+        }
+    )
+    optimize(experiment, servers="local", out=tmp_path / "run")
+    (tmp_path / "sitecustomize.py").write_text(NO_OSMESA)
+    environment = {**os.environ, "MUJOCO_GL": drawn_by, "PYTHONPATH": str(tmp_path)}
+    film = subprocess.run(
+        [sys.executable, "-m", "swarmwright.adapters.mujoco.film", "run", "run.gif"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=50, check=False,
+    )  # fmt: skip
+    assert (film.returncode, film.stdout) == (2, "")
+    assert film.stderr.startswith(f"Error: MuJoCo cannot draw here (MUJOCO_GL={drawn_by}; ")
+    assert "install OSMesa (Debian's package libosmesa6)" in film.stderr
+    assert film.stderr.count("\n") == 1

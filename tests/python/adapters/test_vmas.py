@@ -34,7 +34,7 @@ def test_one_record_in_every_mode(tmp_path: Path) -> None:
             }
         )
 
-    here = optimize(experiment("auto"), servers="local", out=tmp_path / "here")
+    here = optimize(experiment("auto"), servers="in-process", out=tmp_path / "here")
     for mode in ("batched", "offloaded"):
         same_record(optimize(experiment(mode), servers=1, out=tmp_path / mode), here)
 
@@ -45,11 +45,11 @@ def test_seeds_matter() -> None:
     )
     genomes = np.ones((1, one.genome_size), np.float32)
     other = one.replace(parameters={"seed": 2})
-    fitness = [evaluate(each, genomes, servers="local")[0] for each in (one, other, one)]
+    fitness = [evaluate(each, genomes, servers="in-process")[0] for each in (one, other, one)]
     assert fitness[0] == fitness[2] != fitness[1]
 
 
 def test_parameters_that_the_scenario_does_not_know() -> None:
     one = Experiment.from_mapping({"simulation": "vmas:navigation", "parameters": {"n_agent": 3}})
     with pytest.raises(InputError, match=r"n_agent: Vmas navigation: .* not used by the scenario"):
-        evaluate(one, np.ones((1, one.genome_size), np.float32), servers="local")
+        evaluate(one, np.ones((1, one.genome_size), np.float32), servers="in-process")

@@ -66,6 +66,22 @@ def test_runs_are_compared_without_a_figure(program: Any, runs: Path, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("command", [("plot",), ("runs", "compare")])
+def test_files_among_the_runs_are_left_out(
+    program: Any, runs: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    (tmp_path / "comparison.png").write_bytes(b"")
+    named = [*sorted(runs.iterdir()), tmp_path / "comparison.png"]
+    result = program(*command, *named, "--json")
+    assert result.returncode == 0, result.stderr
+    assert len(json.loads(result.stdout)["groups"]) == 2
+    assert result.stderr == (f"swarmwright: left out: {tmp_path / 'comparison.png'} is a file and no run\n")
+    result = program(*command, "comparison.png")
+    assert result.returncode == 2
+    assert "comparison.png is no run folder" in result.stderr
+    assert "does not exist" in program(*command, runs / "nnga-1", "nothing").stderr
+
+
 def test_what_cannot_be_plotted(program: Any, runs: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     run = runs / "nnga-1"

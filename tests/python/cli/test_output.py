@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmwright._words import duration
 from swarmwright.cli._output import Output, finite
-from swarmwright.cli._progress import Stall, duration
+from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
 
 values = st.recursive(

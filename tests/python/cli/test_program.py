@@ -80,7 +80,7 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["optimize", "exprmnt.yaml"], ["'exprmnt.yaml' does not exist", "did you mean 'experiment.yaml'"]),
         (["optimize", "nowhere/x.yaml"], ["does not exist", "nor does its folder 'nowhere'"]),
         (["optimize", "."], ["'.' is a folder where a file is expected"]),
-        (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is neither a number"]),
+        (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is no number of servers"]),
         (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
         (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
         (["replay", "experiment.yaml"], ["is a file where a folder is expected"]),

@@ -96,23 +96,25 @@ def test_optimize_uses_the_servers_of_a_broker(
     assert busy[0]["server"] in used
 
 
-def test_a_dying_server_is_reported_and_the_others_go_on(
-    start: Any, program: Any, embedded_broker: str
-) -> None:
+def test_a_dying_server_is_reported_and_started_again(start: Any, program: Any, embedded_broker: str) -> None:
     serving = start("serve", "minisim", "--broker", embedded_broker, "--id", "50", "--count", "2", "--json")
     ready = {event["server"]: event["pid"] for event in events(serving, "ready", 2)}
     os.kill(ready[50], signal.SIGKILL)
     (ended,) = events(serving, "ended")
     assert (ended["server"], ended["status"]) == (50, -9)
+    assert ended["restart"] < 1
+    (again,) = events(serving, "ready")
+    assert again["server"] == 50
+    assert again["pid"] != ready[50]
     listed = program("servers", "--broker", embedded_broker, "--json")
     states = {json.loads(line)["server"]: json.loads(line)["state"] for line in listed.stdout.splitlines()}
-    assert states[51] == "ready"
-    assert states.get(50) in {None, "lost"}
+    assert states == {50: "ready", 51: "ready"}
     serving.send_signal(signal.SIGTERM)
     _, err = serving.communicate(timeout=15)
     assert "server 50" in err
     assert "SIGKILL" in err
     assert serving.returncode == 1, "something went wrong on the way"
+    assert gone([again["pid"], ready[51]])
 
 
 def test_servers_end_with_a_supervisor_that_is_killed(start: Any, embedded_broker: str) -> None:

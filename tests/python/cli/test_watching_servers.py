@@ -42,14 +42,14 @@ def test_the_table_names_everybody_and_who_is_waited_for() -> None:
     assert text.splitlines()[0].rstrip() == f"Waited for: {WORDS}"
     for word in ("minisim, exit", "episode, step 7, agent 2", "4.0 s", "12.3/s", "2, has a pause of 3.2 s"):
         assert word in text
-    for word in ("r-1", "4 of 9", "8 of 20"):
+    for word in ("r-1", "3 of 9", "8 of 20"):
         assert word in text
 
 
 def test_a_terminal_of_80_columns_shows_all() -> None:
     lines = drawn(VIEW, 80).splitlines()
     assert max(map(len, lines)) <= 80
-    for word in ("minisim", "12.3/s", "4 of 9", "agent 2"):
+    for word in ("minisim", "12.3/s", "3 of 9", "agent 2"):
         assert any(word in line for line in lines), word
 
 
@@ -75,7 +75,7 @@ def test_lines_are_printed_for_what_has_changed(capsys: pytest.CaptureFixture[st
     assert said(VIEW) == [
         "server 1: ready (minisim, exit)",
         "server 3: busy for ada (minisim), has a pause: late",
-        "tool ada: run r-1, generation 4 of 9",
+        "tool ada: run r-1, 3 of 9 generations done",
         WORDS,
     ]
     assert said(VIEW) == []

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from swarmwright.display import Body, Caption, Recording, Scene, record
+from swarmwright.display import Body, Caption, Recording, Scene, pictures, record
 from swarmwright.display.files import save
 from swarmwright.display.page import page
 from tests.python.display.browser import chromium
@@ -239,3 +240,71 @@ def test_what_never_moves_is_written_once(crossing: Any) -> None:
     assert agent["x"] == [step + 0.5 for step in range(13)]
     assert agent["states"] == [[0, "free"], [12, "arrived"]]
     assert episode["fitness"] == [-float(12 - step) for step in range(12)] + [0.0]
+
+
+def test_the_last_numbers_of_the_axes_are_not_cut(browser: Chrome, tmp_path: Path) -> None:
+    steps = 1001
+    scenes = tuple(Scene(20_000, 5_000, step, "far", (Body("agent", step, 9),)) for step in range(steps))
+    save(Recording(scenes, tuple(float(step) for step in range(steps)), 0.1), tmp_path / "far.html")
+    browser.get((tmp_path / "far.html").as_uri())
+    # What is written is noted: where it ends, and how wide the canvas is.
+    script = """
+        const canvas = document.getElementById(arguments[0]);
+        const [context, ends, starts] = [canvas.getContext('2d'), [], []];
+        const write = context.fillText.bind(context);
+        context.fillText = (text, x, y) => {
+          const width = context.measureText(text).width;
+          const left = x - { left: 0, center: 0.5, right: 1 }[context.textAlign] * width;
+          starts.push(left);
+          ends.push(left + width);
+          write(text, x, y);
+        };
+        player.show();
+        delete context.fillText;
+        return [Math.min(...starts), canvas.clientWidth - Math.max(...ends), starts.length];
+    """
+    for canvas in ("course", "world"):
+        before, behind, count = browser.execute_script(script, canvas)
+        assert count > 5
+        assert before >= 0, canvas
+        assert behind >= 1, canvas
+
+
+def test_pictures_stand_in_the_place_of_the_world(browser: Chrome, tmp_path: Path) -> None:
+    drawn = [np.full((40, 60, 3), (0, 0, 255) if step < 5 else (255, 0, 0), np.uint8) for step in range(9)]
+
+    class Drawn:
+        """Blue for five steps, then red."""
+
+        now, fitness, step_size = 0, 1.0, 0.1
+
+        @property
+        def done(self) -> bool:
+            return self.now == 8
+
+        def step(self) -> None:
+            self.now += 1
+
+    episode: Any = Drawn()
+    pictures.save(pictures.record(episode, lambda: drawn[episode.now]), tmp_path / "x.html", caption=CAPTION)
+    for name in ("browser", "performance"):
+        log(browser, name)
+    browser.get((tmp_path / "x.html").as_uri())
+    middle = """
+        const canvas = document.getElementById('world');
+        const at = [canvas.width / 2, canvas.height / 2].map(Math.round);
+        return [...canvas.getContext('2d').getImageData(...at, 1, 1).data];
+    """
+
+    def shows(color: tuple[int, int, int]) -> bool:
+        here = browser.execute_script(middle)
+        return all(abs(here[channel] - color[channel]) < 5 for channel in range(3))
+
+    eventually(lambda: shows((0, 0, 254)), "the first picture is there")
+    assert not browser.find_element(By.ID, "bodies").is_displayed()
+    assert not browser.find_element(By.ID, "trails").is_displayed()
+    press(browser, Keys.END)
+    assert text(browser, "now") == "step 8 of 8"
+    eventually(lambda: shows((254, 0, 0)), "the last picture is there")
+    errors = [entry for entry in log(browser, "browser") if entry["level"] == "SEVERE"]
+    assert errors == [], "of the script, or pictures that the page may not show"

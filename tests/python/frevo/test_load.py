@@ -36,6 +36,8 @@ def test_the_stadium_session(data: Path) -> None:
         "exchange_interval": 10,
         "exchange": 1.0,
         "generations": 300,
+        "evaluations": None,
+        "seconds": None,
         "elite": 0.15,
         "random": 0.1,
         "mutate": 0.4,
@@ -257,7 +259,7 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
     [
         (
             ('class="nnga.NNGA"', 'class="PSO.PSO"'),
-            "the class 'PSO.PSO' has no counterpart here; what can be taken over is nnga.NNGA or CEA2D.CEA2D",
+            "the class 'PSO.PSO' has no counterpart here; did you mean 'pso.PSO'?",
         ),
         (
             ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'),
@@ -284,8 +286,8 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
             "sessionconfig.StartingSeed: -5 found, expected a whole number of at least 0",
         ),
         (
-            (NODES, '<representationentry key="activationFunction" value="RELU"/>'),
-            "representation.activationFunction",
+            (NODES, '<representationentry key="activationFunction" value="TANH"/>'),
+            "representation.activationFunction: 'TANH' found, expected one of LINEAR, SIGMOID, RELU",
         ),
         ((NODES, '<representationentry key="random_source" value="true"/>'), "random numbers"),
         (

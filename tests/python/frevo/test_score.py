@@ -23,6 +23,49 @@ def test_all_networks_score_as_in_frevo(data: Path, name: str) -> None:
     assert scores.notes == ()
 
 
+@pytest.mark.parametrize("name", ["gaspecies", "three_layers", "multi_layer", "complete"])
+def test_networks_of_all_methods_and_kinds_score_as_in_frevo(data: Path, name: str) -> None:
+    scores = frevo.score(data / f"{name}.zre")
+    assert len(scores) >= 5
+    assert len({one.frevo for one in scores}) > 1
+    assert scores.max_difference == 0
+    told = " ".join(scores.notes)
+    assert ("sigmoid is computed to 1e-7" in told) == (name in {"three_layers", "multi_layer"})
+
+
+def test_relu_is_scored_and_said_to_differ(data: Path) -> None:
+    scores = frevo.score(data / "relu.zre")
+    assert len(scores) == 5
+    assert scores.max_difference > 1
+    assert "agents of Emergency Exit stand still where one is above 1.25" in scores.notes[0]
+
+
+def test_method_and_ranking_do_not_matter(edited: Edited) -> None:
+    path = edited(
+        "emergency_exit_random.zre",
+        ('class="nnga.NNGA"', 'class="somebody.Method"'),
+        ('<methodentry key="xoverMethod"', "<parameter key="),
+        ('class="AbsoluteRanking.AbsoluteRanking"', 'class="swissSystem.SwissSystem"'),
+    )
+    text = path.read_text().replace("<parameter key=", "<parameter ")
+    path.write_text(text)
+    assert frevo.score(path).max_difference == 0
+
+
+def test_problem_and_representation_matter(edited: Edited) -> None:
+    path = edited(
+        "emergency_exit_random.zre",
+        ('class="emergencyexit.EmergencyExit"', 'class="cam.Cam"'),
+        ('class="fullyMeshedNet.FullyMeshedNet"', 'class="hebbNet.HebbNet"'),
+    )
+    with pytest.raises(InputError) as caught:
+        frevo.score(path)
+    first, second = str(caught.value).splitlines()
+    assert "<problem>: the class 'cam.Cam' has no counterpart here" in first
+    assert "<representation>: the class 'hebbNet.HebbNet' has no counterpart here" in second
+    assert "--" not in first + second  # nothing can stand in their place
+
+
 def test_another_network_scores_otherwise(edited: Edited, data: Path) -> None:
     # The first network's first bias.
     path = edited("emergency_exit_stadium.zre", ("<bias>-0.40387747</bias>", "<bias>2.5f</bias>"))
@@ -89,7 +132,6 @@ WEIGHT = '<weight from="3">-1.7659435</weight>'
             ('key="random_source" type="BOOLEAN" value="false"', 'key="random_source" value="true"'),
             "random numbers",
         ),
-        (('type="ENUM" value="LINEAR"', 'value="RELU"'), "stand still above 1.25"),
         (("<bias>-0.40387747</bias>", ""), "<node>: no <bias> inside; expected one"),
     ],
 )
@@ -115,5 +157,5 @@ def test_networks_of_another_size_are_refused(edited: Edited, data: Path) -> Non
 
 
 def test_a_session_has_nothing_to_score(data: Path) -> None:
-    with pytest.raises(InputError, match=r"no <populations> inside: a session, no result; give the \.zre"):
+    with pytest.raises(InputError, match=r"no <population> inside: a session, no result; give the \.zre"):
         frevo.score(data / "emergency_exit_stadium.zse")

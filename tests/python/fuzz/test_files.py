@@ -146,13 +146,15 @@ def test_sessions_of_frevo(tmp_path: Path, data: bytes) -> None:
 
 
 def _results() -> list[bytes]:
-    """FREVO's result files with two of their fifty networks."""
+    """FREVO's result files, the long ones with two of their fifty networks."""
     found = []
     for path in sorted((ROOT / "tests" / "data" / "frevo").glob("*.zre")):
         text = path.read_bytes()
         end = b"</FullyMeshedNet>"
-        second = text.index(end, text.index(end) + 1) + len(end)
-        found.append(text[:second] + text[text.rindex(end) + len(end) :])
+        if text.count(end) > 2:
+            second = text.index(end, text.index(end) + 1) + len(end)
+            text = text[:second] + text[text.rindex(end) + len(end) :]
+        found.append(text)
     return found
 
 

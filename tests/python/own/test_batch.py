@@ -30,11 +30,11 @@ CONTROLLER = {"kind": "layered", "hidden": [2]}
 @pytest.mark.parametrize("metrics", [False, True])
 @pytest.mark.parametrize(
     ("mode", "servers"),
-    [("auto", "local"), ("stepwise", 1), ("batched", 1), ("offloaded", 1), ("offloaded", 2)],
+    [("auto", "in-process"), ("stepwise", 1), ("batched", 1), ("offloaded", 1), ("offloaded", 2)],
 )
 def test_the_record_is_that_of_the_engine(mode: str, servers: Any, metrics: bool, tmp_path: Path) -> None:
     more = {"fitness": "arrived - caught - 0.01 * steps + 0.001 * distance"} if metrics else {}
-    expected = optimize(experiment("minisim", **more), servers="local", out=tmp_path / "engine")
+    expected = optimize(experiment("minisim", **more), servers="in-process", out=tmp_path / "engine")
     one = experiment(minisim_batch.Minisim, mode=mode, **more)
     same_record(optimize(one, servers=servers, out=tmp_path / "run"), expected)
 
@@ -45,7 +45,7 @@ def test_parameter_sets_and_recurrent_networks() -> None:
     found = []
     for simulation in ("minisim", minisim_batch.Minisim):
         one = experiment(simulation, controller=meshed)
-        found.append(evaluate(one, genomes[:, : one.genome_size], servers="local"))
+        found.append(evaluate(one, genomes[:, : one.genome_size], servers="in-process"))
     assert found[0].tobytes() == found[1].tobytes()
 
 
@@ -103,7 +103,7 @@ class Shaken(BatchSimulation):
 def test_mistakes(trouble: str, words: str) -> None:
     one = Experiment.from_mapping({"simulation": Shaken, "parameters": {"trouble": trouble, "seed": 3}})
     with pytest.raises(RunError, match=f"the episode failed: {words}"):
-        simulate(one, servers="local")
+        simulate(one, servers="in-process")
     host = Host(Shaken)
     words = words.replace(r"\(1,", r"\(4,").replace("episode 0", "episode 3")
 
@@ -117,7 +117,7 @@ def test_mistakes(trouble: str, words: str) -> None:
         run()
 
 
-@pytest.mark.parametrize(("mode", "servers"), [("auto", "local"), ("offloaded", 1), ("batched", 1)])
+@pytest.mark.parametrize(("mode", "servers"), [("auto", "in-process"), ("offloaded", 1), ("batched", 1)])
 @pytest.mark.parametrize("trouble", ["raise", "late", "nan", "reset", "no fitness"])
 def test_one_episode_fails_and_the_others_are_sound(trouble: str, mode: str, servers: Any) -> None:
     """Seed 3 makes trouble; the others, beside it, get what they get without it."""
@@ -130,7 +130,7 @@ def test_one_episode_fails_and_the_others_are_sound(trouble: str, mode: str, ser
         with open_backend(one, servers=servers) as backend:
             return backend.evaluate(Crews.of(one.representation(), genomes), range(6), lambda *_: None)
 
-    found, sound = results(trouble, mode, servers), results("", "auto", "local")
+    found, sound = results(trouble, mode, servers), results("", "auto", "in-process")
     assert np.isnan(found.fitness[:, 3]).all()
     others = [0, 1, 2, 4, 5]
     assert found.fitness[:, others].tobytes() == sound.fitness[:, others].tobytes()
@@ -178,7 +178,7 @@ def test_episodes_that_go_on_by_themselves_for_a_while(mode: str) -> None:
         {"simulation": Resting, "mode": mode, "ranking": {"episodes": 5}, "controller": CONTROLLER}
     )
     genomes = np.random.default_rng(1).normal(size=(9, one.genome_size)).astype(np.float32)
-    here = evaluate(one, genomes, servers="local")
+    here = evaluate(one, genomes, servers="in-process")
     assert len(set(here)) == 9
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
 
@@ -201,7 +201,7 @@ def test_parameter_sets(mode: str) -> None:
     )
     genomes = np.array([[0.1], [0.5], [0.8]], np.float32)
     found = evaluate(one, genomes, servers=1)
-    assert found.tobytes() == evaluate(one, genomes, servers="local").tobytes()
+    assert found.tobytes() == evaluate(one, genomes, servers="in-process").tobytes()
     assert len(set(found)) == 3
 
 
@@ -242,6 +242,6 @@ def test_faster_than_one_after_the_other() -> None:
         one = experiment(simulation)
         genomes = np.zeros((24, one.genome_size), np.float32)
         start = time.process_time()
-        evaluate(one, genomes, servers="local")
+        evaluate(one, genomes, servers="in-process")
         seconds[simulation] = time.process_time() - start
     assert seconds[minisim_batch.Minisim] * 2 < seconds[minisim.Minisim]

@@ -53,7 +53,7 @@ def replay(scene: str, folder: Path) -> Replay:
             "method": {"population": 4, "generations": 1},
         }
     )
-    return Replay.of(optimize(experiment, servers="local", out=folder))
+    return Replay.of(optimize(experiment, servers="in-process", out=folder))
 
 
 def test_it_is_replayed(tmp_path: Path) -> None:

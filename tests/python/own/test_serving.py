@@ -34,7 +34,7 @@ def test_a_class_is_served_by_its_title(name: str, start: Any, any_broker: str, 
     (tmp_path / "walks.py").write_text(SOURCE)
     serving = start("serve", name, "--broker", any_broker, "--id", "60", "--count", "2", "--json")
     assert {event["server"] for event in events(serving, "ready", 2)} == {60, 61}
-    here = evaluate(experiment(simulation=Walk), genomes(), servers="local")
+    here = evaluate(experiment(simulation=Walk), genomes(), servers="in-process")
     for mode in ("stepwise", "batched", "offloaded"):
         one = experiment(requirements={"dimensions": 1}, mode=mode)
         assert evaluate(one, genomes(), broker=any_broker).tobytes() == here.tobytes()
@@ -172,6 +172,6 @@ def test_a_class_of_a_session_stays_in_its_process(tmp_path: Path) -> None:
     assert first == "run []"
     assert second == (
         "simulation: Mine is defined in this session alone, where no server finds it; "
-        "write the class to a file, or evaluate with servers: local"
+        "write the class to a file, or evaluate with servers: in-process"
     )
     assert (tmp_path / "runs" / "Mine-1").is_dir()

@@ -61,21 +61,21 @@ def experiment(trouble: str, **changes: Any) -> Experiment:
 @pytest.mark.parametrize(("trouble", "words"), TROUBLE, ids=[name for name, _ in TROUBLE])
 def test_the_reason_names_method_and_line(trouble: str, words: str) -> None:
     with pytest.raises(RunError, match=f"the episode failed: {words}"):
-        simulate(experiment(trouble), servers="local")
+        simulate(experiment(trouble), servers="in-process")
 
 
 @pytest.mark.parametrize(("trouble", "words"), MEASURE, ids=[name for name, _ in MEASURE])
-@pytest.mark.parametrize("servers", ["local", 1])
+@pytest.mark.parametrize("servers", ["in-process", 1])
 def test_metrics_are_checked_where_they_are_wanted(trouble: str, words: str, servers: Any) -> None:
-    simulate(experiment(trouble), servers="local")
+    simulate(experiment(trouble), servers="in-process")
     with pytest.raises(RunError, match=f"the episode failed: {words}"):
         simulate(experiment(trouble, fitness="steps"), servers=servers)
 
 
 @pytest.mark.parametrize(
     ("servers", "mode"),
-    [("local", "auto"), (1, "batched"), (2, "offloaded")],
-    ids=["local", "batched", "offloaded"],
+    [("in-process", "auto"), (1, "batched"), (2, "offloaded")],
+    ids=["in-process", "batched", "offloaded"],
 )
 @pytest.mark.parametrize("trouble", ["reset", "raise", "nan", "fitness"])
 def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, trouble: str) -> None:
@@ -86,7 +86,7 @@ def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, 
         with open_backend(one, servers=servers) as backend:
             return backend.evaluate(Crews.of(one.representation(), genomes), seeds, lambda *_: None)
 
-    found, sound = results(experiment(trouble, mode=mode), servers), results(experiment(""), "local")
+    found, sound = results(experiment(trouble, mode=mode), servers), results(experiment(""), "in-process")
     failed = np.isin(seeds, [0, 3])
     assert np.isnan(found.fitness[:, failed]).all()
     assert found.fitness[:, ~failed].tobytes() == sound.fitness[:, ~failed].tobytes()
@@ -106,7 +106,7 @@ def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
     assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}
 
 
-@pytest.mark.parametrize("servers", ["local", 1])
+@pytest.mark.parametrize("servers", ["in-process", 1])
 def test_parameters_that_the_code_refuses(servers: Any) -> None:
     with pytest.raises((RunError, InputError), match="trouble: refused found, expected none"):
         evaluate(
@@ -146,7 +146,7 @@ def test_ctrl_c_in_a_users_code_ends_the_work(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(Walk, "step", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        simulate(experiment(""), servers="local")
+        simulate(experiment(""), servers="in-process")
 
 
 def test_the_engine_steps_nothing_but_hosts() -> None:

@@ -33,7 +33,7 @@ def experiment(simulation: Any, **changes: Any) -> Experiment:
 def built_in(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The engine's run, which all others must equal."""
     folder = tmp_path_factory.mktemp("engine") / "run"
-    return optimize(experiment("minisim"), servers="local", out=folder)
+    return optimize(experiment("minisim"), servers="in-process", out=folder)
 
 
 def test_the_sines_are_those_of_decision_002() -> None:
@@ -51,7 +51,7 @@ def test_the_record_is_that_of_the_engine(mode: str, servers: int, built_in: Run
 
 
 def test_in_this_process(built_in: Run, tmp_path: Path) -> None:
-    run = optimize(experiment(minisim.Minisim), servers="local", out=tmp_path / "run")
+    run = optimize(experiment(minisim.Minisim), servers="in-process", out=tmp_path / "run")
     same_record(run, built_in)
     assert list(run.attempts()) == []
 
@@ -71,7 +71,7 @@ def test_a_run_is_read_without_its_simulation_and_resumed_with_it(
     )
     first = Experiment.load(file)
     assert (first.simulation, first.label, first.sensors) == (f"{source}:Minisim", "Minisim", 4)
-    optimize(first, servers="local", out=folder)
+    optimize(first, servers="in-process", out=folder)
     away = source.rename(tmp_path / "away.py")
     assert Run.open(folder).generations == 1
     away.rename(source)
@@ -83,9 +83,9 @@ def test_a_run_is_read_without_its_simulation_and_resumed_with_it(
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_fitness_from_metrics(mode: str, tmp_path: Path) -> None:
     fitness = "arrived - caught - 0.01 * steps + 0.001 * distance"
-    expected = optimize(experiment("minisim", fitness=fitness), servers="local", out=tmp_path / "engine")
+    expected = optimize(experiment("minisim", fitness=fitness), servers="in-process", out=tmp_path / "engine")
     assert expected.metrics == ["arrived", "caught", "distance", "steps"]
-    for servers in ("local", 1):
+    for servers in ("in-process", 1):
         one = experiment(minisim.Minisim, fitness=fitness, mode=mode)
         same_record(optimize(one, servers=servers, out=tmp_path / f"{servers}"), expected)
 
@@ -95,7 +95,7 @@ def test_agents_that_steer_themselves(mode: str) -> None:
     tuned = {"kind": "parameter_set", "parameters": {"drift": {"type": "real", "range": [-1, 1]}}}
     one = experiment(Drifting, parameters={}, controller=tuned, mode=mode)
     genomes = np.array([[0.1], [0.5], [0.8]], np.float32)
-    here = evaluate(one, genomes, servers="local")
+    here = evaluate(one, genomes, servers="in-process")
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
     assert len(set(here)) == 3
     walk = {"kind": "parameter_set", "parameters": {"steps": {"type": "integer", "range": [1, 4]}}}
@@ -109,7 +109,7 @@ def test_agents_that_steer_themselves(mode: str) -> None:
 def test_agents_in_turn(mode: str) -> None:
     one = experiment(InTurn, parameters={"seed": 3}, mode=mode)
     genomes = np.random.default_rng(1).normal(size=(5, one.genome_size)).astype(np.float32)
-    here = evaluate(one, genomes, servers="local")
+    here = evaluate(one, genomes, servers="in-process")
     assert len(set(here)) == 5
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
 

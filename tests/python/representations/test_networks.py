@@ -8,12 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from swarmwright import _engine
+from swarmwright import Controller, _engine
 from swarmwright._random import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations._base import Genome
 from swarmwright.representations._network import NodeNetwork
+from swarmwright.representations.layered import LayeredOptions
 
 KINDS = ["layered", "fully_meshed"]
 SIZES = st.integers(1, 6)
@@ -125,6 +127,25 @@ def test_decimals_read_back_as_the_same_binary32(genes: list[float]) -> None:
 def test_outputs_from_zero_to_one_are_declared(kind: str, activation: str) -> None:
     subject = network(kind, activation=activation)
     assert subject.specification(subject.initial(Stream(1, "x")))["output_range"] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_range_of_outputs_can_be_given(kind: str) -> None:
+    subject = network(kind, sensors=1, activation="relu", hidden=0 if kind == "fully_meshed" else [])
+    ranged = network(
+        kind, sensors=1, activation="relu", hidden=subject.options.model_dump()["hidden"], output_range=[0, 4]
+    )
+    # A bias of 1 and no weights: the output is 1.
+    genome = np.zeros(subject.genome_size, dtype=np.float32)
+    genome[0] = 1
+    outputs = [Controller(each.specification(genome))([[0.5]]).tolist() for each in (subject, ranged)]
+    assert outputs == [[[1.0]], [[-0.5]]]
+
+
+@pytest.mark.parametrize("value", [[1, 0], [0.5, 0.5], [0, 1e39], [0]])
+def test_a_range_of_outputs_that_is_none(value: list[float]) -> None:
+    with pytest.raises(ValidationError, match="output_range"):
+        LayeredOptions(output_range=value)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -32,6 +32,10 @@ class KnownRun(Run):
         return self._experiment
 
     @property
+    def code(self) -> dict[int, str]:
+        return {}
+
+    @property
     def interrupted(self) -> bool:
         return False
 

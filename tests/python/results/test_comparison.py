@@ -72,6 +72,42 @@ def test_many_groups_are_drawn_and_told_in_short(tmp_path: Path) -> None:
     drawn(found, tmp_path)
 
 
+def climbing(final: float) -> list[list[float]]:
+    """A run whose first candidates are far worse than all later ones."""
+    return [[-1000.0 / 4**number + final, -2000.0 / 4**number] for number in range(40)]
+
+
+def test_the_boxes_have_names_and_the_curves_are_not_squashed(tmp_path: Path) -> None:
+    several = [
+        KnownRun(tmp_path / f"{size}-{seed}", climbing(size), seed=seed, method={"population": size})
+        for size in (4, 9)
+        for seed in range(5)
+    ]
+    figure = compare(several).figure()
+    curves, boxes = figure.axes
+    assert [text.get_text() for text in boxes.get_xticklabels()] == ["population 4", "population 9"]
+    bottom, top = curves.get_ylim()
+    assert -300 < bottom < 0
+    assert 9 < top < 100
+    assert any("the beginning reaches down to −996" in text.get_text() for text in curves.texts)
+    even = compare(runs(tmp_path, [5, 6, 7, 8, 9.0])).figure().axes[0]
+    assert not [text for text in even.texts if "reaches down" in text.get_text()]
+    assert even.get_ylim()[0] < 3
+
+
+def test_names_of_many_groups_are_slanted_and_whole_lists_stay_together(tmp_path: Path) -> None:
+    groups = [
+        run
+        for size in range(4, 14)
+        for run in runs(tmp_path, [size], method={"population": size}, controller={"hidden": [size, 2]})
+    ]
+    ticks = compare(groups).figure().axes[1].get_xticklabels()
+    assert [text.get_text() for text in ticks][:1] == ["hidden [4, 2], population 4"]
+    assert {text.get_rotation() for text in ticks} == {40.0}
+    (first, *_) = compare(groups[:2]).figure().axes[1].get_xticklabels()
+    assert first.get_text() == "hidden [4, 2]\npopulation 4"
+
+
 def test_few_runs_are_said_to_be_few(tmp_path: Path) -> None:
     found = compare([*runs(tmp_path, [1.0, 2.0, 3.0]), *runs(tmp_path, [1.0], method=SEARCH)])
     assert found.notes == (

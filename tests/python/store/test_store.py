@@ -49,16 +49,19 @@ def test_two_processes_never_write_one_run(copy: Path) -> None:
         assert Run.open(copy).evaluations == 33
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [(FILE, "is no run folder: run.sqlite is missing"), ("experiment.yaml", "cannot be used")],
-)
-def test_missing_files_are_named(name: str, words: str, copy: Path) -> None:
-    (copy / name).unlink()
-    with pytest.raises(InputError, match=words):
+def test_missing_files_are_named(copy: Path) -> None:
+    (copy / FILE).unlink()
+    with pytest.raises(InputError, match=r"is no run folder: run.sqlite is missing"):
         resume(copy, generations=5)
     with pytest.raises(InputError, match="there is no such folder"):
         Run.open(copy / "none")
+
+
+def test_a_deleted_experiment_is_written_anew(copy: Path) -> None:
+    text = (copy / "experiment.yaml").read_text()
+    (copy / "experiment.yaml").unlink()
+    resume(copy)
+    assert (copy / "experiment.yaml").read_text() == text
 
 
 def test_a_damaged_store_is_not_touched(copy: Path) -> None:

@@ -1,6 +1,6 @@
 //! The beginning and the end of connections and sessions: MQTT 5.0, chapters 3.1, 3.14 and 4.1.
 
-use super::{Hub, mark};
+use super::Hub;
 use crate::codec::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
 use crate::message::Message;
 use crate::session::{Session, Terms, Testament};
@@ -49,6 +49,9 @@ impl Hub {
         link.keep_alive = (connect.keep_alive > 0)
             .then(|| Duration::from_secs(connect.keep_alive.into()) * 3 / 2);
         let remembered = &mut self.sessions[session];
+        if present {
+            self.absent -= 1;
+        }
         remembered.link = Some(id);
         remembered.expiry = expiry;
         remembered.ends = None;
@@ -83,7 +86,8 @@ impl Hub {
         );
         remembered.resume(&mut link.out, link.terms, now);
         log::debug!("client {client_id} at {} connected", link.peer);
-        mark(link, id, &mut self.dirty);
+        self.mark(id);
+        self.recount_session(session);
         Ok(())
     }
 
@@ -188,6 +192,8 @@ impl Hub {
         };
         let remembered = &mut self.sessions[session];
         remembered.link = None;
+        remembered.left = Some(now);
+        self.absent += 1;
         if !with_will {
             remembered.will = None;
         }
@@ -222,10 +228,17 @@ impl Hub {
     }
 
     /// Forgets a session; its will comes now at the latest.
-    fn end_session(&mut self, session: usize, now: Instant) {
+    pub(super) fn end_session(&mut self, session: usize, now: Instant) {
         self.publish_will(session, now);
         let ended = self.sessions.remove(session);
+        if ended.link.is_none() {
+            self.absent -= 1;
+        }
+        self.used -= ended.counted;
         self.by_client.remove(&ended.client_id);
+        for filter in ended.filters() {
+            self.subscriptions.remove(session, filter);
+        }
         self.routes.clear();
     }
 

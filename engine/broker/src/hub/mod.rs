@@ -3,7 +3,10 @@
 //! One thread owns the hub. A *link* is a connection, a *session* what the broker remembers of a client; a link has a session
 //! from its CONNECT to its end. Packets for a link collect in its outbox until the server sends them.
 
+mod complaints;
 mod connect;
+mod lookups;
+mod memory;
 mod publish;
 mod subscribe;
 #[cfg(test)]
@@ -15,10 +18,13 @@ use crate::config::Limits;
 use crate::outbox::Outbox;
 use crate::retained::Retained;
 use crate::session::{Session, Terms};
+use crate::subscriptions::Subscriptions;
 use crate::users::Users;
+use complaints::{Complaints, Kind};
+use lookups::Lookup;
 use publish::{Frames, Route};
 use slab::Slab;
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -28,6 +34,8 @@ const INTRODUCTION: Duration = Duration::from_secs(10);
 const LARGEST_CONNECT: usize = 1 << 19;
 /// A reader that took nothing for this long no longer slows down those who publish to it.
 const STANDSTILL: Duration = Duration::from_secs(2);
+/// Answers to a client's own packets, bytes, that it may leave unread; then it is read later.
+const UNREAD_ANSWERS: usize = 1 << 18;
 
 /// Everything the broker knows.
 pub struct Hub {
@@ -37,19 +45,36 @@ pub struct Hub {
     links: Slab<Link>,
     sessions: Slab<Session>,
     by_client: HashMap<Box<str>, usize>,
+    subscriptions: Subscriptions,
     retained: Retained,
+    /// Connections that wait for retained messages, in turn.
+    searching: VecDeque<usize>,
     /// Who gets the messages of a topic; emptied when any subscription or session changes.
     routes: HashMap<Box<str>, Arc<[Route]>>,
     frames: Frames,
     dirty: Vec<usize>,
     doomed: Vec<usize>,
     assigned: u64,
+    /// Bytes kept for links and sessions, about; see `memory`.
+    used: usize,
+    /// Sessions without a connection.
+    absent: usize,
+    complaints: Complaints,
 }
 
 /// One connection.
 pub struct Link {
     peer: String,
     out: Outbox,
+    /// Of what waits, answers to the client's own packets, at most: bytes.
+    answers: usize,
+    /// Retained messages that it is still to be sent.
+    lookups: VecDeque<Lookup>,
+    /// Bytes that the server holds for it beside the outbox, and all that were counted.
+    buffers: usize,
+    counted: usize,
+    /// When it published last.
+    published: Option<Instant>,
     session: Option<usize>,
     terms: Terms,
     keep_alive: Option<Duration>,
@@ -76,27 +101,42 @@ impl Hub {
             links: Slab::new(),
             sessions: Slab::new(),
             by_client: HashMap::new(),
+            subscriptions: Subscriptions::default(),
             retained,
+            searching: VecDeque::new(),
             routes: HashMap::new(),
             frames: Frames::default(),
             dirty: Vec::new(),
             doomed: Vec::new(),
             assigned: 0,
+            used: 0,
+            absent: 0,
+            complaints: Complaints::default(),
         }
     }
 
     /// A connection came; the number that names it until `closed`. None = too many.
     pub fn open(&mut self, peer: String, now: Instant) -> Option<usize> {
-        if self.links.len() >= self.limits.clients {
-            log::warn!(
-                "{peer}: refused, {} clients are connected already",
-                self.links.len()
-            );
+        let clients = self.links.len();
+        if clients >= self.limits.clients || self.memory() > self.limits.memory {
+            self.complaints.say(Kind::Refused, now, || {
+                let why = if clients >= self.limits.clients {
+                    format!("{clients} clients are connected already")
+                } else {
+                    "the broker's memory is used up".into()
+                };
+                format!("{peer}: refused, {why}")
+            });
             return None;
         }
-        Some(self.links.insert(Link {
+        let id = self.links.insert(Link {
             peer,
             out: Outbox::default(),
+            answers: 0,
+            lookups: VecDeque::new(),
+            buffers: 0,
+            counted: 0,
+            published: None,
             session: None,
             terms: Terms {
                 version: Version::Three,
@@ -111,7 +151,9 @@ impl Hub {
             allowed_at: now,
             dirty: false,
             closing: false,
-        }))
+        });
+        self.recount(id);
+        Some(id)
     }
 
     /// Bytes came; returns how many of them were packets and are done with. The rest has to be given again, with more behind it.
@@ -140,6 +182,7 @@ impl Hub {
             if let Err(refusal) = outcome {
                 self.refuse(id, refusal, now);
             }
+            self.relieve(now);
             self.settle(now);
         }
         bytes.len()
@@ -163,7 +206,7 @@ impl Hub {
     /// The connection is gone.
     pub fn closed(&mut self, id: usize, now: Instant) {
         self.leave(id, true, now);
-        self.links.remove(id);
+        self.used -= self.links.remove(id).counted;
         self.settle(now);
     }
 
@@ -179,6 +222,8 @@ impl Hub {
         }
         self.expire_sessions(now);
         self.retained.sweep(now);
+        self.complaints.sweep(now);
+        self.relieve(now);
         self.settle(now);
     }
 
@@ -221,7 +266,9 @@ impl Hub {
     pub fn sent(&mut self, id: usize, count: usize, now: Instant) {
         let link = &mut self.links[id];
         link.out.sent(count);
+        link.answers = link.answers.saturating_sub(count);
         link.progress = now;
+        self.recount(id);
     }
 
     /// Is the connection to be closed once its outbox is empty?
@@ -241,13 +288,20 @@ impl Hub {
         link.allowance < 0.0
     }
 
-    /// Should this publisher not be read for now, because it is too fast, or a reader that does read is far behind?
+    /// Should this client not be read for now: because it is too fast, does not read the answers to what it sent, waits for retained
+    /// messages, or publishes while memory is short or a reader that does read is far behind?
     pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
         if self.is_too_fast(id, now) {
             return true;
         }
         // The connection may have ended since it was noted as readable.
-        let Some(reader) = self.links.get(id).and_then(|link| link.held_by) else {
+        let Some(link) = self.links.get(id) else {
+            return false;
+        };
+        if link.is_behind() || self.must_wait(link, now) {
+            return true;
+        }
+        let Some(reader) = link.held_by else {
             return false;
         };
         let held = self.links.get(reader).is_some_and(|reader| {
@@ -286,10 +340,7 @@ impl Hub {
                 id: packet,
                 filters,
             } => self.unsubscribe(id, session, packet, &filters),
-            Packet::Ping => {
-                codec::pingresp(self.links[id].out.end());
-                self.mark(id);
-            }
+            Packet::Ping => self.answer(id, |out, _| codec::pingresp(out)),
             Packet::Disconnect {
                 reason,
                 session_expiry,
@@ -307,8 +358,7 @@ impl Hub {
         code: u8,
         now: Instant,
     ) {
-        let (link, session) = (&mut self.links[id], &mut self.sessions[session]);
-        let version = link.terms.version;
+        let remembered = &mut self.sessions[session];
         let known = |known| {
             if known {
                 reason::SUCCESS
@@ -316,24 +366,43 @@ impl Hub {
                 reason::UNKNOWN_PACKET_ID
             }
         };
-        match kind {
+        let reply = match kind {
             Answer::Acknowledged | Answer::Complete => {
-                session.finish(packet);
+                remembered.finish(packet);
+                None
             }
             Answer::Received if code >= 0x80 => {
-                session.finish(packet);
+                remembered.finish(packet);
+                None
             }
-            Answer::Received => {
-                let code = known(session.received(packet));
-                codec::acknowledge(link.out.end(), Answer::Release, packet, code, version);
-            }
-            Answer::Release => {
-                let code = known(session.inbound.remove(&packet));
-                codec::acknowledge(link.out.end(), Answer::Complete, packet, code, version);
-            }
+            Answer::Received => Some((Answer::Release, known(remembered.received(packet)))),
+            Answer::Release => Some((Answer::Complete, known(remembered.inbound.remove(&packet)))),
+        };
+        if let Some((kind, code)) = reply {
+            self.answer(id, |out, version| {
+                codec::acknowledge(out, kind, packet, code, version);
+            });
         }
-        session.advance(&mut link.out, link.terms, now);
+        let link = &mut self.links[id];
+        self.sessions[session].advance(&mut link.out, link.terms, now);
         self.mark(id);
+        self.recount_session(session);
+    }
+
+    /// Appends an answer to a client's own packet.
+    fn answer(&mut self, id: usize, write: impl FnOnce(&mut Vec<u8>, Version)) {
+        let link = &mut self.links[id];
+        let before = link.out.len();
+        write(link.out.end(), link.terms.version);
+        link.answers += link.out.len() - before;
+        self.mark(id);
+    }
+
+    /// Says in the log what a client did.
+    fn complain(&mut self, kind: Kind, session: usize, now: Instant, what: impl std::fmt::Display) {
+        let client = &self.sessions[session].client_id;
+        self.complaints
+            .say(kind, now, || format!("client {client}: {what}"));
     }
 
     /// Ends a connection for something its client did, and says why: to the client and in the log.
@@ -345,11 +414,12 @@ impl Hub {
         match link.session {
             Some(session) => {
                 let client = &self.sessions[session].client_id;
-                log::warn!(
-                    "client {client} at {}: {}; disconnected",
-                    link.peer,
-                    refusal.what
-                );
+                self.complaints.say(Kind::Disconnected, now, || {
+                    format!(
+                        "client {client} at {}: {}; disconnected",
+                        link.peer, refusal.what
+                    )
+                });
                 codec::disconnect(
                     link.out.end(),
                     refusal.reason,
@@ -358,7 +428,9 @@ impl Hub {
                 );
             }
             None => {
-                log::warn!("{}: {}; refused", link.peer, refusal.what);
+                self.complaints.say(Kind::Refused, now, || {
+                    format!("{}: {}; refused", link.peer, refusal.what)
+                });
                 codec::connack(
                     link.out.end(),
                     link.terms.version,
@@ -373,36 +445,51 @@ impl Hub {
         self.leave(id, true, now);
     }
 
-    /// Has the server look at this connection.
+    /// Has the server look at this connection, to which something was appended.
     fn mark(&mut self, id: usize) {
         mark(&mut self.links[id], id, &mut self.dirty);
+        self.recount(id);
     }
 
     /// Disconnects those that fell too far behind while messages were routed.
     fn settle(&mut self, now: Instant) {
         while let Some(id) = self.doomed.pop() {
             if self.links.get(id).is_some_and(|link| !link.closing) {
-                // What waits would not reach the client before the connection ends.
-                let link = &mut self.links[id];
-                log::warn!(
-                    "{}: {} bytes behind and not reading",
-                    link.peer,
-                    link.out.len()
-                );
-                link.out.abandon();
-                self.refuse(
-                    id,
-                    Refusal::new(reason::QUOTA_EXCEEDED, "too far behind in reading"),
-                    now,
-                );
+                self.cut_off(id, "too far behind in reading", now);
             }
         }
+    }
+
+    /// Disconnects a client and drops what waits for it, which would not reach it before the connection ends.
+    fn cut_off(&mut self, id: usize, what: &'static str, now: Instant) {
+        let link = &mut self.links[id];
+        let behind = link.out.len() + link.buffers;
+        self.complaints.say(Kind::Disconnected, now, || {
+            format!("{}: {behind} bytes kept for it", link.peer)
+        });
+        link.out.abandon();
+        link.lookups.clear();
+        // The server lets go of them when it sees that the connection is closing.
+        link.buffers = 0;
+        self.recount(id);
+        self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, what), now);
     }
 }
 
 impl Link {
+    /// Leaves too many answers unread, or is still being sent what it asked for.
+    fn is_behind(&self) -> bool {
+        self.answers > UNREAD_ANSWERS || !self.lookups.is_empty()
+    }
+
     fn lateness(&self, now: Instant) -> Option<Refusal> {
-        let silence = now.saturating_duration_since(self.heard);
+        // A client that is read later may have a PINGREQ among the bytes that were not read; taking bytes is a sign of life.
+        let alive = if self.is_behind() {
+            self.heard.max(self.progress)
+        } else {
+            self.heard
+        };
+        let silence = now.saturating_duration_since(alive);
         match (self.session, self.keep_alive) {
             _ if self.closing => None,
             (None, _) if silence > INTRODUCTION => {

@@ -1,8 +1,9 @@
 //! A message on its way from its publisher to everyone who subscribes: MQTT 5.0, chapters 3.3 and 4.3.
 
+use super::complaints::{Complaints, Kind};
 use super::connect::WINDOW;
+use super::memory::recount;
 use super::{Hub, Link, STANDSTILL, mark};
-use crate::access::Subject;
 use crate::codec::{Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason};
 use crate::message::Message;
 use crate::session::{Delivery, Session};
@@ -67,6 +68,7 @@ impl Hub {
         message: &Publish<'_>,
         now: Instant,
     ) -> Result<(), Refusal> {
+        self.links[id].published = Some(now);
         if !topic::is_name(message.topic) {
             return Err(Refusal::new(
                 reason::BAD_TOPIC,
@@ -74,7 +76,7 @@ impl Hub {
             ));
         }
         if message.qos == 2 && !self.sessions[session].inbound.insert(message.id) {
-            self.answer(id, message, reason::SUCCESS);
+            self.answer_publish(id, message, reason::SUCCESS);
             return Ok(());
         }
         if self.sessions[session].inbound.len() > usize::from(WINDOW) {
@@ -86,29 +88,26 @@ impl Hub {
         let code = if self.may_write(session, message.topic) {
             self.route(Some(id), Some(session), message, None, now)
         } else {
-            log::warn!(
-                "client {}: may not publish to {}",
-                self.sessions[session].client_id,
-                message.topic
-            );
+            let what = format_args!("may not publish to {}", message.topic);
+            self.complain(Kind::Denied, session, now, what);
             reason::NOT_AUTHORIZED
         };
         if code >= 0x80 && message.qos == 2 {
             self.sessions[session].inbound.remove(&message.id);
         }
-        self.answer(id, message, code);
+        self.answer_publish(id, message, code);
         Ok(())
     }
 
-    fn answer(&mut self, id: usize, message: &Publish<'_>, code: u8) {
+    fn answer_publish(&mut self, id: usize, message: &Publish<'_>, code: u8) {
         let kind = match message.qos {
             0 => return,
             1 => Answer::Acknowledged,
             _ => Answer::Received,
         };
-        let link = &mut self.links[id];
-        acknowledge(link.out.end(), kind, message.id, code, link.terms.version);
-        self.mark(id);
+        self.answer(id, |out, version| {
+            acknowledge(out, kind, message.id, code, version)
+        });
     }
 
     /// Publishes the will of a session.
@@ -146,10 +145,12 @@ impl Hub {
         if message.retain {
             code = reason::SUCCESS;
             if !self.retained.set(&keep()) {
-                log::warn!(
-                    "{}: not retained, the store for retained messages is full",
-                    message.topic
-                );
+                self.complaints.say(Kind::Full, now, || {
+                    format!(
+                        "{}: not retained, the store for retained messages is full",
+                        message.topic
+                    )
+                });
                 code = reason::QUOTA_EXCEEDED;
             }
         }
@@ -172,7 +173,6 @@ impl Hub {
             let fits = match (qos, link) {
                 (0, None) => continue,
                 (0, Some((id, link))) => {
-                    mark(link, id, &mut self.dirty);
                     push(
                         link,
                         &mut self.frames,
@@ -181,6 +181,8 @@ impl Hub {
                         &route.identifiers,
                         now,
                     );
+                    mark(link, id, &mut self.dirty);
+                    recount(link, &mut self.used);
                     link.out.len() <= backlog
                 }
                 (_, link) => {
@@ -195,16 +197,19 @@ impl Hub {
                         backlog,
                     );
                     if let Some((id, link)) = link {
-                        mark(link, id, &mut self.dirty);
                         note_progress(link, now);
                         session.advance(&mut link.out, link.terms, now);
+                        mark(link, id, &mut self.dirty);
+                        recount(link, &mut self.used);
                     }
+                    let size = session.size();
+                    self.used = self.used + size - std::mem::replace(&mut session.counted, size);
                     fits
                 }
             };
             let reader = session.link;
             if !fits {
-                overflow(session, &mut self.doomed);
+                overflow(session, &mut self.doomed, &mut self.complaints, now);
             } else if let (Some(reader), Some(publisher)) = (reader, from_link)
                 && reader != publisher
                 && self.links[reader].out.len() > backlog / 2
@@ -220,32 +225,21 @@ impl Hub {
         if let Some(known) = self.routes.get(name) {
             return Arc::clone(known);
         }
+        let found = self.subscriptions.covering(name);
         let mut routes = Vec::new();
-        for (id, session) in &self.sessions {
-            let mut matching = session
-                .subscriptions
-                .iter()
-                .filter(|it| topic::matches(&it.filter, name))
-                .peekable();
-            if matching.peek().is_none() || !self.may_read(id, name) {
+        for of_one in found.chunk_by(|one, next| one.0 == next.0) {
+            let session = of_one[0].0;
+            if !self.may_read(session, name) {
                 continue;
             }
-            let mut route = Route {
-                session: id,
-                qos: 0,
-                no_local: true,
-                retain_as_published: false,
-                identifiers: Box::default(),
-            };
-            let mut identifiers = Vec::new();
-            for subscription in matching {
-                route.qos = route.qos.max(subscription.qos);
-                route.no_local &= subscription.no_local;
-                route.retain_as_published |= subscription.retain_as_published;
-                identifiers.extend(subscription.identifier);
-            }
-            route.identifiers = identifiers.into();
-            routes.push(route);
+            let options = || of_one.iter().map(|(_, options)| options);
+            routes.push(Route {
+                session,
+                qos: options().map(|it| it.qos).max().unwrap_or(0),
+                no_local: options().all(|it| it.no_local),
+                retain_as_published: options().any(|it| it.retain_as_published),
+                identifiers: options().filter_map(|it| it.identifier).collect(),
+            });
         }
         if self.routes.len() >= KNOWN_TOPICS {
             self.routes.clear();
@@ -258,20 +252,13 @@ impl Hub {
     pub(super) fn may_read(&self, session: usize, name: &str) -> bool {
         self.access
             .as_ref()
-            .is_none_or(|access| access.may_read(subject(&self.sessions[session]), name))
+            .is_none_or(|access| access.may_read(self.sessions[session].subject(), name))
     }
 
     fn may_write(&self, session: usize, name: &str) -> bool {
         self.access
             .as_ref()
-            .is_none_or(|access| access.may_write(subject(&self.sessions[session]), name))
-    }
-}
-
-fn subject(session: &Session) -> Subject<'_> {
-    Subject {
-        user: session.user.as_deref(),
-        client_id: &session.client_id,
+            .is_none_or(|access| access.may_write(self.sessions[session].subject(), name))
     }
 }
 
@@ -312,15 +299,20 @@ fn note_progress(link: &mut Link, now: Instant) {
 }
 
 /// A reader that is too far behind is disconnected; of one that is away, the newest messages are dropped, which is logged.
-fn overflow(session: &mut Session, doomed: &mut Vec<usize>) {
+fn overflow(
+    session: &mut Session,
+    doomed: &mut Vec<usize>,
+    complaints: &mut Complaints,
+    now: Instant,
+) {
     match session.link {
         Some(id) => doomed.push(id),
         None if !session.overflowed => {
             session.overflowed = true;
-            log::warn!(
-                "client {}: away, and its queue is full; messages are dropped",
-                session.client_id
-            );
+            let client = &session.client_id;
+            complaints.say(Kind::Full, now, || {
+                format!("client {client}: away, and its queue is full; messages are dropped")
+            });
         }
         None => {}
     }

@@ -1,10 +1,11 @@
 //! SUBSCRIBE and UNSUBSCRIBE: MQTT 5.0, chapters 3.8 to 3.11.
 
 use super::Hub;
+use super::complaints::Kind;
+use super::lookups::Lookup;
 use crate::codec::{Filter, Refusal, reason, suback, unsuback};
-use crate::session::{Delivery, Subscription};
+use crate::subscriptions::{DEEPEST, Options};
 use crate::topic;
-use std::sync::Arc;
 use std::time::Instant;
 
 impl Hub {
@@ -20,85 +21,71 @@ impl Hub {
         let mut codes = Vec::with_capacity(filters.len());
         let mut wanted = Vec::new();
         for filter in filters {
-            if filter.filter.starts_with("$share/") {
-                codes.push(reason::NO_SHARED_SUBSCRIPTIONS);
-                continue;
-            }
-            if !topic::is_filter(filter.filter) {
-                codes.push(reason::BAD_FILTER);
-                continue;
-            }
-            let is_new = self.sessions[session].subscribe(Subscription {
-                filter: filter.filter.into(),
-                qos: filter.qos,
-                no_local: filter.no_local,
-                retain_as_published: filter.retain_as_published,
-                identifier,
-            });
-            codes.push(filter.qos);
-            if filter.retain_handling == 0 || (filter.retain_handling == 1 && is_new) {
-                wanted.push(filter);
-            }
+            let code = match self.subscribe_to(session, identifier, filter) {
+                Ok(is_new) => {
+                    if filter.retain_handling == 0 || (filter.retain_handling == 1 && is_new) {
+                        wanted.push(Lookup {
+                            search: self.retained.search(filter.filter),
+                            qos: filter.qos,
+                            identifier,
+                        });
+                    }
+                    filter.qos
+                }
+                Err(code) => code,
+            };
+            codes.push(code);
+        }
+        if codes.contains(&reason::QUOTA_EXCEEDED) {
+            let what = "subscribes to more topic filters than a client may have";
+            self.complain(Kind::Full, session, now, what);
         }
         self.routes.clear();
-        let link = &mut self.links[id];
-        suback(link.out.end(), packet, &codes, link.terms.version);
-        self.mark(id);
-        for filter in wanted {
-            self.send_retained(id, session, filter, identifier, now);
-        }
+        self.recount_session(session);
+        self.answer(id, |out, version| suback(out, packet, &codes, version));
+        self.look_up(id, wanted, now);
         Ok(())
     }
 
-    fn send_retained(
+    /// Adds one subscription; whether it is new, or the reason code of its refusal.
+    fn subscribe_to(
         &mut self,
-        id: usize,
         session: usize,
-        filter: &Filter<'_>,
         identifier: Option<u32>,
-        now: Instant,
-    ) {
-        for message in self.retained.matching(filter.filter, now) {
-            if !self.may_read(session, &message.topic) {
-                continue;
-            }
-            let qos = message.qos.min(filter.qos);
-            let delivery = Delivery {
-                message: Arc::clone(&message),
-                qos,
-                retain: true,
-                identifiers: identifier.into_iter().collect(),
-            };
-            let (link, remembered) = (&mut self.links[id], &mut self.sessions[session]);
-            let fits = if qos == 0 {
-                delivery.send(&mut link.out, link.terms, now);
-                link.out.len() <= self.limits.backlog
-            } else {
-                remembered.enqueue(delivery, self.limits.backlog)
-            };
-            if !fits {
-                self.doomed.push(id);
-                return;
-            }
-            remembered.advance(&mut link.out, link.terms, now);
+        filter: &Filter<'_>,
+    ) -> Result<bool, u8> {
+        let name = filter.filter;
+        if name.starts_with("$share/") {
+            return Err(reason::NO_SHARED_SUBSCRIPTIONS);
         }
+        if !topic::is_filter(name) || name.bytes().filter(|&byte| byte == b'/').count() >= DEEPEST {
+            return Err(reason::BAD_FILTER);
+        }
+        let is_new = self.sessions[session]
+            .subscribe(name)
+            .ok_or(reason::QUOTA_EXCEEDED)?;
+        let options = Options {
+            qos: filter.qos,
+            no_local: filter.no_local,
+            retain_as_published: filter.retain_as_published,
+            identifier,
+        };
+        self.subscriptions.add(session, name, options);
+        Ok(is_new)
     }
 
     pub(super) fn unsubscribe(&mut self, id: usize, session: usize, packet: u16, filters: &[&str]) {
-        let remembered = &mut self.sessions[session];
-        let codes: Vec<u8> = filters
-            .iter()
-            .map(|filter| {
-                if remembered.unsubscribe(filter) {
-                    reason::SUCCESS
-                } else {
-                    reason::NO_SUBSCRIPTION
-                }
-            })
-            .collect();
+        let mut codes = Vec::with_capacity(filters.len());
+        for filter in filters {
+            codes.push(if self.sessions[session].unsubscribe(filter) {
+                self.subscriptions.remove(session, filter);
+                reason::SUCCESS
+            } else {
+                reason::NO_SUBSCRIPTION
+            });
+        }
         self.routes.clear();
-        let link = &mut self.links[id];
-        unsuback(link.out.end(), packet, &codes, link.terms.version);
-        self.mark(id);
+        self.recount_session(session);
+        self.answer(id, |out, version| unsuback(out, packet, &codes, version));
     }
 }

@@ -11,6 +11,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
 use websocket::WebSocket;
 
+/// What TLS keeps for a connection, bytes, about.
+const TLS: usize = 32 << 10;
+
 /// The layers of one connection, with the bytes that wait for its socket.
 pub struct Layers {
     tls: Option<Box<ServerConnection>>,
@@ -44,6 +47,17 @@ impl Layers {
     /// Bytes for the socket.
     pub fn outgoing(&mut self) -> &mut Outbox {
         &mut self.to_send
+    }
+
+    /// Bytes that wait for the socket.
+    pub fn waiting(&self) -> usize {
+        self.to_send.len()
+    }
+
+    /// Bytes of memory that it holds, about.
+    pub fn held(&self) -> usize {
+        let tls = if self.tls.is_some() { TLS } else { 0 };
+        self.to_send.capacity() + tls
     }
 
     /// Takes bytes from the socket, appends MQTT bytes to `mqtt`.

@@ -6,7 +6,10 @@ const VERSIONS: [Version; 2] = [Version::V5, Version::V3];
 fn accepted(version: Version, properties: &[u8]) -> Session {
     let mut session = Session::new(version);
     let settings = Settings::new("mqtt://localhost".parse().unwrap());
-    session.connect(&settings, "me", &mut Vec::new()).unwrap();
+    let manner = Manner::first(Some(version));
+    session
+        .connect(&settings, "me", manner, &mut Vec::new())
+        .unwrap();
     let mut connack = vec![0x20, 2, 0, 0];
     if version == Version::V5 {
         let length = u8::try_from(properties.len()).unwrap();
@@ -175,4 +178,26 @@ fn what_is_malformed_ends_the_connection_and_nothing_after_it_counts() {
             );
         }
     }
+}
+
+#[test]
+fn the_highest_quality_of_service_that_the_broker_takes_is_kept_to() {
+    let sent = |properties: &[u8]| {
+        let mut session = accepted(Version::V5, properties);
+        let mut out = Vec::new();
+        let options = PublishOptions {
+            qos: QoS::AtLeastOnce,
+            retain: true,
+            ..PublishOptions::default()
+        };
+        session.publish("t", b"x", &options, &mut out).unwrap();
+        // QoS in bits 1 and 2, retained in bit 0.
+        out[0] & 0b0000_0111
+    };
+    assert_eq!(sent(&[]), 0b011);
+    // Properties 36, maximum QoS, and 37, retain available.
+    assert_eq!(sent(&[36, 1]), 0b011);
+    assert_eq!(sent(&[36, 0]), 0b001);
+    assert_eq!(sent(&[36, 0, 37, 0]), 0b000);
+    assert_eq!(sent(&[37, 0]), 0b010);
 }

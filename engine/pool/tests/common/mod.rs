@@ -186,10 +186,14 @@ pub struct Net {
     queues: Vec<VecDeque<Message>>,
     pub log: Vec<Message>,
     pub warnings: Vec<String>,
+    /// Watched servers that the tool asked about.
+    pub overdue: Vec<u64>,
     /// Parties that say nothing of extensions.
     pub seed_only: HashSet<usize>,
     /// Whether servers' presence is delivered; conversations must work without it.
     pub presence: bool,
+    /// Whether a message may overtake those of the same sender on other topics.
+    pub crosses: bool,
     random: u64,
 }
 
@@ -289,8 +293,10 @@ impl Net {
             queues: Vec::new(),
             log: Vec::new(),
             warnings: Vec::new(),
+            overdue: Vec::new(),
             seed_only: HashSet::new(),
             presence: false,
+            crosses: false,
             random: random.wrapping_mul(2).wrapping_add(1),
         }
     }
@@ -349,6 +355,7 @@ impl Net {
                             server, payload, ..
                         } => published.push((topics.to_server(server), payload)),
                         swarmwright_pool::Action::Warn(text) => self.warnings.push(text),
+                        swarmwright_pool::Action::Overdue(server) => self.overdue.push(server),
                     }
                 }
             }
@@ -462,7 +469,16 @@ impl Net {
             return self.tick();
         }
         let drawn = waiting[self.draw(waiting.len())];
-        let Some(message) = self.queues[drawn].pop_front() else {
+        let mut first = HashSet::new();
+        let queue = self.queues[drawn].iter().enumerate();
+        let firsts = queue.filter(|(_, message)| first.insert(message.topic.clone()));
+        let firsts: Vec<usize> = firsts.map(|(index, _)| index).collect();
+        let place = if self.crosses {
+            firsts[self.draw(firsts.len())]
+        } else {
+            0
+        };
+        let Some(message) = self.queues[drawn].remove(place) else {
             return;
         };
         self.now += Duration::from_micros(50);

@@ -1,6 +1,6 @@
 //! A grid of characters over the map.
 
-use super::glyphs::{Glyph, fills_cell, glyph, halo};
+use super::glyphs::{Glyph, Looks, fills_cell, halo};
 use super::{TextStyle, paint};
 use crate::{Body, Scene};
 
@@ -21,12 +21,12 @@ impl Canvas {
     }
 
     /// Draws radii first and symbols above them, each in the order of the bodies.
-    pub(super) fn draw(&mut self, scene: &Scene, unicode: bool) {
+    pub(super) fn draw(&mut self, scene: &Scene, looks: &Looks<'_>, unicode: bool) {
         for body in &scene.bodies {
-            self.disc(scene, body, halo(&body.kind, unicode));
+            self.disc(scene, body, halo(looks.glyph(body), unicode));
         }
         for body in &scene.bodies {
-            let mark = glyph(&body.kind, &body.state, unicode);
+            let mark = looks.glyph(body);
             if fills_cell(&body.kind) {
                 self.square(scene, body, mark);
             }

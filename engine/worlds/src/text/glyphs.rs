@@ -1,39 +1,56 @@
-//! Symbols and colours of what stands in a scene.
+//! Symbols and colours of what stands in a scene: as characters what `swarmwright/display/_look.py` has for pages.
+//! A test of Python holds that both tables name the same kinds, states and colours.
 
-/// Kinds and states, in the order of the legend.
-pub(super) const KINDS: &[(&str, &str)] = &[
-    ("agent", "free"),
-    ("agent", "arrived"),
-    ("agent", "caught"),
-    ("agent", "crashed"),
-    ("agent", "out"),
-    ("defender", ""),
-    ("goal", ""),
-    ("exit", ""),
-    ("blockade", ""),
-    ("obstacle", ""),
+use crate::{Body, Scene};
+
+/// Kinds and states that have a look of their own, in the order of the legend: symbol, its ASCII, colour.
+const KNOWN: &[(&str, &str, char, char, Color)] = &[
+    ("agent", "", '●', 'o', Color::Free),
+    ("agent", "free", '●', 'o', Color::Free),
+    ("agent", "arrived", '●', '*', Color::Good),
+    ("agent", "caught", '✗', 'x', Color::Lost),
+    ("agent", "crashed", '✗', 'x', Color::Lost),
+    ("agent", "out", '●', '*', Color::Good),
+    ("defender", "", '▲', 'D', Color::Defender),
+    ("goal", "", '★', 'G', Color::Good),
+    ("exit", "", '░', 'E', Color::Exit),
+    ("blockade", "", '█', '#', Color::Blockade),
+    ("obstacle", "", '█', '#', Color::Blockade),
 ];
+/// Symbols of kinds that are not there, in the order in which they are seen.
+const FREE: [(char, char); 3] = [('◆', '?'), ('⬟', '&'), ('⬢', '%')];
+/// Colours of kinds and states that are not there, in the order in which they are seen.
+const OTHERS: [Color; 4] = [Color::Other1, Color::Other2, Color::Other3, Color::Other4];
 
+/// Colours, named as in the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Color {
-    Default,
-    Agent,
-    Arrived,
-    Caught,
+    Free,
+    Good,
+    Lost,
     Defender,
-    Faint,
+    Exit,
+    Blockade,
+    Other1,
+    Other2,
+    Other3,
+    Other4,
 }
 
 impl Color {
-    /// ANSI "select graphic rendition" code.
+    /// ANSI "select graphic rendition" code: of 256 colours the nearest to the table's that shows on any ground.
     pub(super) fn code(self) -> &'static str {
         match self {
-            Self::Default => "0",
-            Self::Agent => "1;36",
-            Self::Arrived => "1;32",
-            Self::Caught => "1;31",
-            Self::Defender => "1;33",
-            Self::Faint => "2",
+            Self::Free => "38;5;32",
+            Self::Good => "38;5;36",
+            Self::Lost => "38;5;245",
+            Self::Defender => "38;5;202",
+            Self::Exit => "38;5;214",
+            Self::Blockade => "38;5;242",
+            Self::Other1 => "38;5;175",
+            Self::Other2 => "38;5;74",
+            Self::Other3 => "38;5;142",
+            Self::Other4 => "1",
         }
     }
 }
@@ -44,21 +61,91 @@ pub(super) struct Glyph {
     pub color: Color,
 }
 
-/// The symbol of a body; a question mark for kinds without one.
-pub(super) fn glyph(kind: &str, state: &str, unicode: bool) -> Glyph {
-    let (fancy, ascii, color) = match (kind, state) {
-        ("agent", "arrived" | "out") => ('★', '*', Color::Arrived),
-        ("agent", "caught" | "crashed") => ('✗', 'x', Color::Caught),
-        ("agent", _) => ('●', 'o', Color::Agent),
-        ("defender", _) => ('◆', 'D', Color::Defender),
-        ("goal", _) => ('◎', 'G', Color::Arrived),
-        ("exit", _) => ('░', 'E', Color::Arrived),
-        ("blockade" | "obstacle", _) => ('█', '#', Color::Faint),
-        _ => ('?', '?', Color::Default),
-    };
-    Glyph {
-        symbol: if unicode { fancy } else { ascii },
-        color,
+/// A kind and a state in a scene, what it looks like, and how many there are.
+pub(super) struct Entry<'a> {
+    pub kind: &'a str,
+    pub state: &'a str,
+    pub glyph: Glyph,
+    pub count: usize,
+}
+
+/// What everything in a scene looks like.
+///
+/// A kind without a look of its own gets a symbol, and a state without one a colour, in the order in which they
+/// are seen.
+pub(super) struct Looks<'a>(Vec<Entry<'a>>);
+
+impl<'a> Looks<'a> {
+    pub(super) fn new(scene: &'a Scene, unicode: bool) -> Self {
+        let mut entries: Vec<Entry<'a>> = Vec::new();
+        let (mut kinds, mut unknown): (Vec<&str>, usize) = (Vec::new(), 0);
+        let pick = |fancy, ascii| if unicode { fancy } else { ascii };
+        for body in &scene.bodies {
+            let (kind, state) = (&*body.kind, &*body.state);
+            if let Some(entry) = entries
+                .iter_mut()
+                .find(|e| e.kind == kind && e.state == state)
+            {
+                entry.count += 1;
+                continue;
+            }
+            let known = KNOWN.iter().find(|k| k.0 == kind && k.1 == state);
+            let glyph = if let Some(&(_, _, fancy, ascii, color)) = known {
+                Glyph {
+                    symbol: pick(fancy, ascii),
+                    color,
+                }
+            } else {
+                let color = OTHERS[unknown % OTHERS.len()];
+                unknown += 1;
+                let (fancy, ascii) = if let Some(of_kind) = KNOWN.iter().find(|k| k.0 == kind) {
+                    (of_kind.2, of_kind.3)
+                } else {
+                    let place = kinds.iter().position(|k| *k == kind).unwrap_or_else(|| {
+                        kinds.push(kind);
+                        kinds.len() - 1
+                    });
+                    FREE[place % FREE.len()]
+                };
+                Glyph {
+                    symbol: pick(fancy, ascii),
+                    color,
+                }
+            };
+            entries.push(Entry {
+                kind,
+                state,
+                glyph,
+                count: 1,
+            });
+        }
+        // Known ones first, in their order; a stable sort keeps the others as they were seen.
+        entries.sort_by_key(|e| {
+            KNOWN
+                .iter()
+                .position(|k| k.0 == e.kind && k.1 == e.state)
+                .unwrap_or(KNOWN.len())
+        });
+        Self(entries)
+    }
+
+    /// The look of a body of the scene.
+    pub(super) fn glyph(&self, body: &Body) -> Glyph {
+        self.0
+            .iter()
+            .find(|e| e.kind == body.kind && e.state == body.state)
+            .map_or(
+                Glyph {
+                    symbol: '?',
+                    color: Color::Other4,
+                },
+                |e| e.glyph,
+            )
+    }
+
+    /// Every kind and state that is there, in the order of the legend.
+    pub(super) fn entries(&self) -> &[Entry<'a>] {
+        &self.0
     }
 }
 
@@ -68,10 +155,9 @@ pub(super) fn fills_cell(kind: &str) -> bool {
 }
 
 /// Fills the radius of a body.
-pub(super) fn halo(kind: &str, unicode: bool) -> Glyph {
-    let color = glyph(kind, "", unicode).color;
+pub(super) fn halo(glyph: Glyph, unicode: bool) -> Glyph {
     Glyph {
         symbol: if unicode { '·' } else { '.' },
-        color,
+        color: glyph.color,
     }
 }

@@ -109,7 +109,7 @@ impl Machine {
                 if work.tool.is_none() {
                     // What was given up stops in a moment; this one follows.
                     work.tool = Some(tool);
-                    self.turns.held_by(self.holder(), true, now);
+                    self.turns.held_by(self.occupant(), true, now);
                     self.changed_at.get_or_insert(now);
                 }
             }

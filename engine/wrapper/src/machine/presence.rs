@@ -48,7 +48,7 @@ impl Machine {
             State::Running(run) => run.tool.clone(),
             State::Stepping(batch) => Some(batch.tool.clone()),
             State::Working(work) => work.holder(),
-            State::Held { tool, .. } => Some(tool.clone()),
+            State::Held { tool, .. } => tool.clone(),
             State::Free | State::Configured { .. } => None,
         }
     }

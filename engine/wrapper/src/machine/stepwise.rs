@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    Actuator, Control, EXTENSION_VERSION, Failed, MAX_PAYLOAD, MOST_REASON, ToTool, Topic,
-    shortened,
+    Actuator, Control, EXTENSION_VERSION, Failed, MAX_PAYLOAD, MAX_SENSOR, MOST_REASON, ToTool,
+    Topic, shortened,
 };
 use swarmwright_worlds::Failure;
 
-use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker};
+use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker, name};
 use crate::run::{NoStart, Outcome, Run};
 
 impl Machine {
@@ -27,8 +27,8 @@ impl Machine {
                 let holder = holder.as_deref().unwrap_or("another optimization tool");
                 return self.turn_away(&control, &format!("taken by {holder}"), now);
             }
-            State::Held { tool, .. } if control.tool.as_ref() != Some(tool) => {
-                let reason = format!("held by {tool}");
+            State::Held { tool, .. } if control.tool != *tool => {
+                let reason = format!("held by {}", name(tool.as_deref()));
                 return self.turn_away(&control, &reason, now);
             }
             _ => {}
@@ -40,10 +40,7 @@ impl Machine {
                 .complain("ignoring a control message that starts a run a second time".to_owned());
         }
         let Some((_, parameters)) = self.parameters.iter().find(|(known, _)| *known == hash) else {
-            return self.complain(format!(
-                "refusing to start a run for {}: no parameters came for its hash",
-                asker(&control)
-            ));
+            return self.keep_early(control, now);
         };
         let parameters = parameters.clone();
         let Some(index) = self.wanted(&control) else {
@@ -88,7 +85,10 @@ impl Machine {
                 self.warn(format!("cannot start the run: {failure}"));
                 self.report(reply, hash, failure, invalid);
                 let until = now + PATIENCE;
-                let held = |tool| State::Held { tool, until };
+                let held = |tool| State::Held {
+                    tool: Some(tool),
+                    until,
+                };
                 self.enter(tool.map_or(State::Free, held), now);
             }
         }
@@ -194,6 +194,18 @@ impl Machine {
         }
     }
 
+    /// The broker does not take a message of so many bytes. The run cannot go on, nor would it another time.
+    pub fn unsent(&mut self, topic: Topic, bytes: usize, most: usize, now: Instant) {
+        let reason = format!(
+            "a {} message of {bytes} bytes is larger than the {most} that the broker takes",
+            topic.name()
+        );
+        if !matches!(self.state, State::Running(_)) {
+            return self.complain(reason);
+        }
+        self.fail(reason.into(), true, now);
+    }
+
     fn proceed(&mut self, outcome: Outcome, now: Instant) {
         match outcome {
             Outcome::Wait => {}
@@ -212,15 +224,24 @@ impl Machine {
                     .push(Action::Publish(Topic::Fitness, fitness.encode()));
                 self.leave(now);
             }
-            Outcome::Failed(failure) => {
-                self.warn(failure.reason.clone());
-                if let State::Running(run) = &self.state {
-                    let (reply, hash) = (run.reply.clone(), run.hash.clone());
-                    self.report(reply, hash, failure, false);
-                }
-                self.leave(now);
+            Outcome::Failed(failure) => self.fail(failure, false, now),
+            Outcome::TooLarge { agent, bytes } => {
+                let reason = format!(
+                    "the sensor message of agent {agent} has {bytes} bytes, more than the {MAX_SENSOR} that one may have"
+                );
+                self.fail(reason.into(), true, now);
             }
         }
+    }
+
+    /// The run ends without fitness. `invalid`: so it would another time.
+    fn fail(&mut self, failure: Failure, invalid: bool, now: Instant) {
+        self.warn(failure.reason.clone());
+        if let State::Running(run) = &self.state {
+            let (reply, hash) = (run.reply.clone(), run.hash.clone());
+            self.report(reply, hash, failure, invalid);
+        }
+        self.leave(now);
     }
 
     /// Shows a frame and slows the run down to the pace at which people watch.

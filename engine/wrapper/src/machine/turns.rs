@@ -1,55 +1,96 @@
 //! Turns: several optimization tools that want one server have it one after another.
 //!
 //! A tool that asks for a server while another one has it is remembered. Between two episodes, batches or requests of a
-//! tool whose turn is over, the server goes to the one that has waited longest.
+//! tool whose turn is over, the server goes to the one that has waited longest. Tools that know D6.1 alone have no name,
+//! and are one tool here: they get their turn as others do. Since such a tool may ask only once, its question is good
+//! for longer, and is answered when its turn comes.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Refusal, RefusalKind};
+use swarmwright_protocol::{Discovery, Refusal, RefusalKind};
 
-use super::{Machine, PATIENCE, State};
+use super::{Machine, PATIENCE, State, name};
 
 /// How long a tool has a server for itself before another one gets it.
 const TURN: Duration = Duration::from_secs(5);
-/// For how long a question is still good: tools ask every two seconds.
+/// For how long a question is still good: tools with a name ask every two seconds.
 const ASKED: Duration = Duration::from_secs(3);
+/// For how long that of a tool without a name is.
+const ASKED_ONCE: Duration = Duration::from_secs(30);
 /// How long a server waits for the tool whose turn it is.
 const RESERVED: Duration = Duration::from_secs(3);
+/// How long it waits for one without a name, at first and between two of its episodes.
+const RESERVED_NAMELESS: Duration = Duration::from_secs(1);
 /// Tools that are remembered.
 const MOST: usize = 256;
+
+/// A tool by its name; those without one cannot be told apart.
+pub(super) type Tool = Option<String>;
+
+/// A tool that asked in vain.
+#[derive(Debug)]
+pub(super) struct Question {
+    /// When it asked last.
+    asked: Instant,
+    discovery: Discovery,
+}
+
+impl Question {
+    fn is_good(&self, now: Instant) -> bool {
+        let age = now.saturating_duration_since(self.asked);
+        let nameless = self.discovery.tool.is_none();
+        age < if nameless { ASKED_ONCE } else { ASKED }
+    }
+}
 
 /// Whose turn it is, and who waits.
 #[derive(Debug, Default)]
 pub(super) struct Turns {
-    holder: Option<String>,
+    holder: Option<Tool>,
     since: Option<Instant>,
     /// The holder has not begun yet: waiting for it is no part of its turn.
     reserved: bool,
-    /// Tools that asked, the one that has waited longest first, with the time of their last question.
-    waiting: VecDeque<(String, Instant)>,
+    /// Tools that asked, the one that has waited longest first.
+    waiting: VecDeque<Question>,
+    /// The hash of the discovery of a tool without a name that was answered when its turn came.
+    invited: Option<String>,
 }
 
 impl Turns {
     /// A tool asked in vain.
-    pub fn ask(&mut self, tool: &str, now: Instant) {
-        if let Some((_, asked)) = self.waiting.iter_mut().find(|(known, _)| known == tool) {
-            *asked = now;
+    pub fn ask(&mut self, discovery: &Discovery, now: Instant) {
+        let question = Question {
+            asked: now,
+            discovery: discovery.clone(),
+        };
+        let mut waiting = self.waiting.iter_mut();
+        if let Some(known) = waiting.find(|known| known.discovery.tool == discovery.tool) {
+            *known = question;
         } else if self.waiting.len() < MOST {
-            self.waiting.push_back((tool.to_owned(), now));
+            self.waiting.push_back(question);
         }
     }
 
-    /// Who has the server from now on, and whether something is being computed.
-    pub fn held_by(&mut self, holder: Option<String>, active: bool, now: Instant) {
+    /// Who has the server from now on, none for nobody, and whether something is being computed.
+    pub fn held_by(&mut self, holder: Option<Tool>, active: bool, now: Instant) {
         if self.holder != holder || (active && self.reserved) {
             self.since = Some(now);
             self.reserved = !active;
-            if let Some(holder) = &holder {
-                self.waiting.retain(|(tool, _)| tool != holder);
+            if let Some(tool) = &holder {
+                self.has_asked_enough(tool);
+            }
+            if holder != Some(None) {
+                self.invited = None;
             }
             self.holder = holder;
         }
+    }
+
+    /// A tool has an answer.
+    pub fn has_asked_enough(&mut self, tool: &Tool) {
+        self.waiting
+            .retain(|question| question.discovery.tool != *tool);
     }
 
     fn is_over(&self, now: Instant) -> bool {
@@ -58,37 +99,68 @@ impl Turns {
     }
 
     /// Who is to have the server next, once the turn is over.
-    fn next(&mut self, now: Instant) -> Option<String> {
-        self.waiting
-            .retain(|(_, asked)| now.saturating_duration_since(*asked) < ASKED);
+    fn next(&mut self, now: Instant) -> Option<Discovery> {
+        self.waiting.retain(|question| question.is_good(now));
         if !self.is_over(now) {
             return None;
         }
-        self.waiting.pop_front().map(|(tool, _)| tool)
+        self.waiting.pop_front().map(|question| question.discovery)
     }
 }
 
 impl Machine {
+    /// Who has the server; none where nobody does, or it is not known yet.
+    pub(super) fn occupant(&self) -> Option<Tool> {
+        match &self.state {
+            State::Free | State::Configured { .. } => None,
+            State::Held { tool, .. } => Some(tool.clone()),
+            State::Running(_) | State::Stepping(_) | State::Working(_) => Some(self.holder()),
+        }
+    }
+
     /// A run is over: its tool, if it gave its name, keeps the server for the next one, unless it is another one's turn.
+    /// A tool without a name keeps it for as long as its turn lasts, where it had to wait for that.
     pub(super) fn leave(&mut self, now: Instant) {
         if let Some(next) = self.turns.next(now) {
             return self.hand_over(next, now);
         }
-        let state = match self.holder() {
-            Some(tool) => State::Held {
-                tool,
-                until: now + PATIENCE,
-            },
-            None => State::Free,
+        let patience = match self.holder() {
+            Some(_) => PATIENCE,
+            None if self.turns.invited.is_some() && !self.turns.is_over(now) => RESERVED_NAMELESS,
+            None => return self.enter(State::Free, now),
         };
-        self.enter(state, now);
+        let (tool, until) = (self.holder(), now + patience);
+        self.enter(State::Held { tool, until }, now);
     }
 
-    /// The server waits for a tool, which hears of it at once.
-    pub(super) fn hand_over(&mut self, tool: String, now: Instant) {
-        let until = now + RESERVED;
+    /// The server waits for a tool, which hears of it at once: one with a name by presence, one without by the answer to
+    /// its question.
+    pub(super) fn hand_over(&mut self, next: Discovery, now: Instant) {
+        let tool = next.tool.clone();
+        let patience = match tool {
+            Some(_) => RESERVED,
+            None => RESERVED_NAMELESS,
+        };
+        let (nameless, until) = (tool.is_none(), now + patience);
         self.enter(State::Held { tool, until }, now);
+        if nameless {
+            self.turns.invited = Some(next.simulation_hash.clone());
+            self.answer(next);
+        }
         self.tell_at_once(now);
+    }
+
+    /// A tool configured another server. If it is the one without a name that this one waits for, it need not.
+    pub(super) fn other_configured(&mut self, hash: &str, now: Instant) {
+        let asked = |question: &Question| {
+            question.discovery.tool.is_none() && question.discovery.simulation_hash == hash
+        };
+        self.turns.waiting.retain(|question| !asked(question));
+        let waits = matches!(self.state, State::Held { tool: None, .. }) && self.turns.reserved;
+        if waits && self.turns.invited.as_deref() == Some(hash) {
+            self.enter(State::Free, now);
+            self.tell_at_once(now);
+        }
     }
 
     /// Answers the requests that wait when it is another tool's turn. Whether it is.
@@ -97,10 +169,11 @@ impl Machine {
             return false;
         };
         if let State::Working(work) = &mut self.state {
+            let name = name(next.tool.as_deref());
             for request in work.drain() {
                 let refusal = Refusal {
                     kind: RefusalKind::Taken,
-                    reason: format!("it is the turn of {next}"),
+                    reason: format!("it is the turn of {name}"),
                 };
                 self.send_result(request.number, request.reply, &[], Err(refusal), 0.0);
             }

@@ -313,6 +313,8 @@ pub struct Server {
     pub replies: Vec<(String, ToTool)>,
     /// What was published on the seven topics.
     pub published: Vec<(Topic, Vec<u8>)>,
+    /// Requests that were numbered.
+    pub requests: u64,
 }
 
 impl Server {
@@ -325,6 +327,7 @@ impl Server {
             jobs: Vec::new(),
             replies: Vec::new(),
             published: Vec::new(),
+            requests: 0,
         }
     }
 

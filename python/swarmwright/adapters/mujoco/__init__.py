@@ -6,15 +6,13 @@
 Source: Todorov, Erez, Tassa, MuJoCo: A physics engine for model-based control, IROS 2012.
 """
 
-from swarmwright._errors import InputError
+from swarmwright.adapters.mujoco._library import load as _load
 
-try:
-    import mujoco as _mujoco  # noqa: F401 - whether it is there
-except ModuleNotFoundError as error:
-    raise InputError("mujoco is not installed; pip install 'swarmwright[mujoco]'") from error
+undrawable = _load()
+"""Why MuJoCo cannot draw here, known from importing it; None where nothing speaks against it."""
 
-from swarmwright.adapters.mujoco._quadrotors import Quadrotors
-from swarmwright.adapters.mujoco._robots import Robots
-from swarmwright.adapters.mujoco._rovers import Rovers
+from swarmwright.adapters.mujoco._quadrotors import Quadrotors  # noqa: E402
+from swarmwright.adapters.mujoco._robots import Robots  # noqa: E402
+from swarmwright.adapters.mujoco._rovers import Rovers  # noqa: E402
 
 __all__ = ["Quadrotors", "Robots", "Rovers"]

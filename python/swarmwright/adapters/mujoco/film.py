@@ -1,9 +1,10 @@
 """A film of robots in three dimensions: `python -m swarmwright.adapters.mujoco.film RUN FILE.gif`.
 
 The best controller of a run is played in one of its episodes and rendered by MuJoCo. Where there is no screen
-the environment variable MUJOCO_GL says how: osmesa (Debian's package libosmesa6), or egl.
+the environment variable MUJOCO_GL says how: osmesa (Debian's package libosmesa6), or egl (libegl1).
 """
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from swarmwright._errors import InputError, SwarmwrightError
 from swarmwright._own._load import load
 from swarmwright._own._parameter import declared, filled_in
 from swarmwright._run import Run
+from swarmwright.adapters.mujoco import undrawable
+from swarmwright.adapters.mujoco._library import cannot_draw
 from swarmwright.adapters.mujoco._robots import Robots
 
 COLORS = 200
@@ -41,12 +44,12 @@ def frames(
     camera.distance = 1.25 * max(robots.arena.width, robots.arena.depth)
     camera.azimuth, camera.elevation = 90, -55
     found = []
+    if undrawable is not None:
+        raise cannot_draw(undrawable) from undrawable
     try:
         renderer = mujoco.Renderer(robots.model, size[1], size[0])
-    except mujoco.FatalError as error:
-        raise InputError(
-            "MuJoCo cannot draw here; without a screen set MUJOCO_GL=osmesa (Debian's libosmesa6) or egl"
-        ) from error
+    except (mujoco.FatalError, ImportError, AttributeError, OSError, RuntimeError) as error:
+        raise cannot_draw(error) from error
     try:
         step = 0
         while True:
@@ -103,7 +106,8 @@ def main(run: Path, file: Path, episode: int) -> None:
     try:
         write(Run.open(run), file, episode=episode)
     except (SwarmwrightError, OSError) as error:
-        raise click.ClickException(str(error)) from error
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(2 if isinstance(error, InputError) else 1)
 
 
 if __name__ == "__main__":

@@ -42,8 +42,8 @@ class Played:
 class Record:
     """All that a tool sent: messages with their topic, what could not be read, what nobody asked for.
 
-    requests: of extensions. evaluated: episodes that were evaluated with them. together: most episodes at a
-    time.
+    requests: of extensions. sent: wrong messages of the kit, topic and payload. evaluated: episodes that were
+    evaluated with them. together: most episodes at a time.
     """
 
     messages: list[tuple[str, Json]] = field(default_factory=list)
@@ -52,6 +52,7 @@ class Record:
     episodes: list[Played] = field(default_factory=list)
     notes: dict[str, str] = field(default_factory=dict)
     requests: list[Json] = field(default_factory=list)
+    sent: list[tuple[str, str | bytes]] = field(default_factory=list)
     evaluated: int = 0
     together: int = 0
     seconds: float = 0.0
@@ -83,6 +84,7 @@ class Actor:
         self.waiting: list[int] = []
         self.turns = [0] * AGENTS
         self.answered: set[str] = set()
+        self.title: object = None
         self.stage: Stage
 
     def says(self, topic: str, **fields: Any) -> None:  # noqa: ANN401 - JSON
@@ -101,6 +103,7 @@ class Actor:
     def offer(self, content: Json) -> None:
         """Answer a discovery."""
         self.answered.add(str(content.get("simulation_hash")))
+        self.title = content.get("simulation")
         needs = content.get("requirements")
         dimensions = needs.get("dimensions", 2) if isinstance(needs, dict) else 2
         extension = {"version": 1, "sensors": self.stage.sensors, "actuators": self.stage.actuators}
@@ -156,7 +159,8 @@ class Actor:
         """Publish a sensor message."""
         assert self.episode is not None
         values = sensed(self.turns[agent], self.stage.sensors)
-        self.says("sensor", simulation_hash=self.episode.hash, agent=agent, sensor=values)
+        about = {"simulation": self.title, "simulation_hash": self.episode.hash}
+        self.says("sensor", **about, agent=agent, sensor=values)
 
     def actuator(self, content: Json) -> None:
         """An answer for the episode under way."""
@@ -176,7 +180,8 @@ class Actor:
         assert self.episode is not None
         episode, self.episode = self.episode, None
         episode.ended = "fitness"
-        self.says("fitness", simulation_hash=episode.hash, fitness=fitness_of(episode))
+        about = {"simulation": self.title, "simulation_hash": episode.hash}
+        self.says("fitness", **about, fitness=fitness_of(episode))
 
     def requested(self, message: Message) -> None:
         """A request of an extension came, though none is announced."""

@@ -44,8 +44,8 @@ class Tool:
         self._scenes: dict[str, Record] = {}
 
     def plain(self) -> Record:
-        """Two servers that behave; one asks all agents at once, one in turn. A third is taken and silent."""
-        return self.scene("plain", [Actor(1), Actor(2, in_turn=True)])
+        """Two servers that behave."""
+        return self.scene("plain", [Actor(1), Actor(2)])
 
     def scene(
         self,
@@ -142,11 +142,14 @@ def must_go_on(tool: Tool, name: str, actors: Sequence[Actor], sent: str) -> Rec
     """Play a scene; Failure unless as many episodes come to their end as without trouble."""
     wanted = len(tool.plain().finished)
     record = tool.scene(name, actors)
+    if "reaction" in record.notes:
+        expected = "silence: the right message is still to come"
+        raise Failure(f"{record.notes['reaction']} came", expected, record.notes["reaction to"])
     if len(record.finished) < wanted:
         came = (
             f"{len(record.finished)} of {wanted} episodes came to their end; {record.ended or 'no more came'}"
         )
-        raise Failure(came, "a run as if nothing had come between", sent)
+        raise Failure(came, "a run as if nothing had come between", record.notes.get("last wrong", sent))
     if record.unasked:
         raise Failure(f"{record.unasked[0]} came", "answers to sound messages only", sent)
     return record

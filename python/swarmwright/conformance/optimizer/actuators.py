@@ -23,11 +23,12 @@ def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
     "It answers each sensor message with one actuator message, for its agent and hash.",
     where="protocol.md, An episode, 4",
     mend="publish actuators when sensors come, once, with the agent and hash of the sensor message",
+    d61="6.2 Sensor message, Actuator message",
     needs=["O2.1"],
     seconds=600,
 )
 def one_each(tool: Tool) -> str:
-    """Nothing is missing, nothing comes twice; agents at once and in turn."""
+    """Nothing is missing, nothing comes twice."""
     record = tool.plain()
     if record.unasked:
         raise Failure(f"{record.unasked[0]} came", "one answer for each agent that was asked")
@@ -55,9 +56,10 @@ def as_many(tool: Tool) -> None:
 
 @rule(
     "O3.3",
-    "Actuators are finite numbers from -1 to +1.",
+    "Actuators are numbers from -1 to +1.",
     where="protocol.md, Topics",
     mend="limit what the controller puts out to -1..+1 before it is sent",
+    d61="5.1",
     needs=["O2.1"],
     seconds=600,
 )
@@ -66,9 +68,7 @@ def in_range(tool: Tool) -> None:
     for _, agent, _, values in answers(tool):
         for value in values:
             if not is_number(value) or abs(value) > 1:
-                raise Failure(
-                    f"actuators {json.dumps(values)} for agent {agent}", "finite numbers from -1 to +1"
-                )
+                raise Failure(f"actuators {json.dumps(values)} for agent {agent}", "numbers from -1 to +1")
 
 
 @rule(
@@ -116,7 +116,7 @@ def reset(tool: Tool) -> str:
 
 @rule(
     "O3.6",
-    "It goes on when agents drop out.",
+    "It goes on when agents are asked one at a time, and when agents drop out.",
     where="protocol.md, An episode, 4",
     mend="answer the sensor messages that come; do not wait for those of all agents",
     needs=["O3.1"],

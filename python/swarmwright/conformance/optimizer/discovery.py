@@ -17,6 +17,7 @@ EPISODE = "protocol.md, An episode"
     "It asks with a discovery: simulation and simulation_hash as text, requirements with dimensions.",
     where="protocol.md, Topics; protocol/schemas/discovery.schema.json",
     mend="publish {simulation, simulation_hash, requirements: {dimensions}} on discovery",
+    d61="6.2 Discovery message, Schema 1",
     seconds=600,
 )
 def asks(tool: Tool) -> str:
@@ -43,6 +44,7 @@ def asks(tool: Tool) -> str:
     "It sends parameters and control only to servers that have answered.",
     where=f"{EPISODE}, 1",
     mend="take the servers from the answers to your discovery, by their hash; presence is for people",
+    d61="6.2 Server message",
     needs=["O1.1"],
     seconds=600,
 )

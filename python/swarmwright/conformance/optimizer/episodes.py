@@ -13,9 +13,10 @@ EPISODE = "protocol.md, An episode"
 
 @rule(
     "O2.1",
-    "Parameters come before control, with the same server and hash.",
+    "Parameters come before each control that starts an episode, with the same server and hash.",
     where=f"{EPISODE}, 2 and 3",
-    mend="publish parameters, then control, on one connection, with the same simulation_hash",
+    mend="publish parameters, then control, every time, on one connection, with the same simulation_hash",
+    d61="6.2 Parameters message, Control message",
     needs=["O1.2"],
     seconds=600,
 )
@@ -27,8 +28,11 @@ def parameters_first(tool: Tool) -> str:
         key = (content.get("server"), content.get("simulation_hash"))
         if topic == "parameters":
             configured.add(key)
-        elif topic == "control" and content.get("run", True) is not False and key not in configured:
-            raise Failure(f"control {json.dumps(content)}", "parameters for this server and hash before it")
+        elif topic == "control" and content.get("run", True) is not False:
+            if key not in configured:
+                expected = "parameters for this server and hash before it, every time"
+                raise Failure(f"control {json.dumps(content)}", expected)
+            configured.remove(key)
     if not record.finished:
         raise Failure(f"no episode came to its end; {record.ended}", "an episode", "all that a server sends")
     return f"{len(record.finished)} episodes in {record.seconds:.2f} s"
@@ -39,6 +43,7 @@ def parameters_first(tool: Tool) -> str:
     "Parameters, control and actuator messages have their keys, with the right types.",
     where="protocol.md, Topics; protocol/schemas",
     mend="send every key that is required, with the type that the schema says",
+    d61="6.2, Schemas 3, 4 and 6",
     needs=["O2.1"],
     seconds=600,
 )
@@ -58,8 +63,9 @@ def types(tool: Tool) -> None:
                 raise Failure(text, f'"{key}" is true or false')
         if topic == "actuator" and not _whole(content.get("agent")):
             raise Failure(text, '"agent" is an integer')
-        if topic == "actuator" and not isinstance(content.get("actuator"), list):
-            raise Failure(text, '"actuator" is a list of numbers')
+        values = content.get("actuator")
+        if topic == "actuator" and not (isinstance(values, list) and values and all(map(is_number, values))):
+            raise Failure(text, '"actuator" is a list of numbers, at least one')
 
 
 def _whole(value: object) -> bool:
@@ -71,6 +77,7 @@ def _whole(value: object) -> bool:
     "Episodes that run at the same time have different hashes.",
     where="protocol.md, Hash",
     mend="give every episode under way a hash of its own: put a number into what is hashed",
+    d61="6.2 Discovery message",
     needs=["O2.1"],
     seconds=600,
 )

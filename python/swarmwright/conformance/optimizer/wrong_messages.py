@@ -1,26 +1,25 @@
 """O4: what servers may send by mistake, and what others send on the same topics."""
 
 import json
-import time
 
+from swarmwright.conformance._client import shown
 from swarmwright.conformance._rules import Failure
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+from swarmwright.conformance.optimizer._trying import Trying, both
 
 READING = "protocol.md, Reading"
 
 
-class Junk(Actor):
-    """Sends what is no JSON object before everything that it says."""
+class Junk(Trying):
+    """Sends what is no JSON object."""
 
-    junk = ("", "hello", "[]", "7", '{"simulation_hash":', b"\xff\xfe{}", "[" * 10_000)
+    at_once = 6
 
-    def says(self, topic: str, **fields: object) -> None:
-        """Junk, then the message."""
-        for payload in self.junk:
-            self.stage.client.publish(topic, payload)
-        super().says(topic, **fields)
+    def kinds(self, topic: str, right: Json) -> list[str | bytes]:  # noqa: ARG002
+        """Nothing, a word, a list, a number, half an object, bytes that are no UTF-8."""
+        return ["", "hello", "[]", "7", '{"simulation_hash":', b"\xff\xfe{}"]
 
 
 @rule(
@@ -28,71 +27,66 @@ class Junk(Actor):
     "What is no JSON object in UTF-8 is refused, and the run goes on.",
     where=READING,
     mend="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    d61="6.1",
     needs=["O3.1"],
     seconds=600,
 )
 def no_json(tool: Tool) -> None:
-    """Junk before every message of two servers."""
-    must_go_on(tool, "junk", [Junk(1), Junk(2)], "junk on server, sensor and fitness")
+    """Junk before messages on server, sensor and fitness."""
+    must_go_on(tool, "junk", both(Junk), "junk on server, sensor and fitness")
 
 
-class WrongSensors(Actor):
-    """Sends sensor messages that cannot be answered before those that can."""
+def _without(right: Json, key: str) -> Json:
+    return {name: value for name, value in right.items() if name != key}
 
-    def sense(self, agent: int) -> None:
-        """Wrong ones first."""
-        assert self.episode is not None
-        values = sensed(7, self.stage.sensors)
-        right: Json = {"simulation_hash": self.episode.hash, "agent": agent, "sensor": values}
-        wrong: list[Json] = [
-            {**right, "agent": None},
-            {**right, "agent": str(agent)},
-            {**right, "agent": -1},
-            {**right, "agent": agent + 0.5},
-            {**right, "sensor": []},
-            {**right, "sensor": "0.5"},
-            {**right, "sensor": [None] * len(values)},
-            {**right, "sensor": [str(value) for value in values]},
-            {key: value for key, value in right.items() if key != "agent"},
-            {key: value for key, value in right.items() if key != "sensor"},
-            {key: value for key, value in right.items() if key != "simulation_hash"},
-            {**right, "simulation_hash": 7},
+
+class WrongSensors(Trying):
+    """Sends sensor messages that do not fit their schema, and sense something else."""
+
+    def kinds(self, topic: str, right: Json) -> list[str | bytes]:
+        """Missing keys, wrong types."""
+        if topic != "sensor":
+            return []
+        values, agent = sensed(7, self.stage.sensors), right["agent"]
+        other = {**right, "sensor": values}
+        found: list[Json] = [
+            {**other, "agent": None},
+            {**other, "agent": str(agent)},
+            {**other, "agent": agent + 0.5},
+            {**other, "sensor": []},
+            {**other, "sensor": "0.5"},
+            {**other, "sensor": [None] * len(values)},
+            {**other, "sensor": [str(value) for value in values]},
+            *(_without(other, key) for key in ("agent", "sensor", "simulation_hash")),
+            {**other, "simulation_hash": 7},
         ]
-        texts = [json.dumps(fields) for fields in wrong]
-        head = json.dumps({key: value for key, value in right.items() if key != "sensor"})[:-1]
-        rest = ", 0.5" * (len(values) - 1)
-        texts += [f'{head}, "sensor": [{word}{rest}]}}' for word in ("NaN", "Infinity", "1e999")]
-        for text in texts:
-            self.stage.client.publish("sensor", text)
-        super().sense(agent)
+        return [json.dumps(fields) for fields in found]
 
 
 @rule(
     "O4.2",
-    "Sensor messages with missing keys, wrong types or numbers that are not finite are not answered.",
+    "Sensor messages with missing keys or values of the wrong type are not answered.",
     where=READING,
     mend="check agent and sensor before the controller gets them; the right message is still to come",
+    d61="6.2 Sensor message, Schema 5",
     needs=["O3.1"],
     seconds=600,
 )
 def wrong_sensors(tool: Tool) -> None:
-    """Fifteen wrong messages before every right one, which senses something else."""
-    sent = "sensor messages with a wrong agent or wrong numbers before each right one"
-    must_go_on(tool, "wrong sensors", [WrongSensors(1), WrongSensors(2)], sent)
+    """Eleven wrong messages, one at a time before right ones; they sense something else."""
+    sent = "sensor messages with a wrong agent or wrong numbers before right ones"
+    must_go_on(tool, "wrong sensors", both(WrongSensors), sent)
 
 
-class Foreign(Actor):
+class Foreign(Trying):
     """Speaks for others: sensors, fitness and offers with hashes that nobody asked for."""
 
-    def says(self, topic: str, **fields: object) -> None:
-        """The same with two other hashes, then the message."""
-        hash_ = str(fields["simulation_hash"])
-        for other in (hash_[::-1] + "0", hash_[:-1]):
-            changed = {**fields, "simulation_hash": other}
-            if topic == "server":
-                changed["server"] = self.server + 10
-            super().says(topic, **changed)
-        super().says(topic, **fields)
+    def kinds(self, topic: str, right: Json) -> list[str | bytes]:
+        """The same with two other hashes; offers of servers that are not there."""
+        hash_ = str(right["simulation_hash"])
+        changes: Json = {"server": self.server + 10} if topic == "server" else {}
+        others = (hash_[::-1] + "0", hash_[:-1])
+        return [json.dumps({**right, "simulation_hash": other, **changes}) for other in others]
 
 
 @rule(
@@ -100,86 +94,145 @@ class Foreign(Actor):
     "Messages with other hashes belong to others: they are ignored.",
     where="protocol.md, Hash",
     mend="look the hash up among your discoveries and the episodes under way",
+    d61="6.2 Discovery message",
     needs=["O3.1"],
     seconds=600,
 )
 def foreign(tool: Tool) -> None:
-    """Offers, sensors and fitness with other hashes before each right one."""
-    record = must_go_on(tool, "foreign", [Foreign(1), Foreign(2)], "messages with other hashes")
+    """Offers, sensors and fitness with other hashes, one at a time before right ones."""
+    record = must_go_on(tool, "foreign", both(Foreign), "messages with other hashes")
     known = {episode.hash for episode in record.episodes}
+
+    def sent(topic: str, key: str, value: object) -> str:
+        found = (text for name, text in record.sent if name == topic and json.loads(text)[key] == value)
+        return f"{topic} {shown(next(found, 'messages with other hashes'))}"
+
     for content in record.on("actuator"):
-        if content.get("simulation_hash") not in known:
-            raise Failure(f"actuator {json.dumps(content)}", "no answer to sensors of other episodes")
+        hash_ = content.get("simulation_hash")
+        if hash_ not in known:
+            came = f"actuator {json.dumps(content)}"
+            raise Failure(
+                came, "no answer to sensors of other episodes", sent("sensor", "simulation_hash", hash_)
+            )
     for topic in ("parameters", "control"):
         for content in record.on(topic):
-            if content.get("server") not in {1, 2}:
+            server = content.get("server")
+            if server not in {1, 2}:
                 raise Failure(
-                    f"{topic} {json.dumps(content)}", "nothing for a server whose answer has another hash"
+                    f"{topic} {json.dumps(content)}",
+                    "nothing for a server whose answer has another hash",
+                    sent("server", "server", server),
                 )
 
 
-class WrongFitness(Actor):
-    """Sends a fitness that is none, waits, then the right one."""
+class WrongFitness(Trying):
+    """Sends a fitness that does not fit its schema."""
 
-    def __init__(self, server: int) -> None:
-        super().__init__(server)
-        self.right_at = 0.0
+    at_once = 5
 
-    def finish(self) -> None:
-        """Wrong ones first; the right one a few looks later."""
-        assert self.episode is not None
-        hash_ = self.episode.hash
-        for text in ('"7"', "null", "NaN", "1e999", "[1]", "true"):
-            self.stage.client.publish("fitness", f'{{"simulation_hash": "{hash_}", "fitness": {text}}}')
-        self.stage.client.publish("fitness", f'{{"simulation_hash": "{hash_}"}}')
-        self.right_at = time.monotonic() + 0.1
-
-    def tick(self) -> None:
-        """Now the right one."""
-        if self.episode is not None and 0 < self.right_at < time.monotonic():
-            self.right_at = 0.0
-            super().finish()
-
-    def control(self, content: Json) -> None:
-        """Nobody should begin or end anything before the right one has come."""
-        if self.right_at:
-            self.stage.record.notes.setdefault("early", f"control {json.dumps(content)}")
-        super().control(content)
+    def kinds(self, topic: str, right: Json) -> list[str | bytes]:
+        """Text, null, a list, true, nothing."""
+        if topic != "fitness":
+            return []
+        found = [{**right, "fitness": value} for value in ("7", None, [1], True)]
+        return [json.dumps(fields) for fields in (*found, _without(right, "fitness"))]
 
 
 @rule(
     "O4.4",
-    "A fitness that is no finite number is refused; the right one counts.",
+    "A fitness that is no number is refused; the right one counts.",
     where=READING,
-    mend="check that fitness is a finite number before you end the episode",
+    mend="check that fitness is a number before you end the episode",
+    d61="6.2 Fitness message, Schema 7",
     needs=["O3.1"],
     seconds=600,
 )
 def wrong_fitness(tool: Tool) -> None:
-    """Seven wrong messages, a pause, and the fitness."""
-    actors: list[Actor] = [WrongFitness(1), WrongFitness(2)]
-    sent = "fitness as text, null, NaN, 1e999, a list, true, and missing"
-    record = must_go_on(tool, "wrong fitness", actors, sent)
-    if "early" in record.notes:
-        raise Failure(f"{record.notes['early']} came", "nothing before the right fitness", sent)
+    """Five wrong messages, each with a pause, and the fitness."""
+    must_go_on(tool, "wrong fitness", both(WrongFitness), "fitness as text, null, a list, true, and missing")
+
+
+NOTE = {"deep": [1, {"run": None}]}
 
 
 class Chatty(Actor):
-    """Adds keys that nobody knows, and simulation, which may be there or not."""
+    """Adds a key that nobody knows."""
 
     def says(self, topic: str, **fields: object) -> None:
-        """With more keys."""
-        super().says(topic, **fields, note={"deep": [1, {"run": None}]}, simulation="anything")
+        """With one more key."""
+        super().says(topic, **fields, note=NOTE)
 
 
 @rule(
     "O4.5",
-    "Unknown keys are ignored, and simulation is not relied on.",
+    "Unknown keys are ignored.",
     where=READING,
-    mend="read the keys that you know; tell episodes apart by the hash alone",
+    mend="read the keys that you know, ignore the others",
+    d61="6.2, Schemas 2, 5 and 7",
     needs=["O3.1"],
     seconds=600,
 )
 def unknown_keys(tool: Tool) -> None:
-    """More keys in every message."""
-    must_go_on(tool, "chatty", [Chatty(1), Chatty(2)], "messages with unknown keys")
+    """One more key in every message."""
+    sent = f'server, sensor and fitness messages with "note": {json.dumps(NOTE)}'
+    must_go_on(tool, "chatty", [Chatty(1), Chatty(2)], sent)
+
+
+class BeyondNumbers(Trying):
+    """Sends numbers that no JSON or no binary number holds, agents that are none, and deep nesting."""
+
+    at_once = 4
+
+    def kinds(self, topic: str, right: Json) -> list[str | bytes]:
+        """NaN, infinities, an agent below 0, 10,000 levels."""
+        words = ("NaN", "Infinity", "1e999")
+        if topic == "fitness":
+            head = json.dumps(_without(right, "fitness"))[:-1]
+            return [f'{head}, "fitness": {word}}}' for word in words]
+        if topic != "sensor":
+            return []
+        values = sensed(7, self.stage.sensors)
+        head, rest = json.dumps(_without(right, "sensor"))[:-1], ", 0.5" * (len(values) - 1)
+        return [
+            json.dumps({**right, "agent": -1, "sensor": values}),
+            *(f'{head}, "sensor": [{word}{rest}]}}' for word in words),
+            "[" * 10_000,
+        ]
+
+
+@rule(
+    "O4.6",
+    "Numbers that are not finite, agents below 0 and more than 127 levels of nesting are refused.",
+    where=READING,
+    mend="check numbers once they are read; limit the depth in your JSON reader",
+    needs=["O4.2", "O4.4"],
+    seconds=600,
+)
+def beyond_numbers(tool: Tool) -> None:
+    """Eight wrong messages, one at a time before right ones."""
+    must_go_on(tool, "beyond numbers", both(BeyondNumbers), "NaN, infinities, agent -1, 10,000 levels")
+
+
+class Untitled(Actor):
+    """Leaves simulation out, or sends another."""
+
+    def says(self, topic: str, **fields: object) -> None:
+        """One of both."""
+        fields.pop("simulation", None)
+        if topic != "server" and self.server == 2:
+            fields["simulation"] = "anything"
+        super().says(topic, **fields)
+
+
+@rule(
+    "O4.7",
+    "simulation is not relied on in sensor and fitness messages.",
+    where=READING,
+    mend="tell episodes apart by the hash alone: D6.1's schemas have simulation, its examples do not",
+    needs=["O3.1"],
+    seconds=600,
+)
+def untitled(tool: Tool) -> None:
+    """One server that leaves it out, one that sends another title."""
+    sent = 'sensor and fitness messages without "simulation", and with "simulation": "anything"'
+    must_go_on(tool, "untitled", [Untitled(1), Untitled(2)], sent)

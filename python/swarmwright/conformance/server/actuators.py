@@ -32,7 +32,10 @@ def clamped(server: Server) -> None:
     for value, limit, course in ((7.5, "+1", plus), (-1e30, "-1", minus), (1.0000001, "+1", plus)):
         difference = course.difference(server.play(Always((value,) * count)))
         if difference:
-            raise Failure(f"with {value:g} instead of {limit} {difference}", f"{value:g} counts as {limit}")
+            came = f"with {value:g} instead of {limit} {difference}"
+            raise Failure(
+                came, f"{value:g} counts as {limit}", f'"actuator": {[value] * count} to all agents'
+            )
 
 
 @rule(
@@ -98,4 +101,8 @@ def binary32(server: Server) -> None:
     effective(server, short, Wander(count, seed=5))
     difference = server.play(short).difference(server.play(long))
     if difference:
-        raise Failure(f"with 0.1000000001 instead of 0.1 {difference}", "the same: both are the binary32 0.1")
+        raise Failure(
+            f"with 0.1000000001 instead of 0.1 {difference}",
+            "the same: both are the binary32 0.1",
+            f'"actuator": {list(long.values)} to all agents, after {list(short.values)} in another episode',
+        )

@@ -155,16 +155,18 @@ def refused(server: Server) -> None:
     one = Batch(server, _seeds(server)[:1])
     values = [[0.5] * server.actuators for _ in one.rows]
     nan = [[float("nan")] * server.actuators for _ in one.rows]
-    tries = [
-        one.answer(values, step=one.step + 1),
-        one.answer([*values, values[0]]),
-        one.answer(nan),
-        one.answer(values, request=one.request["request"] + 1_000_000),
-        one.answer(values, actuators=values),
+    tries: list[tuple[str, Sequence[Sequence[float]], Json]] = [
+        ("the next step", values, {"step": one.step + 1}),
+        ("a row too many", [*values, values[0]], {}),
+        ("NaN", nan, {}),
+        ("the number of no request", values, {"request": one.request["request"] + 1_000_000}),
+        ("a list in place of binary", values, {"actuators": values}),
     ]
-    for message in server.client.drain(server.quiet):
-        if message.topic.endswith(server.token):
-            raise Failure("an answer came", "silence: the actuators are wrong", "; ".join(tries))
+    for what, rows, changes in tries:
+        sent = one.answer(rows, **changes)
+        for message in server.client.drain(server.quiet):
+            if message.topic.endswith(server.token):
+                raise Failure("an answer came", "silence: the actuators are wrong", f"{sent}: {what}")
     one.play(_zeros(server))
 
 

@@ -3,7 +3,7 @@
 import json
 import time
 
-from swarmwright.conformance._client import PRESENCE
+from swarmwright.conformance._client import PRESENCE, shown
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._subject import Server, new_hash
@@ -143,7 +143,7 @@ def leftovers(server: Server) -> None:
         raise Failure(
             f"{wrong[0]} came",
             "silence: the message was retained",
-            "discovery, parameters, control, all retained",
+            "; ".join(f"{topic} {shown(json.dumps(fields))} (retained)" for topic, fields in left.items()),
         )
 
 

@@ -39,6 +39,7 @@ def until_several(server: Server) -> Episode:
     where="protocol.md, An episode, 2 to 4",
     mend="keep the parameters by their hash; at control with this hash reset the simulation and "
     "publish what agents sense",
+    d61="6.2 Control message",
     needs=["S1.2"],
 )
 def begins(server: Server) -> None:
@@ -56,30 +57,27 @@ def begins(server: Server) -> None:
 
 @rule(
     "S2.2",
-    "A sensor message has the agent, an integer from 0, and what it senses: finite numbers, always as many.",
+    "A sensor message has the agent, an integer, and what it senses, a list of finite numbers, not empty.",
     where="protocol.md, Topics; protocol/schemas/sensor.schema.json",
-    mend="publish {simulation_hash, agent, sensor: [numbers]}; announce their number in "
-    "capabilities.swarmwright.sensors",
+    mend="publish {simulation_hash, agent, sensor: [numbers]}",
+    d61="6.2 Sensor message, Schema 5",
     needs=["S2.1"],
 )
-def sensors(server: Server) -> str | None:
+def sensors(server: Server) -> str:
     """The messages of the first steps."""
+    episode = first_steps(server)
+    lengths = {len(numbers) for readings in episode.course.readings.values() for numbers in readings}
+    return f"{' or '.join(map(str, sorted(lengths)))} numbers"
+
+
+def first_steps(server: Server) -> Episode:
+    """An episode after three steps; its messages have been looked at."""
     episode = begun(server)
-    wanted = server.announced.get("sensors")
     for _ in range(3):
         for agent, turn, numbers in list(episode.pending):
-            if isinstance(wanted, int) and len(numbers) != wanted:
-                raise Failure(
-                    f"{len(numbers)} numbers came for agent {agent}", f"{wanted} numbers, as announced"
-                )
             episode.answer(agent, server.policy(agent, turn, numbers))
         episode.gather()
-    lengths = {len(numbers) for readings in episode.course.readings.values() for numbers in readings}
-    if len(lengths) > 1:
-        raise Failure(
-            f"{sorted(lengths)} numbers came in different messages", "as many for every agent and step"
-        )
-    return f"{lengths.pop()} numbers"
+    return episode
 
 
 @rule(
@@ -88,6 +86,7 @@ def sensors(server: Server) -> str | None:
     where="protocol.md, An episode, 5",
     mend="when the simulation is done publish {simulation_hash, fitness}; a fitness that is no "
     "number cannot be sent",
+    d61="6.2 Fitness message, Schema 7",
     needs=["S2.1"],
 )
 def ends(server: Server) -> str:
@@ -124,10 +123,11 @@ def asks_once(server: Server) -> None:
     """Wait at the beginning of an episode, and listen."""
     episode = begun(server)
     episode.gather()
-    agents = [agent for agent, _, _ in episode.pending]
-    if len(set(agents)) < len(agents):
+    if episode.repeated:
         raise Failure(
-            f"sensor messages for the agents {agents} came without any answer", "one for each agent"
+            f"{episode.repeated[0]} came, and the agent had been asked before",
+            "one sensor message for each agent",
+            "parameters, control, no actuators",
         )
 
 
@@ -163,6 +163,7 @@ def waits_for_all(server: Server) -> None:
     "There is one fitness, and after it the episode is over: nothing more comes.",
     where="protocol.md, An episode, 5",
     mend="publish the fitness once; ignore actuators that come after it",
+    d61="6.2 Fitness message",
     needs=["S2.3"],
 )
 def one_fitness(server: Server) -> None:
@@ -183,19 +184,20 @@ def one_fitness(server: Server) -> None:
     "After the fitness it is free for everybody, if the tool did not name itself.",
     where="protocol.md, Who is taken, and when",
     mend="answer discovery again as soon as the fitness is published",
+    d61="5.2.3; 7.2.2",
     needs=["S2.6"],
 )
 def free_afterwards(server: Server) -> None:
     """An episode, then a discovery at once."""
     server.play()
-    server.must_answer("an answer: the episode is over", "the last actuators, then a discovery")
+    server.must_come_free("an answer: the episode is over", "the last actuators, then a discovery")
 
 
 @rule(
     "S2.8",
     "The same parameters serve several episodes: control alone starts another one.",
     where="protocol.md, An episode",
-    mend="keep the parameters of the last hashes after the fitness",
+    mend="keep the parameters of the last hashes after the fitness; D6.1's tools always send them",
     needs=["S2.7"],
 )
 def serves_again(server: Server) -> None:
@@ -210,20 +212,22 @@ def serves_again(server: Server) -> None:
 
 @rule(
     "S2.9",
-    "Control with run: false ends an episode without a fitness, and the server is free.",
+    "Control with run: false ends an episode, and the server is free.",
     where="protocol.md, An episode, 5",
     mend="at control with run: false and the hash of the episode forget it, publish nothing, answer "
     "discovery again",
+    d61="6.2 Control message, Schema 4",
     needs=["S2.3"],
 )
 def is_ended(server: Server) -> None:
     """run: false in the middle of a step, then its actuators all the same."""
     episode = begun(server)
     sent = episode.stop()
-    answer = server.discover()
-    if answer is None:
+    try:
+        server.must_come_free("free again", sent)
+    except Failure:
         episode.over = False
-        raise Failure("it did not answer a discovery", "free again", sent)
+        raise
     server.client.waiting.clear()  # what was said before the end
     for agent, turn, numbers in list(episode.pending):
         sent = episode.answer(agent, server.policy(agent, turn, numbers))
@@ -262,13 +266,55 @@ def needs_parameters(server: Server) -> None:
 
 @rule(
     "S2.12",
-    "visual, left out or false, and simulation, left out, change nothing.",
+    "run and visual may be left out of control: they are true and false then.",
+    where="protocol.md, Topics",
+    mend="require no more than server and simulation_hash in control; take run for true where it is missing",
+    d61="6.2 Control message, Schema 4",
+    needs=["S2.3"],
+)
+def short_control(server: Server) -> None:
+    """A control message without flags."""
+    episode = server.episode()
+    episode.configure()
+    fields = {"simulation": server.settings.title, "simulation_hash": episode.hash}
+    episode.hear(server.client.send("control", server=server.id, **fields))
+    episode.play()
+
+
+@rule(
+    "S2.13",
+    "Agents are numbered from 0 on, and all messages of all agents have as many numbers, as announced.",
+    where="protocol.md, Topics; Presence",
+    mend="number agents from 0; send as many numbers for each; announce how many in "
+    "capabilities.swarmwright.sensors",
+    needs=["S2.2"],
+)
+def as_many_numbers(server: Server) -> str:
+    """The messages of the first steps."""
+    episode = first_steps(server)
+    wanted = server.announced.get("sensors")
+    lengths = {agent: {len(row) for row in rows} for agent, rows in episode.course.readings.items()}
+    for agent, found in lengths.items():
+        if agent < 0:
+            raise Failure(f"a sensor message of agent {agent} came", "agents from 0")
+        for length in found:
+            if isinstance(wanted, int) and length != wanted:
+                raise Failure(f"{length} numbers came for agent {agent}", f"{wanted} numbers, as announced")
+    every = sorted(set().union(*lengths.values()))
+    if len(every) > 1:
+        raise Failure(f"{every} numbers came in different messages", "as many for every agent and step")
+    return f"{every[0]} numbers"
+
+
+@rule(
+    "S2.14",
+    "simulation, left out of control and actuator messages, changes nothing.",
     where="protocol.md, Reading",
-    mend="require no more than server and simulation_hash in control; do not rely on simulation",
+    mend="do not rely on simulation: D6.1's schemas require it, D6.1's examples leave it out",
     needs=["S2.3"],
 )
 def bare_control(server: Server) -> None:
-    """The shortest control message and actuator messages of D6.1."""
+    """The shortest control message and actuator messages of D6.1's examples."""
     episode = server.episode()
     episode.configure()
     if len(server.announced.get("simulations", [1])) > 1:

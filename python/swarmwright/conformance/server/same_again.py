@@ -99,7 +99,7 @@ def forgets(server: Server) -> None:
         server.must_answer("an answer: the episode was ended")
         difference, after = first.difference(server.play(parameters=seeded(server, 1))), "one that was ended"
     if difference:
-        server.deterministic = None
+        server.deterministic, server.repeats = None, False
         raise Failure(f"{difference}, the second time after {after}", "the same bits whatever was before")
 
 

@@ -18,12 +18,13 @@ HOLD = 5.0
 def must_be_taken(server: Server, why: str, sent: str = "", **changes: object) -> None:
     """Failure when it answers a discovery now."""
     question = server.discovery(**changes)
-    server.client.send("discovery", **question)
+    asked = server.client.send("discovery", **question)
     message = server.client.next(
         lambda message: server.is_answer(message, question["simulation_hash"]), server.quiet
     )
     if message is not None:
-        raise Failure(f"it answered a discovery: {message}", f"silence: {why}", sent)
+        before = f"{sent}, then " if sent else ""
+        raise Failure(f"it answered a discovery: {message}", f"silence: {why}", before + asked)
 
 
 def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> float:
@@ -55,6 +56,7 @@ def after_parameters(server: Server) -> None:
     "While an episode runs it does not answer discovery, neither another tool's nor that of the same.",
     where=TAKEN,
     mend="answer discovery only when no episode is under way",
+    d61="5.2.3; 7.2.2",
     needs=["S2.9"],
 )
 def while_running(server: Server) -> None:
@@ -223,8 +225,8 @@ def named(server: Server, tool: str) -> Episode:
 def is_held(server: Server) -> None:
     """An episode with a name; discoveries of another, of nobody, of the same."""
     named(server, "conformance/a")
-    must_be_taken(server, "it is held for conformance/a", "discovery of conformance/b", tool="conformance/b")
-    must_be_taken(server, "it is held for conformance/a", "discovery without a name")
+    must_be_taken(server, "it is held for conformance/a", tool="conformance/b")
+    must_be_taken(server, "it is held for conformance/a")
     server.must_answer("an answer to its holder", "discovery of conformance/a", tool="conformance/a")
     other = server.episode(tool="conformance/b")
     sent = f"{other.configure()}, {other.start()}"

@@ -1,52 +1,15 @@
 """S5: what is refused changes nothing, and stalls nothing."""
 
 import json
-from collections.abc import Callable, Sequence
 
-from swarmwright.conformance._client import shown
 from swarmwright.conformance._rules import Failure
+from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._subject import Json, Server, new_hash
+from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.discovery import compare_agents
 
 READING = "protocol.md, Reading"
-Junk = tuple[str, str | bytes]
-"""A topic and a payload."""
-
-
-def disturb(server: Server, junk: Callable[[str], Sequence[Junk]], why: str, *, free: bool = True) -> None:
-    """Publish junk to a free server, and in the first step of an episode, which must go on all the same.
-
-    junk: gets the hash that an episode has. free: whether a free server gets it, too.
-    """
-    if free:
-        for topic, payload in junk(new_hash()):
-            server.client.publish(topic, payload)
-            server.must_answer(
-                "an answer to the discovery that followed", f"{topic} {shown(payload)}, then a discovery"
-            )
-        server.must_be_silent(why, "all of it while it was free")
-    episode = server.episode()
-    episode.configure()
-    episode.start()
-    episode.gather()
-    if episode.over:
-        return  # it steers its agents itself
-    course = episode.course
-    agents = [agent for agent, _, _ in episode.pending]
-    pieces = junk(episode.hash)
-    sent = "while it waited for actuators: " + "; ".join(
-        f"{topic} {shown(payload)}" for topic, payload in pieces[:4]
-    )
-    for topic, payload in pieces:
-        server.client.publish(topic, payload)
-    episode.must_wait(agents, why, sent)
-    try:
-        episode.play()
-    except Failure as failure:
-        raise Failure(failure.came, "the episode goes on with the right actuators", sent) from None
-    difference = server.reference.difference(course) if server.deterministic else ""
-    if difference:
-        raise Failure(difference, "the episode as if nothing had come between", sent)
 
 
 def _list(*values: object) -> tuple[object, ...]:
@@ -65,9 +28,10 @@ def _actuators(hash_: str, *tries: object, agent: object = 0) -> list[Junk]:
     "What is no JSON object in UTF-8 is refused, on every topic.",
     where=READING,
     mend="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    d61="6.1",
     needs=["S2.3"],
 )
-def no_json(server: Server) -> None:
+def no_json(server: ServerPeer) -> None:
     """Nothing, a word, half an object, a list, a number, bytes that are no UTF-8."""
     texts: list[str | bytes] = [
         "",
@@ -89,9 +53,10 @@ def no_json(server: Server) -> None:
     "A message without one of its required keys is refused.",
     where=f"{READING}; protocol/schemas",
     mend="look for each required key before you use the message",
+    d61="6.2, Schemas 1, 3, 4 and 6",
     needs=["S2.3"],
 )
-def missing_keys(server: Server) -> None:
+def missing_keys(server: ServerPeer) -> None:
     """Each message of a tool without each of its keys."""
 
     def junk(hash_: str) -> list[Junk]:
@@ -123,9 +88,10 @@ def _messages(server: Server, hash_: str) -> list[tuple[str, Json]]:
     "A value of the wrong type is refused: a number in quotes, null, true, a list.",
     where=READING,
     mend="check the type of each key; do not convert text to numbers or booleans",
+    d61="6.2, Schemas 1, 3, 4 and 6",
     needs=["S2.3"],
 )
-def wrong_types(server: Server) -> None:
+def wrong_types(server: ServerPeer) -> None:
     """Each key with values of other types."""
     hash_free = new_hash()
 
@@ -172,7 +138,7 @@ def wrong_types(server: Server) -> None:
     mend="refuse a message with a number that is not finite once it is read as binary32",
     needs=["S2.3"],
 )
-def not_finite(server: Server) -> None:
+def not_finite(server: ServerPeer) -> None:
     """NaN, Infinity, 1e999 and 1e39 among actuators."""
 
     def junk(hash_: str) -> list[Junk]:
@@ -191,7 +157,7 @@ def not_finite(server: Server) -> None:
     mend="compare the number of actuators with what the simulation has; refuse others as a whole",
     needs=["S2.3"],
 )
-def wrong_number(server: Server) -> None:
+def wrong_number(server: ServerPeer) -> None:
     """None, one less, one more, a thousand more."""
     count = server.actuators
     wrong = [[0.5] * number for number in sorted({0, count - 1, count + 1, count + 1000})]
@@ -203,9 +169,10 @@ def wrong_number(server: Server) -> None:
     "Actuators of an agent that was not asked are refused.",
     where=READING,
     mend="look the agent up among those that were asked in this step",
+    d61="6.2 Actuator message",
     needs=["S2.3"],
 )
-def unknown_agent(server: Server) -> None:
+def unknown_agent(server: ServerPeer) -> None:
     """Agents that cannot be there."""
     values = [0.5] * server.actuators
     agents = (-1, 1_000_000, 2**31, 2**63, 10**30)
@@ -222,9 +189,10 @@ def unknown_agent(server: Server) -> None:
     "Messages with other hashes belong to others: they are ignored.",
     where="protocol.md, Hash",
     mend="compare simulation_hash with that of the episode under way in actuator messages",
+    d61="6.2 Discovery message, Actuator message",
     needs=["S2.3"],
 )
-def foreign_hash(server: Server) -> None:
+def foreign_hash(server: ServerPeer) -> None:
     """Actuators with other hashes; some begin like ours."""
 
     def junk(hash_: str) -> list[Junk]:
@@ -240,9 +208,10 @@ def foreign_hash(server: Server) -> None:
     "Messages for other servers are ignored.",
     where="protocol.md, Topics",
     mend="compare server in parameters and control with your ID",
+    d61="6.2 Parameters message, Control message",
     needs=["S2.3"],
 )
-def foreign_server(server: Server) -> None:
+def foreign_server(server: ServerPeer) -> None:
     """Parameters and control for the next ID: no episode begins, none ends."""
     other = server.id + 1
     episode = server.episode()
@@ -266,7 +235,7 @@ def foreign_server(server: Server) -> None:
     mend="limit the depth in your JSON reader, so that no message overflows the stack",
     needs=["S2.3"],
 )
-def too_deep(server: Server) -> None:
+def too_deep(server: ServerPeer) -> None:
     """Unknown keys, nested 100 and 100,000 levels."""
     note: object = 1
     for _ in range(100):
@@ -295,7 +264,7 @@ def too_deep(server: Server) -> None:
     mend="look at the length of a payload before you read it",
     needs=["S2.3"],
 )
-def too_large(server: Server) -> None:
+def too_large(server: ServerPeer) -> None:
     """Messages with an unknown key of 1 MiB."""
     note = "x" * (1 << 20)
 
@@ -317,7 +286,7 @@ def too_large(server: Server) -> None:
     mend="read integers as JSON numbers; take those without a fraction",
     needs=["S2.3"],
 )
-def integers(server: Server) -> None:
+def integers(server: ServerPeer) -> None:
     """An episode whose server and agents are written with a decimal point."""
     episode = server.episode()
     client, head = server.client, f'"server": {server.id}.0, "simulation_hash": "{episode.hash}"'
@@ -337,3 +306,39 @@ def integers(server: Server) -> None:
         client.publish("actuator", sent)
     episode.pending.clear()
     episode.hear(f"actuator {sent}")
+
+
+@rule(
+    "S5.12",
+    "Of repeated keys the last one counts.",
+    where=READING,
+    mend="most JSON libraries keep the last of repeated keys",
+    needs=["S1.2"],
+)
+def repeated_keys(server: Server) -> None:
+    """A discovery with the wrong title before the right one."""
+    question = server.discovery()
+    text = json.dumps({**question, "first": 1}).replace("{", '{"simulation": "nobody has this", ', 1)
+    server.client.publish("discovery", text)
+    hash_ = question["simulation_hash"]
+    if not server.client.next(lambda message: server.is_answer(message, hash_), server.settings.timeout):
+        expected = "an answer: the last of two keys simulation counts"
+        raise Failure("nothing came", expected, f"discovery {text}")
+
+
+@rule(
+    "S5.13",
+    "max agents in requirements is max_agents; without max_agents in its capabilities a server has no limit.",
+    where=f"{READING}; An episode, 1",
+    mend="read both spellings: D6.1 prints max_agents in Schema 1, max agents in Schema 2",
+    needs=["S1.6"],
+)
+def either_spelling(server: Server) -> None:
+    """As many agents as it announces, and one more; without a limit a million."""
+    if server.max_agents is not None:
+        compare_agents(server, "max agents", server.max_agents)
+        return
+    for key in ("max_agents", "max agents"):
+        needs = {"dimensions": server.settings.dimensions, key: 1_000_000}
+        sent = f'discovery with "requirements": {json.dumps(needs)}'
+        server.must_answer("an answer: it announces no max_agents", sent, requirements=needs)

@@ -5,12 +5,17 @@ import json
 import re
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Recording
-from swarmwright.display.page._data import episode_data
+from swarmwright.display._look import css
+from swarmwright.display.page._data import episode_data, picture_data
 
-SCRIPTS = ("shapes.js", "world.js", "course.js", "player.js")
+if TYPE_CHECKING:
+    from swarmwright.display.pictures import PictureRecording
+
+SCRIPTS = ("shapes.js", "world.js", "pictures.js", "course.js", "player.js")
 """In this order they are one script."""
 
 
@@ -24,7 +29,18 @@ def page(recording: Recording, *, caption: Caption, speed: float = 1.0) -> str:
 
     speed: how many times faster than the simulation's step size it plays at first.
     """
-    data = episode_data(recording, speed=speed)
+    return _filled(episode_data(recording, speed=speed), caption)
+
+
+def write_pictures(
+    recording: "PictureRecording", path: Path, *, caption: Caption, speed: float = 1.0
+) -> None:
+    """Write the page of an episode in pictures. Raises OSError."""
+    path.write_text(_filled(picture_data(recording, speed=speed), caption), encoding="utf-8")
+
+
+def _filled(data: dict[str, Any], caption: Caption) -> str:
+    """Return the page with an episode as its script reads it."""
     title = caption.title or str(data["message"]) or "Episode"
     facts = "".join(
         f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
@@ -37,7 +53,7 @@ def page(recording: Recording, *, caption: Caption, speed: float = 1.0) -> str:
     parts = {
         "title": html.escape(title),
         "facts": facts,
-        "style": _part("page.css"),
+        "style": f"{css()}\n{_part('page.css')}",
         "script": "\n".join(_part(name) for name in SCRIPTS),
         "episode": text,
     }

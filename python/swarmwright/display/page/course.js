@@ -19,7 +19,9 @@ class Course {
     c.font = "12px system-ui, 'DejaVu Sans', sans-serif";
     const numbers = this.known ? this.numbers() : [];
     this.left = Math.max(26, ...numbers.map((value) => c.measureText(words(value)).width + 10));
-    this.box = { width: width - this.left - 10, height: height - 38, top: 8 };
+    // The last number stands in the middle below the last step.
+    const right = Math.max(10, c.measureText(String(this.fitness.length - 1)).width / 2 + 3);
+    this.box = { width: width - this.left - right, height: height - 44, top: 8 };
     this.axes(color, numbers);
     if (!this.known) {
       c.textAlign = "center";
@@ -68,7 +70,7 @@ class Course {
     const step = Math.max(1, spacing(Math.max(last, 1), 5));
     for (let i = 0; i <= last; i += step) c.fillText(String(i), this.x(i), box.top + box.height + 5);
     c.textBaseline = "bottom";
-    c.fillText("step", this.left + box.width / 2, box.top + box.height + 28);
+    c.fillText("step", this.left + box.width / 2, box.top + box.height + 35);
   }
 
   // A step's fitness holds until the next step.

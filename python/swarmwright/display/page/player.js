@@ -9,7 +9,11 @@ class Player {
     this.time = 0; // in steps
     this.playing = false;
     this.part = Object.fromEntries([...document.querySelectorAll("[id]")].map((part) => [part.id, part]));
-    this.world = new World(this.part.world, episode);
+    this.world = episode.pictures
+      ? new Pictures(this.part.world, episode, () => this.shown !== undefined && this.show())
+      : new World(this.part.world, episode);
+    // Without bodies there is nothing to count, and nothing leaves a trail.
+    this.part.bodies.hidden = this.part.trails.hidden = !episode.bodies.length;
     this.course = new Course(this.part.course, episode.fitness);
     this.gliding = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.part.scrub.max = this.last;
@@ -38,7 +42,7 @@ class Player {
     svg.setAttribute("viewBox", "-1.3 -1.3 2.6 2.6");
     svg.setAttribute("aria-hidden", "true");
     const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-    path.setAttribute("d", PATHS[shape]);
+    path.setAttribute("d", EPISODE.shapes[shape]);
     path.setAttribute("style", `fill: var(--${color})`);
     svg.append(path);
     const [name, count] = [document.createElement("span"), document.createElement("span")];
@@ -199,4 +203,4 @@ class Player {
   }
 }
 
-const player = new Player(JSON.parse(document.getElementById("episode").textContent));
+const player = new Player(EPISODE);

@@ -1,37 +1,17 @@
 "use strict";
-// How bodies look: shape, colour, name. Shapes are SVG paths around (0, 0) with radius 1, drawn on the map and
-// in the legend alike.
+// How bodies look: what the episode says of their shapes, colours and names.
 
-const PATHS = {
-  circle: "M1 0A1 1 0 1 1-1 0A1 1 0 1 1 1 0Z",
-  cross: "M-.95-.55-.55-.95 0-.4 .55-.95 .95-.55 .4 0 .95 .55 .55 .95 0 .4-.55 .95-.95 .55-.4 0Z",
-  triangle: "M0-1.1 1 .8-1 .8Z",
-  star: "M0-1.2 .27-.37 1.14-.37 .44 .14 .71 .97 0 .46-.71 .97-.44 .14-1.14-.37-.27-.37Z",
-  diamond: "M0-1.1 1.1 0 0 1.1-1.1 0Z",
-  square: "M-1-1H1V1H-1Z",
-};
-const SHAPES = Object.fromEntries(Object.entries(PATHS).map(([name, path]) => [name, new Path2D(path)]));
-
-const CELLS = new Set(["blockade", "exit"]); // fill a cell of a grid
-const MOVING = new Set(["agent", "defender"]); // leave trails
+const EPISODE = JSON.parse(document.getElementById("episode").textContent);
+const SHAPES = Object.fromEntries(Object.entries(EPISODE.shapes).map(([name, path]) => [name, new Path2D(path)]));
+const CELLS = new Set(EPISODE.cells); // fill a cell of a grid
+const MOVING = new Set(EPISODE.moving); // leave trails
 
 function look(kind, state) {
-  if (kind === "agent") {
-    if (state === "caught" || state === "crashed") return { shape: "cross", color: "lost" };
-    return { shape: "circle", color: state === "arrived" || state === "out" ? "good" : "free" };
-  }
-  const known = {
-    defender: { shape: "triangle", color: "defender" },
-    goal: { shape: "star", color: "good" },
-    exit: { shape: "square", color: "exit" },
-    blockade: { shape: "square", color: "blockade" },
-    obstacle: { shape: "circle", color: "blockade" },
-  };
-  return known[kind] || { shape: "diamond", color: "other" };
+  return EPISODE.looks[label(kind, state)];
 }
 
 function label(kind, state) {
-  return kind === "agent" && state ? `${kind}, ${state}` : kind;
+  return state ? `${kind}, ${state}` : kind;
 }
 
 // A value of a body at a scene; what never moves has one for all.

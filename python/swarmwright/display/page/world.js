@@ -1,6 +1,7 @@
 // The map with everything on it, at a time in steps.
 
-const MARGIN = { left: 30, right: 10, top: 8, bottom: 24 }; // pixels, for the numbers
+const MARGIN = { left: 30, right: 10, top: 8, bottom: 24 }; // pixels, for the numbers, at least
+const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
 
 class World {
   constructor(canvas, episode) {
@@ -14,12 +15,13 @@ class World {
     const { width, height, bodies } = this.episode;
     const room = this.canvas.parentElement.clientWidth;
     const highest = Math.max(240, window.innerHeight * 0.68);
-    const inside = [room - MARGIN.left - MARGIN.right, highest - MARGIN.top - MARGIN.bottom];
+    const margin = this.margin();
+    const inside = [room - margin.left - margin.right, highest - MARGIN.top - MARGIN.bottom];
     this.scale = Math.min(inside[0] / width, inside[1] / height);
     const size = [width * this.scale, height * this.scale];
     const total = size[1] + MARGIN.top + MARGIN.bottom;
     this.canvas.style.height = `${total}px`;
-    this.left = MARGIN.left + (inside[0] - size[0]) / 2;
+    this.left = margin.left + (inside[0] - size[0]) / 2;
     this.top = MARGIN.top;
     this.color = theme();
     this.context = fit(this.canvas, room, total);
@@ -50,6 +52,22 @@ class World {
     return this.pixels(x + share * (nextX - x), y + share * (nextY - y));
   }
 
+  // Room for the longest numbers, which stand beside the map and half beside its last column.
+  margin() {
+    const { width, height } = this.episode;
+    const c = this.canvas.getContext("2d");
+    c.font = FONT;
+    const step = this.spacing();
+    const longest = (extent) => c.measureText(words(Math.floor(extent / step) * step)).width;
+    return { left: Math.max(MARGIN.left, longest(height) + 10), right: Math.max(MARGIN.right, longest(width) / 2 + 4) };
+  }
+
+  // Distance between two numbers, in metres or cells.
+  spacing() {
+    const { width, height, grid } = this.episode;
+    return Math.max(grid ? 1 : 0, spacing(Math.max(width, height), 12));
+  }
+
   pixels(x, y) {
     return [this.left + x * this.scale, this.top + (this.episode.height - y) * this.scale];
   }
@@ -59,7 +77,7 @@ class World {
     const { width, height, grid } = this.episode;
     c.fillStyle = color("field");
     c.fillRect(this.left, this.top, w, h);
-    const step = Math.max(grid ? 1 : 0, spacing(Math.max(width, height), 12));
+    const step = this.spacing();
     const lines = grid && Math.max(width, height) <= 64 ? 1 : step;
     c.strokeStyle = color("grid");
     c.lineWidth = 1;
@@ -83,7 +101,7 @@ class World {
     const { width, height, grid } = this.episode;
     const middle = grid ? 0.5 : 0;
     c.fillStyle = this.color("soft");
-    c.font = "12px system-ui, 'DejaVu Sans', sans-serif";
+    c.font = FONT;
     c.textAlign = "center";
     c.textBaseline = "top";
     for (let x = 0; x + middle <= width; x += step)

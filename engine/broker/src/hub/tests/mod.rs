@@ -1,6 +1,7 @@
 //! Conversations with the broker without sockets: hours pass in an instant.
 
 mod delivery;
+mod limits;
 mod refusals;
 mod sessions;
 

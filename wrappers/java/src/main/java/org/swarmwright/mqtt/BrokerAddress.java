@@ -73,6 +73,11 @@ public final class BrokerAddress {
       throw wrong(shown, "expected HOST or HOST:PORT, the port from 1 to 65535");
     }
     boolean web = scheme.startsWith("ws");
+    String query = parsed.getQuery() == null ? "" : parsed.getQuery();
+    if (!query.isEmpty() && !query.equals("mqtt=5")) {
+      throw wrong(
+          shown, "servers in Java speak MQTT 5 only; behind the address there may be ?mqtt=5");
+    }
     String path = parsed.getPath() == null ? "" : parsed.getPath();
     if (!web && path.length() > 1) {
       throw wrong(shown, "mqtt:// and mqtts:// take no path; use a prefix for topics");
@@ -131,7 +136,7 @@ public final class BrokerAddress {
    */
   public SocketFactory sockets() {
     if (!tls) {
-      return new PromptSockets(SocketFactory.getDefault());
+      return new PromptSockets();
     }
     String file = variable("SWARMWRIGHT_CA_FILE");
     try {

@@ -40,6 +40,8 @@ final class Machine extends Requests {
   /** The last parameters by hash, the newest at the end. */
   private final Map<String, JsonObject> parameters = new LinkedHashMap<>();
 
+  private final Early early = new Early();
+
   private String newestHash;
 
   /** The last runs of tools that say where to reply, which give every run a hash of its own. */
@@ -142,6 +144,10 @@ final class Machine extends Requests {
       enter(State.CONFIGURED, now);
       until = now + PATIENCE;
     }
+    Control waiting = early.take(newestHash);
+    if (waiting != null) {
+      control(waiting, now);
+    }
   }
 
   private void control(Control control, long now) {
@@ -152,8 +158,7 @@ final class Machine extends Requests {
       end(control, now);
       return;
     }
-    String asker =
-        control.getTool() == null ? "an optimization tool without a name" : control.getTool();
+    String asker = asker(control);
     if (state == State.RUNNING && run.hash.equals(control.getSimulationHash())) {
       complain("ignoring a control message that starts a run that is under way");
       return;
@@ -173,7 +178,7 @@ final class Machine extends Requests {
     }
     JsonObject values = parameters.get(control.getSimulationHash());
     if (values == null) {
-      complain("refusing to start a run for " + asker + ": no parameters came for its hash");
+      early.keep(control, now);
       return;
     }
     if (once) {
@@ -194,6 +199,10 @@ final class Machine extends Requests {
     }
   }
 
+  private static String asker(Control control) {
+    return control.getTool() == null ? "an optimization tool without a name" : control.getTool();
+  }
+
   private void cannotStart(
       Control control, String reason, String stack, boolean invalid, long now) {
     outbox.notice("warning: cannot start the run: " + reason);
@@ -205,6 +214,7 @@ final class Machine extends Requests {
 
   private void end(Control control, long now) {
     String hash = control.getSimulationHash();
+    early.take(hash);
     boolean ours = false;
     switch (state) {
       case FREE:
@@ -304,7 +314,11 @@ final class Machine extends Requests {
               : (Long) deadline(batch.waitingSince, batch.told);
     }
     Long settled = changedAt == null || offline ? null : (Long) (changedAt + SETTLE);
-    return own == null ? settled : settled == null ? own : (Long) Math.min(own, settled);
+    return earlier(early.next(), earlier(own, settled));
+  }
+
+  private static Long earlier(Long one, Long other) {
+    return one == null ? other : other == null ? one : (Long) Math.min(one, other);
   }
 
   /** When somebody is told that actuators are missing, or the run is given up. */
@@ -314,6 +328,14 @@ final class Machine extends Requests {
 
   /** Time has passed; {@code stamp} is now in RFC 3339, for presence. */
   void tick(long now, String stamp) {
+    for (Control late : early.late(now)) {
+      complain(
+          "refusing to start a run for "
+              + asker(late)
+              + ": no parameters came for its hash, "
+              + Early.OVERTAKEN / SECOND
+              + " s after its control message");
+    }
     if (state == State.CONFIGURED && until <= now) {
       outbox.notice(
           "warning: parameters came, but no control message to start the run; free again");
@@ -357,6 +379,7 @@ final class Machine extends Requests {
       outbox.notice("warning: the run under way is given up with the connection");
     }
     outbox.notice("lost the broker: " + reason + "; trying again");
+    early.clear();
     free(now);
     forgetPresence();
     offline = true;

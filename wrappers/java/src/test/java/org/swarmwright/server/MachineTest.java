@@ -93,6 +93,39 @@ class MachineTest {
     return out.published.size() > before;
   }
 
+  private long sensors() {
+    return out.published.stream().filter(said -> said.startsWith("sensor")).count();
+  }
+
+  @Test
+  void controlWaitsForItsParameters() {
+    String mine = "'server': 7, 'simulation_hash': 'e'";
+    say("control", mine);
+    assertEquals(Early.OVERTAKEN, machine.nextTick());
+    now += SECOND / 2;
+    machine.tick(now, "");
+    assertEquals(0, sensors());
+    say("parameters", mine);
+    assertTrue(sensors() > 0);
+    say("control", mine + ", 'run': false");
+    assertTrue(isFree(""));
+  }
+
+  @Test
+  void controlWhoseParametersDoNotComeIsRefused() {
+    String late = "'server': 7, 'simulation_hash': 'late'";
+    String ended = "'server': 7, 'simulation_hash': 'ended'";
+    say("control", late);
+    now += SECOND;
+    machine.tick(now, "");
+    assertTrue(out.notices.toString().contains("no parameters came for its hash"));
+    say("parameters", late);
+    say("control", ended);
+    say("control", ended + ", 'run': false");
+    say("parameters", ended);
+    assertEquals(0, sensors());
+  }
+
   private static byte[] floats(float... numbers) {
     ByteBuffer bytes = ByteBuffer.allocate(4 * numbers.length).order(ByteOrder.LITTLE_ENDIAN);
     bytes.asFloatBuffer().put(numbers);

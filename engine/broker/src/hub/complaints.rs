@@ -1,0 +1,77 @@
+//! What is said of clients, no more than a person reads: whoever can make the broker write lines could fill the disk with them.
+
+use std::time::{Duration, Instant};
+
+/// Lines of one kind that are written in each [`PERIOD`].
+const LINES: u32 = 20;
+const PERIOD: Duration = Duration::from_secs(10);
+
+/// What a line is about; each kind has lines of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A message that a client may not publish.
+    Denied,
+    /// A connection that was not let in.
+    Refused,
+    /// A client that was disconnected.
+    Disconnected,
+    /// Something that does not fit into a store.
+    Full,
+}
+
+/// Counts lines.
+#[derive(Default)]
+pub struct Complaints {
+    kinds: [Tally; 4],
+}
+
+#[derive(Default, Clone, Copy)]
+struct Tally {
+    since: Option<Instant>,
+    count: u32,
+}
+
+impl Complaints {
+    /// Writes a warning, unless there were too many of its kind.
+    pub fn say(&mut self, kind: Kind, now: Instant, text: impl FnOnce() -> String) {
+        self.sweep_one(kind as usize, now);
+        let tally = &mut self.kinds[kind as usize];
+        tally.since.get_or_insert(now);
+        tally.count += 1;
+        if tally.count <= LINES {
+            log::warn!("{}", text());
+        }
+    }
+
+    /// Says how many lines were left out, once their time is over.
+    pub fn sweep(&mut self, now: Instant) {
+        for kind in 0..self.kinds.len() {
+            self.sweep_one(kind, now);
+        }
+    }
+
+    fn sweep_one(&mut self, kind: usize, now: Instant) {
+        let tally = &mut self.kinds[kind];
+        if tally
+            .since
+            .is_some_and(|since| now.saturating_duration_since(since) >= PERIOD)
+        {
+            let left_out = tally.count.saturating_sub(LINES);
+            if left_out > 0 {
+                let what = [
+                    "messages that may not be published",
+                    "connections that were refused",
+                    "clients that were disconnected",
+                    "messages or subscriptions that do not fit",
+                ][kind];
+                log::warn!("{left_out} more {what} within {} s", PERIOD.as_secs());
+            }
+            *tally = Tally::default();
+        }
+    }
+
+    #[cfg(test)]
+    pub fn count(&self, kind: Kind) -> u32 {
+        self.kinds[kind as usize].count
+    }
+}

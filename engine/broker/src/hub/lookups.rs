@@ -1,0 +1,119 @@
+//! Retained messages for new subscriptions, looked up in slices: a client with many filters and a broker with many retained
+//! messages must not keep everybody else waiting.
+
+use super::{Hub, Link, mark};
+use crate::retained::Search;
+use crate::session::{Delivery, Session};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Topics that are looked at in one slice; some 0.3 ms.
+const SLICE: usize = 2000;
+/// Bytes of messages after which a slice ends.
+const SLICE_BYTES: usize = 1 << 20;
+
+/// The retained messages that a subscription is still to be sent.
+pub struct Lookup {
+    pub search: Search,
+    pub qos: u8,
+    pub identifier: Option<u32>,
+}
+
+impl Hub {
+    /// Begins to send retained messages; the first slice at once.
+    pub(super) fn look_up(&mut self, id: usize, lookups: Vec<Lookup>, now: Instant) {
+        if lookups.is_empty() {
+            return;
+        }
+        let waits = !self.links[id].lookups.is_empty();
+        self.links[id].lookups.extend(lookups);
+        if !waits {
+            self.slice(id, now);
+            if !self.links[id].lookups.is_empty() {
+                self.searching.push_back(id);
+            }
+        }
+    }
+
+    /// One more slice of the searches under way, for the connection whose turn it is. To be called again and again while
+    /// [`Hub::is_searching`]; false = everybody who waits for retained messages has to read first.
+    pub fn search(&mut self, now: Instant) -> bool {
+        for _ in 0..self.searching.len() {
+            let Some(id) = self.searching.pop_front() else {
+                return false;
+            };
+            let progress = self.links.contains(id) && self.slice(id, now);
+            if self
+                .links
+                .get(id)
+                .is_some_and(|link| !link.lookups.is_empty())
+            {
+                self.searching.push_back(id);
+            }
+            if progress {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Are there searches under way?
+    pub fn is_searching(&self) -> bool {
+        !self.searching.is_empty()
+    }
+
+    /// False when nothing could be done, since the reader is behind.
+    fn slice(&mut self, id: usize, now: Instant) -> bool {
+        let link = &mut self.links[id];
+        let Some(session) = link.session.filter(|_| !link.closing) else {
+            link.lookups.clear();
+            return true;
+        };
+        // A quarter: what else is sent to this client needs room as well.
+        let most = self.limits.backlog / 4;
+        let (mut budget, before) = (SLICE, waiting(link, &self.sessions[session]));
+        if before > most {
+            return false;
+        }
+        while let Some(mut lookup) = link.lookups.pop_front() {
+            while let Some(message) = self.retained.next(&mut lookup.search, &mut budget, now) {
+                let remembered = &mut self.sessions[session];
+                let may_read = self
+                    .access
+                    .as_ref()
+                    .is_none_or(|access| access.may_read(remembered.subject(), &message.topic));
+                if !may_read {
+                    continue;
+                }
+                let delivery = Delivery {
+                    qos: message.qos.min(lookup.qos),
+                    message: Arc::clone(&message),
+                    retain: true,
+                    identifiers: lookup.identifier.into_iter().collect(),
+                };
+                if delivery.qos == 0 {
+                    delivery.send(&mut link.out, link.terms, now);
+                } else if remembered.enqueue(delivery, self.limits.backlog) {
+                    remembered.advance(&mut link.out, link.terms, now);
+                }
+                let after = waiting(link, remembered);
+                if after > most || after.saturating_sub(before) > SLICE_BYTES {
+                    budget = 0;
+                }
+            }
+            if budget == 0 {
+                link.lookups.push_front(lookup);
+                break;
+            }
+        }
+        mark(link, id, &mut self.dirty);
+        self.recount(id);
+        self.recount_session(session);
+        true
+    }
+}
+
+/// Bytes on their way to a client.
+fn waiting(link: &Link, session: &Session) -> usize {
+    link.out.len() + session.queued_bytes()
+}

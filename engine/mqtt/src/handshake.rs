@@ -1,0 +1,175 @@
+//! Connecting: handshakes, CONNECT, SUBSCRIBE, all acknowledged; again in another manner where the broker wants that.
+
+use std::io::ErrorKind;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::connection::Event;
+use crate::manner::{Manner, Remedy};
+use crate::session::{Granted, Received, Session, Subscription, Version};
+use crate::settings::Settings;
+use crate::transport::Transport;
+use crate::{ConnectError, MOST_TRIES};
+
+/// The part of the time-out after which a broker that says nothing to MQTT 5 is asked in 3.1.1.
+const SILENCE: f64 = 0.6;
+/// The pause after a connection that was accepted and then broken; it grows with each.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// An attempt that failed, and what may help.
+struct Failure(ConnectError, Remedy);
+
+/// Who connects, and for what.
+pub(crate) struct Caller<'a> {
+    pub settings: &'a Settings,
+    pub client_id: &'a str,
+    pub subscriptions: &'a [Subscription],
+}
+
+/// Connects and subscribes. Messages that come with the subscription, and bytes that wait to be sent, are left in `early`
+/// and `out`.
+pub(crate) fn connect(
+    caller: &Caller<'_>,
+    chunk: &mut [u8],
+    out: &mut Vec<u8>,
+    early: &mut Vec<Event>,
+) -> Result<(Transport, Session), ConnectError> {
+    let forced = caller.settings.url.version;
+    let address = caller.settings.url.to_string();
+    let learnt = Manner::learnt(&address)
+        .filter(|learnt| forced.is_none_or(|version| version == learnt.version));
+    let mut manner = learnt.unwrap_or_else(|| Manner::first(forced));
+    let mut broken = 0;
+    loop {
+        early.clear();
+        out.clear();
+        let Failure(error, remedy) = match attempt(caller, manner, chunk, out, early) {
+            Ok(made) => {
+                manner.learn(&address);
+                return Ok(made);
+            }
+            Err(failure) => failure,
+        };
+        if remedy == Remedy::Again {
+            broken += 1;
+            if broken >= MOST_TRIES {
+                return Err(error);
+            }
+            log::debug!("{error}");
+            thread::sleep(PAUSE * broken);
+        }
+        let Some(next) = manner.after(remedy, forced) else {
+            if !matches!(error, ConnectError::NoBroker { .. }) {
+                Manner::forget(&address);
+            }
+            return Err(error);
+        };
+        manner = next;
+    }
+}
+
+fn attempt(
+    caller: &Caller<'_>,
+    manner: Manner,
+    chunk: &mut [u8],
+    out: &mut Vec<u8>,
+    early: &mut Vec<Event>,
+) -> Result<(Transport, Session), Failure> {
+    let settings = caller.settings;
+    let url = settings.url.to_string();
+    let mut accepted = false;
+    // Once it has accepted the connection it is a broker, whatever follows.
+    let broken = |accepted: bool, reason: String| {
+        let url = url.clone();
+        if accepted {
+            Failure(ConnectError::Broken { url, reason }, Remedy::Again)
+        } else {
+            Failure(ConnectError::NoMqtt { url, reason }, Remedy::Older)
+        }
+    };
+    let mut transport =
+        Transport::connect(settings).map_err(|error| Failure(error, Remedy::None))?;
+    let silence = match (manner.version, settings.url.version) {
+        (Version::V5, None) => settings.timeout.mul_f64(SILENCE),
+        _ => settings.timeout,
+    };
+    transport
+        .set_patience(silence)
+        .map_err(|error| broken(false, error.to_string()))?;
+    let mut session = Session::new(manner.version);
+    session
+        .connect(settings, caller.client_id, manner, out)
+        .map_err(|error| broken(false, format!("{error:?}")))?;
+    let deadline = Instant::now() + settings.timeout;
+    let mut answers = Vec::new();
+    let mut ready = false;
+    loop {
+        while !out.is_empty() {
+            let count = transport
+                .write(out)
+                .map_err(|error| broken(accepted, error.to_string()))?;
+            out.drain(..count);
+        }
+        transport
+            .flush()
+            .map_err(|error| broken(accepted, error.to_string()))?;
+        let late = || broken(accepted, "no answer in time".to_owned());
+        if Instant::now() > deadline {
+            return Err(late());
+        }
+        let count = match transport.read(chunk) {
+            Ok(0) => return Err(broken(accepted, "it closed the connection".to_owned())),
+            Ok(count) => count,
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                return Err(late());
+            }
+            Err(error) => return Err(broken(accepted, error.to_string())),
+        };
+        session.receive(&chunk[..count], out, &mut |received| answers.push(received));
+        for answer in answers.drain(..) {
+            match answer {
+                Received::Accepted => {
+                    accepted = true;
+                    if caller.subscriptions.is_empty() {
+                        ready = true;
+                        continue;
+                    }
+                    session
+                        .subscribe(caller.subscriptions, out)
+                        .map_err(|error| broken(true, format!("{error:?}")))?;
+                }
+                Received::Refused(reason, remedy) => {
+                    let who = settings.who();
+                    return Err(Failure(ConnectError::Refused { url, who, reason }, remedy));
+                }
+                Received::Subscribed(granted) => {
+                    if let Some(index) = granted.iter().position(|one| *one != Granted::Yes) {
+                        return Err(denied(caller, index, &granted[index]));
+                    }
+                    ready = true;
+                }
+                Received::Publish(message) => early.push(Event::Message(message)),
+                Received::Closed(reason) => return Err(broken(accepted, reason)),
+            }
+        }
+        // Not before: retained messages come together with the last answer.
+        if ready {
+            return Ok((transport, session));
+        }
+    }
+}
+
+fn denied(caller: &Caller<'_>, index: usize, granted: &Granted) -> Failure {
+    let filter = caller.subscriptions.get(index);
+    let reason = match granted {
+        Granted::No(reason) => reason.clone(),
+        Granted::Yes => String::new(),
+    };
+    let error = ConnectError::Denied {
+        url: caller.settings.url.to_string(),
+        who: caller.settings.who(),
+        filter: filter.map_or_else(String::new, |one| one.filter.clone()),
+        reason,
+    };
+    Failure(error, Remedy::None)
+}

@@ -1,0 +1,113 @@
+//! How a broker wants to be spoken to: what was learnt from its refusals, kept by address as long as the process lives.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::session::{QoS, Version};
+
+static LEARNT: Mutex<BTreeMap<String, Manner>> = Mutex::new(BTreeMap::new());
+
+/// How a broker wants to be spoken to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Manner {
+    pub version: Version,
+    /// Quality of service of the last will.
+    pub will_qos: QoS,
+    /// Whether the broker is to keep the last will's message.
+    pub will_retained: bool,
+}
+
+/// What may help after an attempt that failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Remedy {
+    /// Nothing.
+    None,
+    /// MQTT 3.1.1.
+    Older,
+    /// The same once more: it accepted the connection, and then broke it.
+    Again,
+    /// A last will with QoS 0.
+    WillAtMostOnce,
+    /// A last will that is not retained.
+    WillNotRetained,
+}
+
+impl Manner {
+    /// How a broker is spoken to of which nothing is known; in one version only if that is `forced`.
+    pub fn first(forced: Option<Version>) -> Self {
+        Self {
+            version: forced.unwrap_or(Version::V5),
+            will_qos: QoS::AtLeastOnce,
+            will_retained: true,
+        }
+    }
+
+    /// What to try after a failure; none if that is the same, except where it is worth a repetition.
+    pub fn after(self, remedy: Remedy, forced: Option<Version>) -> Option<Self> {
+        let next = match remedy {
+            Remedy::None => return None,
+            Remedy::Again => return Some(self),
+            Remedy::Older => Self {
+                version: forced.unwrap_or(Version::V3),
+                ..self
+            },
+            Remedy::WillAtMostOnce => Self {
+                will_qos: QoS::AtMostOnce,
+                ..self
+            },
+            Remedy::WillNotRetained => Self {
+                will_retained: false,
+                ..self
+            },
+        };
+        (next != self).then_some(next)
+    }
+
+    /// What was learnt of an address.
+    pub fn learnt(address: &str) -> Option<Self> {
+        all().get(address).copied()
+    }
+
+    /// Keeps what an address took.
+    pub fn learn(self, address: &str) {
+        all().insert(address.to_owned(), self);
+    }
+
+    /// What was learnt of an address holds no more: there may be another broker.
+    pub fn forget(address: &str) {
+        all().remove(address);
+    }
+}
+
+fn all() -> MutexGuard<'static, BTreeMap<String, Manner>> {
+    LEARNT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_remedy_is_tried_once() {
+        let first = Manner::first(None);
+        let older = first.after(Remedy::Older, None).unwrap();
+        assert_eq!(older.version, Version::V3);
+        assert_eq!(older.after(Remedy::Older, None), None);
+        let plain = first.after(Remedy::WillAtMostOnce, None).unwrap();
+        assert_eq!(plain.will_qos, QoS::AtMostOnce);
+        assert_eq!(plain.after(Remedy::WillAtMostOnce, None), None);
+        let fleeting = plain.after(Remedy::WillNotRetained, None).unwrap();
+        assert!(!fleeting.will_retained && fleeting.will_qos == QoS::AtMostOnce);
+        assert_eq!(first.after(Remedy::None, None), None);
+        assert_eq!(first.after(Remedy::Again, None), Some(first));
+    }
+
+    #[test]
+    fn a_version_that_is_forced_is_not_left() {
+        for version in [Version::V5, Version::V3] {
+            let first = Manner::first(Some(version));
+            assert_eq!(first.version, version);
+            assert_eq!(first.after(Remedy::Older, Some(version)), None);
+        }
+    }
+}

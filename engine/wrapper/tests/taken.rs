@@ -1,0 +1,225 @@
+//! Who gets a server: tools with and without a name that want it at once, and messages that overtake others.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
+
+mod common;
+
+use std::time::Duration;
+
+use common::{ID, Server, Walk, request};
+use serde_json::{Value, json};
+use swarmwright_protocol::{Evaluate, Message, ToTool, Topic};
+
+const SECOND: Duration = Duration::from_secs(1);
+const HASH: &str = "plain";
+
+fn control(hash: &str, tool: Option<&str>) -> Value {
+    let mut message = json!({"server": ID, "simulation_hash": hash, "run": true});
+    if let Some(tool) = tool {
+        message["tool"] = tool.into();
+    }
+    message
+}
+
+fn parameters(hash: &str) -> Value {
+    json!({"server": ID, "simulation_hash": hash, "agents": 1})
+}
+
+fn discovery(hash: &str) -> Value {
+    json!({"simulation": "walk", "simulation_hash": hash, "requirements": {"dimensions": 2}})
+}
+
+fn evaluate(number: u64, tool: &str) -> Evaluate {
+    Evaluate {
+        tool: tool.to_owned(),
+        ..request(number)
+    }
+}
+
+impl Server {
+    /// How many messages of a topic it published since the last call.
+    fn said(&mut self, topic: Topic) -> usize {
+        let all = std::mem::take(&mut self.published);
+        all.iter().filter(|(name, _)| *name == topic).count()
+    }
+
+    /// The hashes of its answers to discoveries since the last call.
+    fn answered(&mut self) -> Vec<String> {
+        let all = std::mem::take(&mut self.published);
+        let hash = |(topic, payload): (Topic, Vec<u8>)| match Message::decode(topic, &payload) {
+            Ok(Message::Server(answer)) => Some(answer.simulation_hash),
+            _ => None,
+        };
+        all.into_iter().filter_map(hash).collect()
+    }
+
+    /// A tool with a name evaluates for a time, one short request after another, and says how many were served.
+    fn busy_for(&mut self, tool: &str, time: Duration) -> usize {
+        let end = self.now + time;
+        let mut served = 0;
+        while self.now < end {
+            self.requests += 1;
+            self.evaluate(evaluate(self.requests, tool));
+            self.pass(Duration::from_millis(20));
+            self.compute();
+            let results = self.results();
+            served += results.iter().filter(|one| one.error.is_none()).count();
+        }
+        served
+    }
+
+    /// An episode of a tool without a name, from parameters to fitness.
+    fn plain_episode(&mut self, hash: &str) -> bool {
+        self.say(Topic::Parameters, &parameters(hash));
+        self.say(Topic::Control, &control(hash, None));
+        if self.said(Topic::Sensor) == 0 {
+            return false;
+        }
+        let actuator = json!({"simulation_hash": hash, "agent": 0, "actuator": [0.5]});
+        for _ in 0..4 {
+            self.pass(Duration::from_millis(1));
+            self.say(Topic::Actuator, &actuator);
+        }
+        self.said(Topic::Fitness) == 1
+    }
+}
+
+#[test]
+fn a_tool_without_a_name_that_asks_once_has_its_turn() {
+    let mut server = Server::of_walks();
+    assert!(server.busy_for("ada", SECOND) > 40);
+    server.say(Topic::Discovery, &discovery(HASH));
+    assert_eq!(server.answered(), Vec::<String>::new());
+    server.busy_for("ada", 3 * SECOND);
+    assert_eq!(server.answered(), Vec::<String>::new(), "ada's turn");
+    server.busy_for("ada", 3 * SECOND / 2);
+    assert_eq!(server.answered(), [HASH]);
+    // It waits for the one that was answered, not for others.
+    assert_eq!(server.busy_for("ada", SECOND / 4), 0);
+    assert!(server.plain_episode(HASH) && server.plain_episode("its next"));
+    assert!(!server.answers(Some("ada")));
+    assert!(server.answers(None));
+    server.pass(SECOND + SECOND / 10);
+    assert!(server.answers(Some("ada")), "free for all again");
+    assert!(server.busy_for("ada", SECOND) > 40);
+}
+
+#[test]
+fn the_turn_of_a_tool_without_a_name_ends() {
+    let mut server = Server::of_walks();
+    server.busy_for("ada", SECOND);
+    server.say(Topic::Discovery, &discovery(HASH));
+    server.busy_for("ada", 9 * SECOND / 2);
+    let mut episodes = 0;
+    for number in 0..1000 {
+        if !server.plain_episode(&number.to_string()) {
+            break;
+        }
+        episodes += 1;
+        server.pass(Duration::from_millis(96));
+        if server.answers(Some("ada")) {
+            break;
+        }
+    }
+    assert!(
+        (45..=55).contains(&episodes),
+        "{episodes} episodes of 0.1 s"
+    );
+}
+
+#[test]
+fn servers_wait_no_longer_for_a_tool_that_has_chosen_another() {
+    for answered in [false, true] {
+        let mut server = Server::of_walks();
+        server.busy_for("ada", SECOND);
+        server.say(Topic::Discovery, &discovery(HASH));
+        server.busy_for("ada", if answered { 9 * SECOND / 2 } else { SECOND });
+        let other = json!({"server": ID + 1, "simulation_hash": HASH});
+        server.say(Topic::Parameters, &other);
+        assert!(server.busy_for("ada", SECOND) > 40, "{answered}");
+        server.busy_for("ada", 6 * SECOND);
+        assert_eq!(server.answered().len(), usize::from(answered));
+    }
+}
+
+#[test]
+fn an_answer_that_nobody_takes_up_keeps_a_server_for_a_second() {
+    let mut server = Server::of_walks();
+    server.busy_for("ada", SECOND);
+    server.say(Topic::Discovery, &discovery(HASH));
+    let served = server.busy_for("ada", 9 * SECOND);
+    assert!((8 * 45..8 * 50 + 10).contains(&served), "{served}");
+}
+
+#[test]
+fn a_control_message_waits_for_its_parameters() {
+    let mut server = Server::of_walks();
+    for tool in [None, Some("ada")] {
+        let hash = format!("{tool:?}");
+        server.say(Topic::Control, &control(&hash, tool));
+        server.pass(SECOND / 2);
+        assert_eq!(server.said(Topic::Sensor), 0);
+        server.say(Topic::Parameters, &parameters(&hash));
+        assert_eq!(server.said(Topic::Sensor), 1, "{hash}");
+        let end = json!({"server": ID, "simulation_hash": hash, "run": false});
+        server.say(Topic::Control, &end);
+        assert!(server.machine.is_free() && server.warnings.is_empty());
+    }
+}
+
+#[test]
+fn a_control_message_whose_parameters_do_not_come_is_refused_and_one_that_was_ended_forgotten() {
+    let mut server = Server::of_walks();
+    server.say(Topic::Control, &control("late", None));
+    let tick = server.machine.next_tick().unwrap();
+    assert!(tick <= server.now + SECOND);
+    server.pass(SECOND);
+    assert!(
+        server.warnings[0].contains("no parameters came for its hash"),
+        "{:?}",
+        server.warnings
+    );
+    server.say(Topic::Parameters, &parameters("late"));
+    server.say(Topic::Control, &control("ended", None));
+    let end = json!({"server": ID, "simulation_hash": "ended", "run": false});
+    server.say(Topic::Control, &end);
+    server.say(Topic::Parameters, &parameters("ended"));
+    assert_eq!(server.said(Topic::Sensor), 0);
+}
+
+#[test]
+fn a_control_message_that_waits_does_not_take_the_server_from_a_tool_that_is_complete() {
+    let mut server = Server::of_walks();
+    server.say(Topic::Control, &control("early", None));
+    assert!(server.answers(None));
+    server.say(Topic::Parameters, &parameters("other"));
+    server.say(Topic::Control, &control("other", None));
+    assert_eq!(server.said(Topic::Sensor), 1);
+    server.say(Topic::Parameters, &parameters("early"));
+    assert_eq!(server.said(Topic::Sensor), 0);
+    assert!(
+        server.warnings[0].contains("taken by"),
+        "{:?}",
+        server.warnings
+    );
+}
+
+#[test]
+fn what_the_broker_does_not_take_ends_the_run_and_its_tool_is_told() {
+    let mut server = Server::new(vec![Walk::duplicable()]);
+    server.say(Topic::Parameters, &parameters(HASH));
+    let mut start = control(HASH, Some("ada"));
+    start["reply"] = "swarmwright/v1/tool/ada1".into();
+    server.say(Topic::Control, &start);
+    server
+        .machine
+        .unsent(Topic::Sensor, 1_900_000, 20_000, server.now);
+    server.collect();
+    let [(_, ToTool::Failed(failed))] = &server.replies[..] else {
+        panic!("{:?}", server.replies);
+    };
+    assert!(failed.invalid);
+    assert_eq!(
+        failed.reason,
+        "a sensor message of 1900000 bytes is larger than the 20000 that the broker takes"
+    );
+}

@@ -1,0 +1,57 @@
+"""Budgets of a run: generations, evaluations, seconds; the first that is used up ends it."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Self
+
+if TYPE_CHECKING:
+    from swarmwright.methods import MethodOptions
+
+Limit = Literal["generations", "evaluations", "seconds"]
+Ended = Literal["generations", "evaluations", "seconds", "target"]
+"""What ended a run that is done."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a run may use; None where there is no limit."""
+
+    generations: int | None
+    evaluations: int | None
+    seconds: float | None
+
+    @classmethod
+    def of(cls, options: "MethodOptions") -> Self:
+        """Return the budget that a method's options name."""
+        return cls(options.generation_limit, options.evaluations, options.seconds)
+
+    def nearest(self, generations: int, evaluations: int, seconds: float) -> tuple[Limit, float]:
+        """Return which limit is nearest now that so much is used, and the share of it that is, 0 to 1."""
+        shares: dict[Limit, float] = {}
+        if self.generations is not None:
+            shares["generations"] = generations / self.generations
+        if self.evaluations is not None:
+            shares["evaluations"] = evaluations / self.evaluations
+        if self.seconds is not None:
+            shares["seconds"] = seconds / self.seconds
+        if not shares:
+            return "generations", 0.0
+        name = max(shares, key=lambda one: shares[one])
+        return name, min(shares[name], 1.0)
+
+    def expected_generations(self, generations: int, evaluations: int) -> int:
+        """Return how many generations the run will have, as far as it can be told after these."""
+        expected = [max(generations, 1)] if self.generations is None else [self.generations]
+        if self.evaluations is not None and evaluations:
+            fitting = math.ceil(self.evaluations * max(generations, 1) / evaluations)
+            expected = [fitting] if self.generations is None else [*expected, fitting]
+        return max(min(expected), generations, 1)
+
+    def words(self, ended: Ended) -> str:
+        """Return why a run ended."""
+        return {
+            "generations": f"all {self.generations} generations are done",
+            "evaluations": f"the next generation would not fit into {self.evaluations} evaluations",
+            "seconds": f"its {self.seconds:g} seconds are over" if self.seconds is not None else "",
+            "target": "the target is reached",
+        }[ended]

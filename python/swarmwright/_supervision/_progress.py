@@ -1,0 +1,60 @@
+"""What a server process writes of its work into a piece of memory that outlives it."""
+
+import os
+import struct
+from dataclasses import dataclass
+from tempfile import TemporaryFile
+from typing import Self
+
+_NUMBERS = struct.Struct("<6Q")
+_ALL = 2**64 - 1
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a server was computing when it was looked at; see `_engine.serve`."""
+
+    request: int = 0
+    first: int = 0
+    """Index of the first candidate in the request."""
+    candidates: int = 0
+    """0 when nothing of a request was being computed."""
+    episode: int | None = None
+    """Index of the episode in the request; None for all of them."""
+    ended: int = 0
+    """Evaluations that have ended since the process started."""
+    beats: int = 0
+    """Signs of life."""
+
+    @classmethod
+    def read(cls, file: int) -> Self:
+        """Return what stands in an open file."""
+        data = os.pread(file, _NUMBERS.size, 0)
+        if len(data) < _NUMBERS.size:
+            return cls()
+        request, first, candidates, episode, ended, beats = _NUMBERS.unpack(data)
+        return cls(request, first, candidates, None if episode == _ALL else episode, ended, beats)
+
+    @property
+    def place(self) -> tuple[int, int, int, int | None] | None:
+        """What was computed, as `_engine.Supervision.ended` takes it; None for nothing."""
+        return (self.request, self.first, self.candidates, self.episode) if self.candidates else None
+
+
+class Progress:
+    """The memory of one process."""
+
+    def __init__(self) -> None:
+        if hasattr(os, "memfd_create"):
+            self.file = os.memfd_create("swarmwright")
+        else:
+            with TemporaryFile() as file:
+                self.file = os.dup(file.fileno())
+
+    def read(self) -> Sample:
+        """Return what stands there now."""
+        return Sample.read(self.file)
+
+    def close(self) -> None:
+        """Forget it."""
+        os.close(self.file)

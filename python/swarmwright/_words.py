@@ -1,0 +1,17 @@
+"""How durations are said."""
+
+import math
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as people read them: 8.2 s, 3 min 05 s, 2 h 07 min."""
+    if not math.isfinite(seconds):
+        return "?"
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02} min"

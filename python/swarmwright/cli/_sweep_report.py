@@ -1,0 +1,112 @@
+"""What is said of the runs of a sweep as they end, in the order in which they were begun."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from swarmwright import Generation, Run
+from swarmwright._sweep import Task
+from swarmwright._sweep._remaining import Status
+from swarmwright.cli._observing import ToolObserver
+from swarmwright.cli._output import Output
+from swarmwright.cli._signals import check
+from swarmwright.cli._sweep_progress import PlainStatus, shown
+from swarmwright.cli._unseen import unseen_facts, with_error
+
+
+class Report(Status):
+    """Says how each run ended, and shows how far the others are.
+
+    Runs side by side end in any order; what is said of them comes in the order of the tasks, so that the same
+    sweep says the same.
+    """
+
+    def __init__(self, output: Output, observer: ToolObserver, tasks: Sequence[Task]) -> None:
+        super().__init__(len(tasks))
+        self.begin(tasks)
+        self._output = output
+        self._observer = observer
+        self._tasks = list(tasks)
+        self._ready: dict[Task, Callable[[], None]] = {}
+        self._said = 0
+        self._tick: Callable[[], None] = PlainStatus(output, self).tick
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show how far it is, for the time of a `with` block."""
+        with shown(self._output, self) as status:
+            self._tick = status.tick
+            yield
+
+    def found(self, task: Task, run: Run) -> None:
+        """Say that a run was finished before."""
+        super().found(task, run)
+        self._say(task, lambda: self._ended(task, run, "was finished before"))
+
+    def begun(self, task: Task) -> None:
+        """Tell programs that watch."""
+        super().begun(task)
+        self._observer.started(task.experiment)
+
+    def generation(self, task: Task, generation: Generation) -> None:
+        """Tell programs that watch, and show it."""
+        check()
+        super().generation(task, generation)
+        self._observer.generation(generation)
+        self._tick()
+
+    def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
+        """Show it."""
+        super().evaluating(task, done, total, waiting_for)
+        self._tick()
+
+    def ended(self, task: Task, run: Run) -> None:
+        """Say what came out."""
+        super().ended(task, run)
+        self._observer.ended(run)
+        self._say(task, lambda: self._ended(task, run, f"{run.seconds:.1f} s"))
+
+    def failed(self, task: Task, message: str) -> None:
+        """Say why."""
+        super().failed(task, message)
+        self._observer.log.write("error", "run_failed", seed=task.seed, message=message)
+        self._say(task, lambda: self._failed(task, message))
+
+    def tick(self) -> None:
+        """Show how far it is."""
+        self._tick()
+
+    def conclude(self) -> None:
+        """Say what waits for runs that will not end any more."""
+        for task in self._tasks[self._said :]:
+            if task in self._ready:
+                self._ready.pop(task)()
+
+    def _say(self, task: Task, say: Callable[[], None]) -> None:
+        self._ready[task] = say
+        while self._said < len(self._tasks) and self._tasks[self._said] in self._ready:
+            self._ready.pop(self._tasks[self._said])()
+            self._said += 1
+
+    def _where(self, task: Task) -> str:
+        return f"[{self._tasks.index(task) + 1}/{self.total}] {task.variant.label}, seed {task.seed}"
+
+    def _ended(self, task: Task, run: Run, how: str) -> None:
+        best, unseen = run.history[-1].best_so_far, run.unseen
+        worth = ""
+        if unseen is not None:
+            worth = f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on unseen seeds)"
+        self._output.text(
+            f"{self._where(task)}: best fitness {best + 0.0:.6g}{worth}, {run.evaluations:,} evaluations, "
+            f"{how}"
+        )
+        self._output.json(
+            {
+                "variant": task.variant.label, "seed": task.seed, "run": str(run.path), "fitness": best,
+                "evaluations": run.evaluations,
+            }
+            | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
+        )  # fmt: skip
+
+    def _failed(self, task: Task, message: str) -> None:
+        self._output.text(f"{self._where(task)}: failed: {message}")
+        self._output.json({"variant": task.variant.label, "seed": task.seed, "error": message})

@@ -1,0 +1,104 @@
+"""Messages that a server must not take, published when it is free and in the middle of an episode."""
+
+from collections.abc import Callable, Sequence
+
+from swarmwright.conformance._client import shown
+from swarmwright.conformance._rules import Failure, Skip, WentOn
+from swarmwright.conformance._server_peer import ServerPeer
+from swarmwright.conformance._subject import new_hash
+
+Junk = tuple[str, str | bytes]
+"""A topic and a payload."""
+Maker = Callable[[str], Sequence[Junk]]
+"""Makes junk for the hash of an episode."""
+
+
+def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> None:
+    """Publish junk to a free server, and in the first step of an episode, which must go on all the same.
+
+    junk: gets the hash that an episode has. free: whether a free server gets it, too.
+
+    Raises Failure that names the message to blame, and Skip where the episode ends as it should, but whether
+    the server took the junk cannot be told, for it goes on whatever comes.
+    """
+    if free:
+        _free(server, junk(new_hash()), why)
+    try:
+        _running(server, junk, why)
+    except Failure as failure:
+        if isinstance(failure, WentOn) and server.again() and not server.waits():
+            server.again()
+            _running(server, junk, why, waits=False)
+            raise Skip(
+                "the episode went to its end, but the server goes on without an answer (D6.1 leaves that "
+                "open), so what it makes of the messages cannot be told"
+            ) from None
+        raise _blamed(server, junk, why) or failure from None
+
+
+def _free(server: ServerPeer, pieces: Sequence[Junk], why: str) -> None:
+    for topic, payload in pieces:
+        server.client.publish(topic, payload)
+        sent = _said(topic, payload)
+        server.must_answer("an answer to the discovery that followed", f"{sent}, then a discovery")
+        server.must_be_silent(why, sent, seconds=0)
+    server.must_be_silent(why, f"{_listed(pieces)}, each followed by a discovery")
+
+
+def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -> None:
+    repeatable = _repeatable(server)
+    episode = server.episode()
+    episode.configure()
+    episode.start()
+    episode.gather()
+    if episode.over:
+        return  # it steers its agents itself
+    course = episode.course
+    agents = [agent for agent, _, _ in episode.pending]
+    pieces = junk(episode.hash)
+    sent = f"while it waited for actuators: {_listed(pieces)}"
+    for topic, payload in pieces:
+        server.client.publish(topic, payload)
+    if waits:
+        episode.must_wait(agents, why, sent)
+    try:
+        episode.play()
+    except Failure as failure:
+        raise Failure(failure.came, "the episode goes on with the right actuators", sent) from None
+    difference = server.reference.difference(course) if repeatable else ""
+    if difference:
+        raise Failure(difference, "the episode as if nothing had come between", sent)
+
+
+def _repeatable(server: ServerPeer) -> bool:
+    """Whether the episode can be compared with the reference; the server is free afterwards."""
+    if server.course is None or not server.course.messages:
+        return False
+    tried = server.deterministic is None and server.repeats is None
+    repeatable = server.repeatable
+    if tried:
+        server.again()
+    return repeatable
+
+
+def _blamed(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
+    """The failure of the first piece that has one by itself; None when there is none."""
+    for index in range(len(junk(new_hash()))):
+        if not server.again():
+            return None
+        try:
+            _running(server, lambda hash_, index=index: junk(hash_)[index : index + 1], why)  # type: ignore[misc]
+        except Failure as failure:
+            return failure
+    return None
+
+
+def _said(topic: str, payload: str | bytes) -> str:
+    return f"{topic} {shown(payload) or '(nothing)'}"
+
+
+def _listed(pieces: Sequence[Junk]) -> str:
+    """All of them; of many of a kind the beginnings."""
+    most = 240 if len(pieces) <= 4 else 90
+    texts = [_said(topic, payload) for topic, payload in pieces]
+    return "; ".join(text if len(text) <= most else f"{text[:most]}..." for text in texts)

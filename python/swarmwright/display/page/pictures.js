@@ -1,0 +1,35 @@
+// The episode in pictures that the simulation drew itself; stands where the world does.
+
+class Pictures {
+  constructor(canvas, episode, ready) {
+    this.canvas = canvas;
+    this.episode = episode;
+    this.images = episode.pictures.map((address) => {
+      const image = new Image();
+      image.addEventListener("load", ready);
+      image.src = address;
+      return image;
+    });
+  }
+
+  draw(time) {
+    const { width, height } = this.episode;
+    const room = this.canvas.parentElement.clientWidth;
+    const highest = Math.max(240, window.innerHeight * 0.68);
+    const scale = Math.min(room / width, highest / height);
+    this.canvas.style.height = `${height * scale}px`;
+    const context = fit(this.canvas, room, height * scale);
+    const image = this.images[this.at(Math.floor(time))];
+    const box = [(room - width * scale) / 2, 0, width * scale, height * scale];
+    if (image.complete) context.drawImage(image, ...box);
+    context.strokeStyle = theme()("line");
+    context.strokeRect(...box);
+  }
+
+  // The picture that stands at a step: the last one that was drawn until then.
+  at(step) {
+    let found = 0;
+    this.episode.picture_steps.forEach((drawn, index) => drawn <= step && (found = index));
+    return found;
+  }
+}

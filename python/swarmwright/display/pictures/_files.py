@@ -1,0 +1,111 @@
+"""Pictures of an episode as files, by the ending of the name."""
+
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from swarmwright.display._caption import Caption
+from swarmwright.display._look import BORDER, INK, PAPER
+from swarmwright.display.animation import FRAME_SECONDS as GIF_SECONDS
+from swarmwright.display.animation import LAST_FRAME_SECONDS, MOST_FRAMES
+from swarmwright.display.files import FORMATS
+from swarmwright.display.film import FRAME_SECONDS as FILM_SECONDS
+from swarmwright.display.film import encode
+from swarmwright.display.page import write_pictures
+from swarmwright.display.pictures._record import PictureRecording
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+COLORS = 256
+_STILLS, _ROW = 6, 3
+"""Pictures of a still, and in each of its rows."""
+_LINE = 20
+"""Pixels of a line of text."""
+
+
+def save(
+    recording: PictureRecording, path: Path, *, caption: Caption | None = None, speed: float = 1.0
+) -> None:
+    """Write an episode; .gif and .mp4 move, .png shows six moments, .html is a page to play and step through.
+
+    Raises ValueError for another ending, InputError when a film is wanted and what encodes it is not
+    installed, OSError.
+    """
+    ending = path.suffix.lower()
+    if ending not in _WRITERS:
+        raise ValueError(f"'{path}': files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
+    _WRITERS[ending](recording, path, caption or Caption(), speed)
+
+
+def _animation(recording: PictureRecording, path: Path, _caption: Caption, speed: float) -> None:
+    from PIL import Image
+
+    chosen, seconds = recording.chosen(MOST_FRAMES, GIF_SECONDS, speed)
+    images = [recording.image(index) for index in chosen]
+    # One palette of the whole episode, without dithering: still areas stay the same, nothing flickers.
+    sample = [images[round(place * (len(images) - 1) / 3)].resize((160, 120)) for place in range(4)]
+    strip = Image.new("RGB", (640, 120))
+    for place, image in enumerate(sample):
+        strip.paste(image, (160 * place, 0))
+    palette = strip.quantize(COLORS)
+    frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * LAST_FRAME_SECONDS)]
+    buffer = io.BytesIO()
+    frames[0].save(
+        buffer, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=True
+    )
+    path.write_bytes(buffer.getvalue())
+
+
+def _film(recording: PictureRecording, path: Path, caption: Caption, speed: float) -> None:
+    chosen, seconds = recording.chosen(len(recording.pictures), FILM_SECONDS, speed)
+    encode(_images(recording, chosen), seconds, path, title=caption.title)
+
+
+def _images(recording: PictureRecording, chosen: list[int]) -> "Iterator[Image]":
+    for index in chosen:
+        yield recording.image(index)
+
+
+def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: float) -> None:
+    """Six moments from the first to the last step, each with its step and the fitness so far."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    count = min(_STILLS, len(recording.pictures))
+    chosen = [round(place * (len(recording.pictures) - 1) / max(count - 1, 1)) for place in range(count)]
+    images = [recording.image(index) for index in chosen]
+    for image in images:
+        image.thumbnail((400, 400))
+    width, height = images[0].size
+    columns = min(count, _ROW)
+    rows = -(-count // columns)
+    size = (columns * (width + 8) + 8, rows * (height + _LINE + 8) + _LINE + 8)
+    sheet = Image.new("RGB", size, PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
+    draw.text((8, 5), caption.title, fill=INK, font=font)
+    for place, (index, image) in enumerate(zip(chosen, images, strict=True)):
+        row, column = divmod(place, columns)
+        left, top = 8 + column * (width + 8), 8 + _LINE + row * (height + _LINE + 8)
+        step = recording.steps[index]
+        draw.text(
+            (left, top), f"step {step}   fitness {recording.course[step] + 0.0:.4g}", fill=INK, font=font
+        )
+        sheet.paste(image, (left, top + _LINE - 2))
+        draw.rectangle((left - 1, top + _LINE - 3, left + width, top + _LINE - 2 + height), outline=BORDER)
+    buffer = io.BytesIO()
+    sheet.save(buffer, "PNG")
+    path.write_bytes(buffer.getvalue())
+
+
+def _page(recording: PictureRecording, path: Path, caption: Caption, speed: float) -> None:
+    write_pictures(recording, path, caption=caption, speed=speed)
+
+
+_WRITERS: dict[str, Callable[[PictureRecording, Path, Caption, float], None]] = {
+    ".html": _page,
+    ".gif": _animation,
+    ".mp4": _film,
+    ".png": _still,
+}

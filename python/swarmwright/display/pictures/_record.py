@@ -1,0 +1,125 @@
+"""An episode as the pictures that its simulation draws."""
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright._errors import InputError
+from swarmwright.display._episode import Playable
+from swarmwright.display.pictures._text import as_text
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+MOST = 600
+"""Pictures that are kept of an episode; of longer ones every second, fourth, .. step."""
+LARGEST = (640, 640)
+"""Pixels of a picture; larger ones are scaled down."""
+
+Draw = Callable[[], NDArray[np.uint8]]
+"""Draws what there is now, (height, width, 3)."""
+
+
+@dataclass(frozen=True)
+class PictureRecording:
+    """A whole episode in pictures.
+
+    pictures: as PNG. steps: the step of each, the first and the last one among them. course: fitness so far,
+    before the first step and after each. step_size: seconds between two steps when shown.
+    """
+
+    pictures: tuple[bytes, ...]
+    steps: tuple[int, ...]
+    course: tuple[float, ...]
+    step_size: float
+
+    @property
+    def fitness(self) -> float:
+        """Fitness of the episode, at its end."""
+        return self.course[-1]
+
+    def image(self, index: int) -> "Image":
+        """Return a picture, RGB."""
+        from PIL import Image
+
+        with Image.open(io.BytesIO(self.pictures[index])) as opened:
+            return opened.convert("RGB")
+
+    def chosen(self, most: int, shortest: float, speed: float) -> tuple[list[int], float]:
+        """Return which pictures a film shows, and the seconds that each stands.
+
+        most: pictures. shortest: seconds that one stands at least. speed: how many times faster than life.
+        """
+        seconds = max(self.step_size, 0.02) * (len(self.course) - 1) / speed
+        count = max(1, min(len(self.pictures), most, int(seconds / shortest) + 1))
+        indices = np.unique(np.linspace(0, len(self.pictures) - 1, count).round().astype(int)).tolist()
+        return indices, max(seconds / max(len(indices) - 1, 1), shortest)
+
+
+class Pictured:
+    """An episode of a simulation that draws pictures, to be watched in a terminal."""
+
+    def __init__(self, episode: Playable, draw: Draw) -> None:
+        self._episode = episode
+        self._draw = draw
+        self._step = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the episode has ended."""
+        return self._episode.done
+
+    @property
+    def fitness(self) -> float:
+        """Fitness so far; larger is better."""
+        return self._episode.fitness
+
+    @property
+    def step_size(self) -> float:
+        """Seconds between two frames when shown."""
+        return self._episode.step_size
+
+    def step(self) -> None:
+        """Move on by one step."""
+        self._episode.step()
+        self._step += 1
+
+    def scene(self) -> str:
+        """Raise InputError: there are pictures only."""
+        raise InputError("this simulation draws pictures and no scenes; --save FILE.html, .gif, .mp4 or .png")
+
+    def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
+        """Return the picture in characters, below a line with the step."""
+        return as_text(self._draw(), f"step {self._step}", columns, rows, color=color and unicode)
+
+
+def record(episode: Playable, draw: Draw) -> PictureRecording:
+    """Step an episode to its end and keep pictures of it."""
+    pictures, steps, course, every = [_png(draw())], [0], [episode.fitness], 1
+    while not episode.done:
+        episode.step()
+        course.append(episode.fitness)
+        step = len(course) - 1
+        if step % every and not episode.done:
+            continue
+        pictures.append(_png(draw()))
+        steps.append(step)
+        if len(pictures) > MOST and not episode.done:
+            every *= 2
+            kept = [index for index, step in enumerate(steps) if step % every == 0]
+            pictures, steps = [pictures[index] for index in kept], [steps[index] for index in kept]
+    return PictureRecording(tuple(pictures), tuple(steps), tuple(course), episode.step_size)
+
+
+def _png(drawn: NDArray[np.uint8]) -> bytes:
+    from PIL import Image
+
+    image = Image.fromarray(np.ascontiguousarray(drawn))
+    image.thumbnail(LARGEST, Image.Resampling.LANCZOS)
+    buffer = io.BytesIO()
+    image.save(buffer, format="PNG", compress_level=1)
+    return buffer.getvalue()

@@ -1,0 +1,128 @@
+"""FREVO's representations: their entries, and the options of our controllers."""
+
+from swarmwright.frevo._components import COMPLETE, LAYERS, MACHINE, MESHED, THREE_LAYERS
+from swarmwright.frevo._document import Section
+from swarmwright.frevo._machine import take_machine
+from swarmwright.frevo._mapped import Line, Mapped
+
+ACTIVATIONS = {"LINEAR": "clamp", "SIGMOID": "sigmoid", "RELU": "relu"}
+"""FREVO's activation functions, and ours."""
+RELU = (
+    "RELU: outputs have no upper limit in FREVO, whose agents of Emergency Exit stand still where one is "
+    "above 1.25; actuators here end at 1"
+)
+SIGMOID = "computed to 1e-7 here, so that single steps may differ"
+
+
+def map_representation(section: Section, sensors: int | None, mapped: Mapped) -> None:
+    """Map every entry.
+
+    sensors: what an agent senses, where that is known.
+
+    Raises InputError for an entry that cannot be read or has no counterpart.
+    """
+    if section.class_name == MACHINE:
+        _map_machine(section, sensors, mapped)
+        return
+    if section.class_name in (MESHED, COMPLETE):
+        _map_meshed(section, mapped)
+    else:
+        _map_layers(section, mapped)
+    mapped.controller += [
+        Line("weight_range", section.take_number("weight_range", 2.0), "weight_range"),
+        Line("bias_range", section.take_number("bias_range", 2.0), "bias_range"),
+    ]
+    if mapped.mutation is not None:
+        _map_mutation(section, mapped.mutation, mapped)
+
+
+def _map_mutation(section: Section, line: Line, mapped: Mapped) -> None:
+    if line.value == "proportional":
+        which = "biases move" if section.class_name == MESHED else "weights and biases move"
+        line = Line(line.key, line.value, f"{line.comment}; {which} by their size, not within +-10")
+        mapped.notes.append(f"method.mutationMethod = 2: {which} within a fifth of their size, not +-10")
+    mapped.controller.append(line)
+
+
+def _map_meshed(section: Section, mapped: Mapped) -> None:
+    complete = section.class_name == COMPLETE
+    activation = "clamp" if complete else take_activation(section)
+    comment = f"{COMPLETE} has no other" if complete else "activationFunction"
+    key = "stepNumber" if complete else "iterations"
+    mapped.controller += [
+        Line("hidden", section.take_integer("hiddenNodes", 2, 0), "hiddenNodes"),
+        Line("activation", activation, comment),
+        Line("iterations", section.take_integer(key, 2, 1), key),
+    ]
+    if activation == "relu":
+        mapped.controller.append(Line("output_range", [0, 1], "what FREVO's problem makes -1 to 1"))
+        mapped.notes.append(f"representation.activationFunction = {RELU}")
+    if not complete:
+        _leave_out(section, mapped)
+
+
+def _leave_out(section: Section, mapped: Mapped) -> None:
+    check_deterministic(section)
+    rate = section.take_number("mutation_rate", 0.2)
+    random_range = section.take_number("random_bias_range", 0.2)
+    variable = section.take_flag("variable_mutation_rate", False)
+    reason = f"variable_mutation_rate = {str(variable).lower()}: mutations keep their severity"
+    mapped.not_controller.append(reason)
+    if variable:
+        mapped.notes.append(f"representation.{reason}")
+    mapped.not_controller.append(f"mutation_rate = {rate!r}: with variable_mutation_rate only")
+    mapped.not_controller.append(
+        f"random_source = false, random_bias_range = {random_range!r}: nothing is drawn between steps"
+    )
+
+
+def _map_layers(section: Section, mapped: Mapped) -> None:
+    mapped.controller_kind = "layered"
+    steps = 2 if section.class_name == THREE_LAYERS else 1
+    if section.class_name == LAYERS:
+        layers = section.take_integer("hidden_layers", 2, 1)
+        sizes = [section.take_integer("nodes_per_layer", 2, 1)] * layers
+        comment = "nodes_per_layer, hidden_layers times"
+    else:
+        sizes = [section.take_integer("hiddenNodes", 2, 1)]
+        comment = "hiddenNodes"
+    mapped.controller += [
+        Line("hidden", sizes, comment),
+        Line("activation", "sigmoid", f"{section.class_name} has no other; {SIGMOID}"),
+    ]
+    steps = section.take_integer("stepNumber", steps)
+    mapped.not_controller.append(f"stepNumber = {steps}: without feedback every pass gives the same")
+
+
+def _map_machine(section: Section, sensors: int | None, mapped: Mapped) -> None:
+    machine = take_machine(section, sensors)
+    mapped.controller_kind = "mealy_fsm"
+    leave_mutation_out(mapped)
+    mapped.controller = [
+        Line("states", machine.states, "num_of_states"),
+        Line("levels", machine.levels, "min_input_values, max_input_values, nthresholds_for_inputs"),
+        Line("output_levels", machine.output_levels, "output_units, and both ends count"),
+    ]
+    mapped.not_controller += machine.not_taken
+    mapped.notes += machine.notes
+
+
+def leave_mutation_out(mapped: Mapped) -> None:
+    """Say that the way in which FREVO's method mutates networks is not taken over."""
+    if mapped.mutation is not None and mapped.mutation.comment.startswith("mutationMethod"):
+        mapped.not_method.append(
+            f"{mapped.mutation.comment}: {mapped.controller_kind} mutates in its own way"
+        )
+
+
+def check_deterministic(section: Section) -> None:
+    """Raise InputError when networks draw random numbers, which no controller here does."""
+    if section.class_name == MESHED and section.take_flag("random_source", False):
+        raise section.error(
+            "random_source", "true found: controllers here draw no random numbers; set it to false in FREVO"
+        )
+
+
+def take_activation(section: Section) -> str:
+    """Return our name of the activation function of a FullyMeshedNet."""
+    return ACTIVATIONS[section.take_text("activationFunction", "LINEAR", tuple(ACTIVATIONS))]

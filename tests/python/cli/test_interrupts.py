@@ -1,0 +1,80 @@
+"""Ctrl-C at moments at which it is inconvenient."""
+
+import contextlib
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Run
+from tests.python.cli.processes import children, gone
+
+ENDLESS = "simulation: minisim\nmethod: {population: 6, generations: 1000000}\nservers: 1\n"
+LARGE = "simulation: minisim\nmethod: {population: 400000, generations: 2}\nservers: local\n"
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_a_second_one_says_how_to_go_on(start: Any, tmp_path: Path, goes_on: bool) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    if goes_on:
+        process = start("optimize", "endless.yaml", "--out", "the run")
+        assert "generations" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130
+        (tmp_path / "the run" / "best.json").unlink()
+    arguments = ("resume", "the run") if goes_on else ("optimize", "endless.yaml", "--out", "the run")
+    process = start(*arguments)
+    while " of 1000000 generations  best" not in (line := process.stdout.readline()):
+        assert line, process.communicate()
+    servers = children(process.pid)
+    # Servers that do not end hold up the end of the run, as those do that are within a long step.
+    for server in servers:
+        os.kill(server, signal.SIGSTOP)
+    try:
+        process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + 20
+        while not (tmp_path / "the run" / "best.json").exists():  # written last, before servers end
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=20)
+    finally:
+        for server in servers:
+            with contextlib.suppress(ProcessLookupError):  # the system ends those that lost their parent
+                os.kill(server, signal.SIGCONT)
+    assert process.returncode == 130
+    assert "resume 'the run'" in complaint
+    assert "results so far are kept" in complaint
+    assert "Traceback" not in complaint
+    assert gone(servers)
+    assert Run.open(tmp_path / "the run").generations > 0
+
+
+def test_a_large_population_is_announced_and_may_be_interrupted(start: Any, tmp_path: Path) -> None:
+    (tmp_path / "large.yaml").write_text(LARGE)
+    process = start("optimize", "large.yaml", "--out", "large")
+    assert "400,000 candidates with 49 genes each: about 4" in (first := process.stderr.readline())
+    assert first.rstrip().endswith(("are available, enough", "if it ends early"))
+    assert process.stderr.readline() == "swarmwright: generation 0: making candidates\n"
+    process.send_signal(signal.SIGINT)
+    _, complaint = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert complaint == "swarmwright: interrupted\n"
+    assert not (tmp_path / "large").exists()
+
+
+def test_a_budget_below_what_there_is_is_refused_before_anything_is_said(
+    program: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "short.yaml").write_text(
+        ENDLESS.replace("1000000", "4").replace("servers: 1", "servers: local")
+    )
+    assert program("optimize", "short.yaml", "--out", "run").returncode == 0
+    result = program("resume", "run", "--generations", "2")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert "generations: 2 is less than the experiment's 4" in result.stderr

@@ -1,0 +1,286 @@
+"""Which of FREVO's components are taken over, and what stands in the place of the others."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, InputError, frevo, optimize
+from swarmwright.methods.pso import PsoOptions
+from swarmwright.methods.random_search import RandomSearchOptions
+from swarmwright.representations.fully_meshed import FullyMeshedOptions
+from swarmwright.representations.layered import LayeredOptions
+from swarmwright.representations.mealy_fsm import MealyFsmOptions
+
+Session = Callable[..., Path]
+Entries = dict[str, object]
+FIRST = {
+    "problem": "emergencyexit.EmergencyExit",
+    "method": "nnga.NNGA",
+    "representation": "fullyMeshedNet.FullyMeshedNet",
+    "ranking": "AbsoluteRanking.AbsoluteRanking",
+}
+SIMULATION = """
+import numpy as np
+from swarmwright import Simulation
+
+class Two(Simulation):
+    sensors = 2
+    actuators = 1
+    max_agents = 1
+    def reset(self, parameters, seed):
+        self.sum = 0.0
+        return np.array([[0.5, -0.5]])
+    def step(self, actions):
+        self.sum += float(actions[0, 0])
+        return np.array([[0.5, -0.5]])
+    def done(self):
+        return self.sum != 0
+    def fitness(self):
+        return self.sum
+"""
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    """Writes a session; components not named are those of FIRST, entries not given are left out."""
+
+    def make(*, given: dict[str, Entries] | None = None, **components: str) -> Path:
+        classes, entries = {**FIRST, **components}, dict(given or {})
+        if classes["problem"] == FIRST["problem"]:
+            entries["problem"] = {"fieldsource": "RANDOM_FIELD"}
+        lines = ["<frevo>"]
+        for name, component in classes.items():
+            lines.append(f'<{name} class="{component}">')
+            for key, value in entries.get(name, {}).items():
+                kind = "INT" if isinstance(value, int) else "STRING"
+                lines.append(f'<{name}entry key="{key}" type="{kind}" value="{value}"/>')
+            lines.append(f"</{name}>")
+        path = tmp_path / "some.zse"
+        path.write_text("\n".join([*lines, "</frevo>"]))
+        return path
+
+    return make
+
+
+LAYERS = "threeLayerNetwork.ThreeLayerNetwork"
+MANY = "multiLayerNetwork.MultiLayerNetwork"
+COMPLETE = "completeNetwork.CompleteNetwork"
+
+
+@pytest.mark.parametrize(
+    ("representation", "given", "expected"),
+    [
+        (LAYERS, {}, LayeredOptions(hidden=[2], activation="sigmoid")),
+        (
+            LAYERS,
+            {"hiddenNodes": 5, "weight_range": "1.5f", "bias_range": 3, "stepNumber": 7},
+            LayeredOptions(hidden=[5], activation="sigmoid", weight_range=1.5, bias_range=3.0),
+        ),
+        (MANY, {}, LayeredOptions(hidden=[2, 2], activation="sigmoid")),
+        (
+            MANY,
+            {"hidden_layers": 3, "nodes_per_layer": 4},
+            LayeredOptions(hidden=[4, 4, 4], activation="sigmoid"),
+        ),
+        (COMPLETE, {}, FullyMeshedOptions()),
+        (COMPLETE, {"hiddenNodes": 3, "stepNumber": 5}, FullyMeshedOptions(hidden=3, iterations=5)),
+        (
+            FIRST["representation"],
+            {"activationFunction": "RELU"},
+            FullyMeshedOptions(activation="relu", output_range=[0, 1]),
+        ),
+    ],
+)
+def test_networks(session: Session, representation: str, given: Entries, expected: Any) -> None:
+    imported = frevo.load(session(representation=representation, given={"representation": given}))
+    assert imported.experiment.controller == expected
+    assert not any("no such entry" in note for note in imported.notes)
+    assert imported.experiment.representation().architecture()["output_range"] == [0, 1]
+
+
+def test_imported_networks_evolve(session: Session, tmp_path: Path) -> None:
+    for index, representation in enumerate((LAYERS, MANY, COMPLETE)):
+        experiment = frevo.load(session(representation=representation)).experiment
+        short = experiment.replace(method={"population": 8, "generations": 1}, servers="local")
+        run = optimize(short, out=tmp_path / str(index))
+        assert run.evaluations == 8
+        assert run.best.fitness < 0
+
+
+def test_mutation_of_layers_in_proportion_is_said_to_differ(session: Session) -> None:
+    imported = frevo.load(session(representation=LAYERS, given={"method": {"mutationMethod": 2}}))
+    assert imported.experiment.controller.mutation == "proportional"
+    assert any("weights and biases move within a fifth of their size" in note for note in imported.notes)
+
+
+def test_a_machine_of_which_everything_is_left_out(session: Session, tmp_path: Path) -> None:
+    # FREVO has two inputs by default; where a problem has others, 0 to 100 with one threshold for each.
+    imported = frevo.load(session(representation="fsm.MealyFSM"))
+    assert imported.experiment.controller == MealyFsmOptions(
+        states=6, levels=[[49.5]] * 10, output_levels=101
+    )
+    assert any("takes every input for a number from 0 to 100 with 1 threshold" in x for x in imported.notes)
+    (tmp_path / "two.py").write_text(SIMULATION)
+    two = frevo.load(session(representation="fsm.MealyFSM"), simulation=str(tmp_path / "two.py:Two"))
+    assert two.experiment.controller == MealyFsmOptions(
+        states=6, levels=[[17.5, 34.5, 52.5]] * 2, output_levels=101
+    )
+
+
+def test_a_machine_of_which_the_thresholds_are_left_out(session: Session) -> None:
+    lists = {
+        "min_input_values": "-20,-20,0,0,0,0,0,0,0,0",
+        "max_input_values": "20,20,1,1,1,1,1,1,1,1",
+        "unit_input_values": "40,40,1,1,1,1,1,1,1,1",
+    }
+    imported = frevo.load(session(representation="fsm.MealyFSM", given={"representation": lists}))
+    levels = imported.experiment.controller.levels
+    assert levels == [[-10.5, -0.5, 9.5]] * 2 + [[0.5]] * 8
+
+
+def test_random_search(session: Session) -> None:
+    name = "frevo.method.randomsearch.RandomSearch"
+    assert frevo.load(session(method=name)).experiment.method == RandomSearchOptions()
+    given: dict[str, Entries] = {"method": {"populationsize": 7, "generations": 9}}
+    imported = frevo.load(session(method=name, given=given))
+    assert imported.experiment.method == RandomSearchOptions(population=7, generations=9)
+
+
+def test_particle_swarms(session: Session) -> None:
+    imported = frevo.load(session(method="pso.PSO"))
+    assert imported.experiment.method == PsoOptions(
+        population=100,
+        inertia=0.7,
+        own=2.4,
+        social=2.1,
+        adaptive=False,
+        perturb=False,
+        reach=1.0,
+        fastest=0.5,
+    )
+    assert any("C1 pulls nothing" in note for note in imported.notes)
+    given: dict[str, Entries] = {
+        "method": {"W": "0.5", "C1": "1.5f", "C2": "1", "populationsize": 30, "generations": 4},
+        "representation": {"weight_range": "0.5f"},
+    }
+    method: Any = frevo.load(session(method="pso.PSO", representation=LAYERS, given=given)).experiment.method
+    assert (method.inertia, method.own, method.social, method.fastest) == (0.5, 1.5, 1.0, 1.0)
+    assert (method.population, method.generations) == (30, 4)
+
+
+def test_shares_in_percent_of_early_versions(session: Session) -> None:
+    shares = {"elite": 15, "random": 10, "mutate": 40, "xover": 30, "renew": 5}
+    given: dict[str, Entries] = {"method": {f"percentage_{key}": value for key, value in shares.items()}}
+    imported = frevo.load(session(given=given))
+    method = imported.experiment.method.model_dump()
+    assert [method[key] for key in ("elite", "random", "mutate", "crossover", "renew")] == [
+        0.15, 0.1, 0.4, 0.3, 0.05,
+    ]  # fmt: skip
+    assert any("whole numbers are percentages" in note for note in imported.notes)
+
+
+def test_templates_have_the_defaults_where_something_is_to_be_filled_in(session: Session) -> None:
+    given: dict[str, Entries] = {
+        "method": {"populationsize": "-POPSIZE-"},
+        "ranking": {"parallelthreads": "-PARALLELTHREADS-"},
+    }
+    imported = frevo.load(session(given=given))
+    assert imported.experiment.method.model_dump()["population"] == 50
+    assert "method.populationsize = -POPSIZE-: to be filled in; FREVO's default is taken" in imported.notes
+
+
+def test_everything_without_a_counterpart_is_named_at_once(session: Session, program: Any) -> None:
+    path = session(
+        problem="cam.Cam",
+        method="gaspecies.GASpecies",
+        representation="neat.NEAT",
+        ranking="swissSystem.SwissSystem",
+    )
+    shown = program("import", path)
+    assert (shown.returncode, shown.stdout) == (2, "")
+    lines = shown.stderr.removeprefix("swarmwright: ").splitlines()
+    assert [line.split(" has no counterpart here")[0] for line in lines] == [
+        f"{path}:2: <problem>: the class 'cam.Cam'",
+        f"{path}:4: <method>: the class 'gaspecies.GASpecies'",
+        f"{path}:6: <representation>: the class 'neat.NEAT'",
+        f"{path}:8: <ranking>: the class 'swissSystem.SwissSystem'",
+    ]
+    for line, option in zip(lines, ("simulation", "method", "controller", "ranking"), strict=True):
+        assert f"--{option} names" in line
+
+
+def test_entries_of_all_sections_are_complained_about_at_once(session: Session) -> None:
+    given: dict[str, Entries] = {
+        "method": {"populationsize": "x"},
+        "representation": {"random_source": "true"},
+    }
+    with pytest.raises(InputError) as caught:
+        frevo.load(session(problem="cam.Cam", given=given))
+    assert [line.split(": ")[1] for line in str(caught.value).splitlines()] == [
+        "<problem>",
+        "method.populationsize",
+        "representation.random_source",
+    ]
+
+
+def test_another_simulation_is_taken_in_the_place_of_the_problem(
+    session: Session, program: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "two.py").write_text(SIMULATION)
+    given: dict[str, Entries] = {
+        "problem": {"evalnumber": 20},
+        "method": {"populationsize": 6, "generations": 2},
+    }
+    path = session(problem="light.Light", representation=LAYERS, given=given)
+    made = program("import", path, "--simulation", "two.py:Two", "-o", "deep/two.yaml")
+    assert made.returncode == 0, made.stderr
+    assert "problem.class = light.Light: " in made.stderr
+    text = (tmp_path / "deep" / "two.yaml").read_text()
+    assert 'simulation: "../two.py:Two"  # light.Light' in text
+    assert "# not taken over: evalnumber = 20: an entry of light.Light" in text
+    experiment = Experiment.load(tmp_path / "deep" / "two.yaml")
+    assert (experiment.sensors, experiment.parameters) == (2, {})
+    assert experiment.genome_size == 2 * 3 + 3
+    run = optimize(experiment.replace(servers="local"), out=tmp_path / "run")
+    assert run.evaluations > 6
+
+
+def test_a_simulation_of_a_server_can_be_named(session: Session) -> None:
+    experiment = frevo.load(session(problem="light.Light"), simulation="light with spaces").experiment
+    assert (experiment.simulation, experiment.sensors) == ("light with spaces", None)
+
+
+def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> None:
+    path = session(
+        problem="cam.Cam",
+        method="gaspecies.GASpecies",
+        representation="neat.NEAT",
+        ranking="swissSystem.SwissSystem",
+        given={"method": {"populationsize": 12, "generations": 3, "survival_threshold": "0.4"}},
+    )
+    imported = frevo.load(
+        path, simulation="minisim", method="cea2d", controller="fully_meshed", ranking="absolute"
+    )
+    experiment = imported.experiment
+    assert (experiment.simulation, experiment.controller.kind) == ("minisim", "fully_meshed")
+    assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)  # type: ignore[attr-defined]
+    assert "# not taken over: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
+    for part in ("cam.Cam", "gaspecies.GASpecies", "neat.NEAT", "swissSystem.SwissSystem"):
+        assert any(f"class = {part}" in note and "in its place" in note for note in imported.notes), part
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("method", "method: unknown method 'x'; there is: "),
+        ("controller", "controller: unknown controller 'x'; there is: "),
+        ("ranking", "ranking: unknown ranking 'x'; there is: absolute"),
+    ],
+)
+def test_unknown_kinds_are_refused(session: Session, option: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        frevo.load(session(), **{option: "x"})
+    assert words in str(caught.value)
