@@ -69,17 +69,24 @@ def _prepare(settings: dict[str, Any]) -> None:
 
 def main() -> int:
     """Serve until the parent ends; return 0, or the exit status of what went wrong."""
-    events = int(sys.argv[1])
+    # The parent may have been started with SIGINT ignored, as shells do in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        # It may end at any time, also before this process serves.
+        threading.Thread(target=_end_with_parent, daemon=True).start()
+        return _serve(int(sys.argv[1]), json.loads(sys.argv[2]))
+    except KeyboardInterrupt:
+        return 0
+
+
+def _serve(events: int, settings: dict[str, Any]) -> int:
+    """Serve; events go to the file descriptor `events`; return the exit status of what went wrong."""
 
     def report(line: str) -> None:
         # Nobody reads: the parent wants no more, or it is gone, which `_end_with_parent` notices.
         with suppress(OSError):
             os.write(events, f"{line}\n".encode())
 
-    # The parent may have been started with SIGINT ignored, as shells do in the background.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    settings = json.loads(sys.argv[2])
     _prepare(settings)
 
     def failed(reason: str, traceback: str) -> None:
@@ -95,8 +102,6 @@ def main() -> int:
             simulation = _simulation(settings.pop("simulation"), settings.pop("files", {}), failed)
             wait = settings.pop("wait", 0.0)
             patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
-    except KeyboardInterrupt:
-        return 0
     except SwarmwrightError as error:
         report(json.dumps({"event": "error", "message": str(error)}))
         sys.stderr.write(f"{error}\n")
