@@ -54,6 +54,12 @@ class Least:
                 self.sense()
 
     def receive(self, _client: Client, _data: object, message: MQTTMessage) -> None:
+        with self.lock:
+            self.take(message)
+            # Not by the clock alone: what can be seen of it must not depend on how busy the machine is.
+            self.sense()
+
+    def take(self, message: MQTTMessage) -> None:
         try:
             fields = json.loads(message.payload)
         except (ValueError, RecursionError):
@@ -63,8 +69,7 @@ class Least:
         if not all(key in fields and fits(fields[key], kind) for key, kind in TYPES[message.topic].items()):
             return
         if fields.get("server", self.server) == self.server:
-            with self.lock:
-                getattr(self, message.topic)(fields)
+            getattr(self, message.topic)(fields)
 
     def say(self, topic: str, **fields: Any) -> None:
         self.client.publish(topic, json.dumps(fields))
@@ -89,7 +94,6 @@ class Least:
         if run:
             self.hash, self.steps, self.answers = fields["simulation_hash"], 0, {}
             self.places = {agent: random.uniform(-5, 5) for agent in AGENTS}
-            self.sense()
         else:
             self.hash = ""
 
@@ -111,9 +115,7 @@ class Least:
             for each, (value, *_) in self.answers.items():
                 self.places[each] += value
             self.answers, self.steps = {}, self.steps + 1
-            if self.steps < STEPS:
-                self.sense()
-            else:
+            if self.steps == STEPS:
                 hash_, self.hash = self.hash, ""
                 self.busy_until = time.monotonic() + CLEARING
                 self.say("fitness", simulation_hash=hash_, fitness=-sum(map(abs, self.places.values())))
