@@ -78,6 +78,8 @@ def _invoke(arguments: list[str]) -> object:
 
 def _show_usage_error(error: click.ClickException) -> None:
     message = error.format_message()
+    if message.endswith("?."):  # click ends what it is told with a full stop
+        message = message[:-1]
     if isinstance(error, click.UsageError) and error.ctx is not None:
         help_command = f"{error.ctx.command_path} --help"
         _complain(f"{message}\nTry '{help_command}'.")

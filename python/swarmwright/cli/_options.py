@@ -84,7 +84,7 @@ def _nearest(path: Path) -> str:
         neighbours = [entry.name for entry in path.parent.iterdir()]
     except OSError:
         return f" (nor does its folder '{path.parent}')" if not path.parent.exists() else ""
-    return did_you_mean(path.name, neighbours).removesuffix("?")
+    return did_you_mean(path.name, neighbours)
 
 
 Servers = int | Literal["auto", "local", "in-process"]
