@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright._foreign import one_line
 from swarmwright._scale import Scale, cut, labels, limits, ticks
 
 if TYPE_CHECKING:
@@ -95,8 +96,8 @@ class Chart:
             pen.text((left - 15, y.at(tick)), label, font=font, fill=INK, anchor="rm")
         pen.text(((left + right) / 2, bottom + 42), self.x_name, font=_font(25), fill=INK, anchor="ma")
         _upright(picture, (18, (_TOP + bottom) // 2), self.y_name)
-        pen.text((left, 31), _fitting(pen, self.title, 31, right - left), font=_font(31, bold=True), fill=INK,
-                 anchor="ls")  # fmt: skip
+        title = _fitting(pen, one_line(self.title), 31, right - left)
+        pen.text((left, 31), title, font=_font(31, bold=True), fill=INK, anchor="ls")
         pen.text(
             (left, 66), _fitting(pen, self.subtitle, 23, right - left), font=font, fill=PALE, anchor="ls"
         )

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import ClassVar
 
+from swarmwright._foreign import one_line
+
 
 class SwarmwrightError(Exception):
     """Base of all errors of Swarmwright. The message says what is wrong, where, and how to mend it."""
@@ -59,13 +61,14 @@ def explained(error: BaseException) -> str:
 def engine_errors(where: str = "") -> Iterator[None]:
     """Turn the compiled engine's errors into InputError and RunError.
 
-    `where` is put before an input error's message.
+    They may name what peers have said, and are of one line, see `_foreign`. `where` is put before an input
+    error's message.
     """
     from swarmwright import _engine
 
     try:
         yield
     except _engine.InputError as error:
-        raise InputError(f"{where}{error}") from error
+        raise InputError(f"{where}{one_line(str(error))}") from error
     except _engine.EngineError as error:
-        raise RunError(str(error)) from error
+        raise RunError(one_line(str(error))) from error

@@ -12,6 +12,7 @@ from swarmwright._controller import Controller
 from swarmwright._errors import InputError, RunError
 from swarmwright._evolved import unknown
 from swarmwright._experiment import Experiment
+from swarmwright._foreign import one_line
 from swarmwright._random import Stream
 
 
@@ -168,7 +169,7 @@ def _check_fit(controller: Controller, sensors: int, actuators: int, simulation:
 
 def _reason(journal: list[dict[str, Any]]) -> str:
     reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
-    return f"the episode failed: {reasons[-1] if reasons else 'its fitness is no finite number'}"
+    return f"the episode failed: {one_line(reasons[-1]) if reasons else 'its fitness is no finite number'}"
 
 
 def _silent(done: int, total: int, waiting_for: str) -> None:

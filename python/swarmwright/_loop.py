@@ -17,6 +17,7 @@ from swarmwright._backend import Backend, Crews, Progress, Results
 from swarmwright._budget import Ended, Limit
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
+from swarmwright._foreign import one_line
 from swarmwright._memory import LARGE, candidates, course
 from swarmwright._statistics import Summary, summarize
 from swarmwright._store import Evaluated, StoreReader, StoreWriter
@@ -235,7 +236,9 @@ class Loop:
         except RunError as error:
             self._store.note(generation, journal)
             reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
-            raise RunError(f"{error}; the last reason: {reasons[-1]}" if reasons else str(error)) from error
+            raise RunError(
+                f"{error}; the last reason: {one_line(reasons[-1])}" if reasons else str(error)
+            ) from error
 
     def _ask(self) -> tuple[Genomes, list[int]]:
         """Return the genomes to be evaluated in this generation, and on which seeds."""

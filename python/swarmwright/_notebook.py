@@ -4,6 +4,8 @@ import sys
 import time
 from typing import Any
 
+from swarmwright._foreign import one_line
+
 EVERY = 0.25
 """Seconds between two changes."""
 
@@ -31,6 +33,7 @@ class Text:
         if not at_once and now - self._shown < EVERY:
             return
         self._shown = now
+        text = one_line(text)
         if not self._notebook:
             sys.stderr.write("\r" + text.ljust(self._width))
             sys.stderr.flush()

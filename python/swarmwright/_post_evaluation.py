@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from swarmwright._backend import Backend, Crews, Progress, Servers, open_backend
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
+from swarmwright._foreign import one_line
 from swarmwright._run import Run
 from swarmwright._run_code import used_for
 from swarmwright._statistics import Estimate, estimate, quantile
@@ -240,7 +241,8 @@ def _evaluated(
     values: NDArray[np.float64] = results.fitness[0] + 0.0
     if not np.isfinite(values).any():
         reasons = [str(entry["error"]) for entry in results.journal if entry.get("error")]
-        raise RunError(f"every episode failed; the last reason: {reasons[-1] if reasons else 'not known'}")
+        last = one_line(reasons[-1]) if reasons else "not known"
+        raise RunError(f"every episode failed; the last reason: {last}")
     return values
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from swarmwright._foreign import one_line
+
 if TYPE_CHECKING:
     from swarmwright._results.comparison import Comparison, Pair
 
@@ -30,7 +32,7 @@ def table(comparison: "Comparison") -> str:
         lines += ["", f"All groups: Kruskal-Wallis H {number(test.h)}, p {p_words(test.p)}"]
     if comparison.pairs:
         lines += ["", *_pairs(comparison.pairs)]
-    return "\n".join([*lines, *(f"Note: {note}." for note in comparison.notes)])
+    return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
 
 
 def _pairs(pairs: Sequence["Pair"]) -> list[str]:
@@ -66,6 +68,7 @@ def p_words(value: float) -> str:
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows as lines with aligned columns: words to the left, the rest to the right."""
+    rows = [[one_line(cell) for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     # A column whose cells all begin with a letter holds words.
     words = [all(row[i][:1].isalpha() for row in rows) for i in range(len(rows[0]))]

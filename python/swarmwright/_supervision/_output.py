@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
+from swarmwright import _foreign
 from swarmwright._supervision._marked import MARK
 
 KEPT = 1000
@@ -106,7 +107,8 @@ class Output:
                 self._keep(f"{who}: {dropped} more lines in that second were left out")
             if count > MOST:
                 return
-            self._keep(f"{who}, candidate {place}: {text}" if place else f"{who}: {text}")
+            said = "".join(_foreign.lines(text))  # of one line; what it does to a terminal is not kept
+            self._keep(f"{who}, candidate {place}: {said}" if place else f"{who}: {said}")
 
     def _keep(self, line: str) -> None:
         if self._file is None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, complain
 
 if TYPE_CHECKING:
     from swarmwright._results.comparison import Comparison
@@ -24,7 +24,7 @@ def run_folders(paths: Sequence[Path]) -> list[Path]:
         raise click.UsageError(f"{', '.join(files)} {which}; name folders such as runs/minisim-1.")
     if files:
         which = "is a file and no run" if len(files) == 1 else "are files and no runs"
-        click.echo(f"swarmwright: left out: {', '.join(files)} {which}", err=True)
+        complain(f"left out: {', '.join(files)} {which}")
     return folders
 
 
@@ -36,6 +36,6 @@ def show_comparison(output: Output, runs: Sequence[Path], *, at: int | None = No
     from swarmwright._results.comparison import compare
 
     comparison = compare(runs, at=at)
-    output.text(str(comparison))
+    output.block(str(comparison))
     output.json(comparison.to_mapping())
     return comparison

@@ -13,7 +13,7 @@ import click
 
 from swarmwright._words import duration
 from swarmwright.cli._observing import Observing, observed
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._unseen import unseen_facts, unseen_words
@@ -75,9 +75,9 @@ def evolve(
         return _evolve(output, experiment, work, tensorboard=tensorboard, mlflow=mlflow, observing=observing)
     except InterruptedWithResults as interrupt:
         # On standard error: what was going to be printed of the results is not.
-        sys.stderr.write(
-            "swarmwright: interrupted; the results so far are kept. Go on with:\n"
-            f"  {program()} resume {shlex.quote(str(interrupt.folder))}\n"
+        complain(
+            "interrupted; the results so far are kept. Go on with:\n"
+            f"{program()} resume {shlex.quote(str(interrupt.folder))}"
         )
         return INTERRUPTED
 
@@ -186,7 +186,7 @@ def _conclude(output: Output, run: "Run") -> None:
         output.text(f"Its parameters: {', '.join(f'{name} {value}' for name, value in values.items())}.")
     for event in run.events():
         if event.kind == "incidents" and event.session == run.sessions[-1].session:
-            output.text(f"Incidents: {event.text}.")
+            output.item(f"Incidents: {event.text}.")
     if run.ended not in {None, "generations"}:
         output.text(f"Ended since {run.experiment.budget.words(run.ended)}.")
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")

@@ -4,9 +4,11 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import click
 
+from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
 
@@ -38,7 +40,8 @@ def _status(arguments: Sequence[str] | None) -> int:
     try:
         result = _invoke(sys.argv[1:] if arguments is None else list(arguments))
     except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message(), err=True)
+        # The help of a command, ours alone.
+        sys.stderr.write(f"{error.format_message()}\n")
         return error.exit_code
     except click.ClickException as error:
         _show_usage_error(error)
@@ -82,7 +85,7 @@ def _show_usage_error(error: click.ClickException) -> None:
         message = message[:-1]
     if isinstance(error, click.UsageError) and error.ctx is not None:
         help_command = f"{error.ctx.command_path} --help"
-        _complain(f"{message}\nTry '{help_command}'.")
+        _complain(message, hint=f"Try '{help_command}'.")
     else:
         _complain(message)
 
@@ -112,12 +115,9 @@ def _show_error(error: Exception) -> int:
     return FAILED
 
 
-def _complain(message: str) -> None:
-    try:
-        sys.stderr.write(f"swarmwright: {message}\n")
-        sys.stderr.flush()
-    except OSError:
-        pass  # nobody reads; the exit status remains
+def _complain(message: str, *, hint: str = "") -> None:
+    with suppress(OSError):  # nobody reads; the exit status remains
+        _output.complain(message, hint=hint)
 
 
 def _reader_gone() -> None:

@@ -1,11 +1,18 @@
-"""What commands print: rich on a terminal, plain lines when piped, one JSON object a line with `--json`."""
+"""What commands print: rich on a terminal, plain lines when piped, one JSON object a line with `--json`.
+
+All output passes through here, and here it is escaped, see `swarmwright._foreign`: any part of it may be
+text of a peer or of a file. Layout is what the functions below make of their arguments: each `text` is one
+line, further lines of a message are indented. So nothing that others wrote can begin a line at the margin.
+"""
 
 import json
 import math
 import os
 import sys
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from typing import IO, TYPE_CHECKING
+
+from swarmwright import _foreign
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,13 +37,41 @@ def show_warnings() -> None:
 
     class Handler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            # Looked up each time: while a progress bar is shown, standard error is redirected above it.
-            print(f"swarmwright: {record.getMessage()}", file=sys.stderr, flush=True)
+            complain(record.getMessage())
 
     course.setLevel(logging.INFO)
     handler = Handler(logging.INFO)
     handler.addFilter(lambda record: record.levelno >= logging.WARNING or record.name == course.name)
     logging.getLogger("swarmwright").addHandler(handler)
+
+
+def complain(message: str, *, hint: str = "") -> None:
+    """Print a message on standard error; its further lines are indented.
+
+    hint: a line of its own behind it.
+    """
+    first, *rest = _foreign.lines(message)
+    _print([f"swarmwright: {first}", *(f"  {line}" for line in rest), *([hint] if hint else [])], errors=True)
+
+
+def aside(line: str, below: Iterable[str] = ()) -> None:
+    """Print a line on standard error, and others indented below it."""
+    _print([_foreign.one_line(line), *(f"  {_foreign.one_line(one)}" for one in below)], errors=True)
+
+
+def document(text: str) -> None:
+    """Print a document to standard output, as it is where a file or another program takes it."""
+    if sys.stdout.isatty():
+        text = "".join(f"{line}\n" for line in _foreign.lines(text))
+    sys.stdout.write(text)
+    sys.stdout.flush()
+
+
+def _print(lines: Sequence[str], *, errors: bool = False) -> None:
+    # Looked up each time: while a progress bar is shown, both are redirected above it.
+    stream: IO[str] = sys.stderr if errors else sys.stdout
+    stream.write("".join(f"{line}\n" for line in lines))
+    stream.flush()
 
 
 class Output:
@@ -60,17 +95,45 @@ class Output:
         return "utf" in (sys.stdout.encoding or "").lower()
 
     def text(self, line: str = "") -> None:
-        """Print a line for people, at once."""
+        r"""Print a line for people, at once; a line break in it is shown as `\n`."""
         if not self.as_json:
-            print(line, flush=True)
+            _print([_foreign.one_line(line)])
+
+    def item(self, text: str, indent: str = "  ") -> None:
+        """Print a text whose further lines, if it has any, are indented below the first."""
+        if not self.as_json:
+            first, *rest = _foreign.lines(text)
+            _print([first, *(f"{indent}{line}" for line in rest)])
+
+    def block(self, text: str, indent: str = "") -> None:
+        """Print the lines of a text of several, all of them indented.
+
+        indent: without any, what others wrote must have been escaped in it by `_foreign.one_line`.
+        """
+        if not self.as_json:
+            _print([f"{indent}{line}".rstrip() for line in _foreign.lines(text)])
+
+    def cells(self, row: Sequence[str]) -> None:
+        """Print a row of a table for other programs, divided by tabs."""
+        if not self.as_json:
+            _print(["\t".join(map(_foreign.one_line, row))])
+
+    def status(self, text: str) -> None:
+        """Write over the last line of the terminal, on standard error."""
+        sys.stderr.write(f"\r\x1b[K{_foreign.one_line(text)}")
+        sys.stderr.flush()
 
     def json(self, record: Mapping[str, object]) -> None:
         """Print an object for machines, at once."""
         if self.as_json:
-            print(json.dumps(finite(record), allow_nan=False, ensure_ascii=not self.unicode), flush=True)
+            encoded = json.dumps(finite(record), allow_nan=False, ensure_ascii=not self.unicode)
+            _print([_foreign.in_json(encoded)])
 
     def console(self) -> "Console":
-        """A rich console on standard output; it reads NO_COLOR and the terminal's width itself."""
-        from rich.console import Console
+        """A rich console on standard output; it reads NO_COLOR and the terminal's width itself.
 
-        return Console(highlight=False, emoji=False, markup=False, soft_wrap=not self.terminal)
+        What is shown on it is escaped, but line breaks, which tables and wrapped text consist of.
+        """
+        from swarmwright.cli._console import EscapingConsole
+
+        return EscapingConsole(highlight=False, emoji=False, markup=False, soft_wrap=not self.terminal)

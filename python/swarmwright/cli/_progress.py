@@ -126,6 +126,8 @@ class BarProgress:
         from rich.table import Table
         from rich.text import Text
 
+        from swarmwright.cli._console import text
+
         last = self._last
         done = _how_far(self._budget, last, short=options.max_width < 50)
         left = "" if last is None else f"{duration(last.seconds_left)} left"
@@ -152,7 +154,9 @@ class BarProgress:
             numbers.append(f"  {last.evaluations_per_second:.0f}/s", style="cyan")
             yield numbers
         if self._waiting:
-            yield Text(self._waiting, style="yellow", no_wrap=True, overflow="ellipsis")
+            waiting = text(self._waiting, "yellow")
+            waiting.no_wrap, waiting.overflow = True, "ellipsis"
+            yield waiting
 
 
 def _how_far(budget: Budget, last: "Generation | None", *, short: bool = False) -> str:

@@ -6,6 +6,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from swarmwright._code._copy import shown
+from swarmwright._foreign import one_line
 from swarmwright._words import duration
 from swarmwright.cli._output import Output
 from swarmwright.cli._unseen import unseen_facts, unseen_words
@@ -56,8 +57,9 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
         )
         for facts in runs
     ]
-    widths = [max(len(row[column]) for row in (heading, *rows)) for column in range(len(heading))]
-    for row in (heading, *rows):
+    shown_rows = [tuple(map(one_line, row)) for row in (heading, *rows)]
+    widths = [max(len(row[column]) for row in shown_rows) for column in range(len(heading))]
+    for row in shown_rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         output.text("  ".join(cells).rstrip())
 
@@ -99,13 +101,13 @@ def describe(output: Output, run: "Run") -> None:
     for version in code:
         output.text(f"  code {version['version']} SHA-256 {version['sha256']}")
     for remark in edited:
-        output.text(f"  {remark}")
+        output.block(remark, indent="  ")
     _list_sessions(output, run)
     _list_servers(output, servers)
     if warnings:
         output.text()
     for event in warnings[:_WARNINGS]:
-        output.text(f"{local_time(event['time'])} {_generation(event)}{event['text']}")
+        output.item(f"{local_time(event['time'])} {_generation(event)}{event['text']}", indent="    ")
     if len(warnings) > _WARNINGS:
         output.text(f".. and {len(warnings) - _WARNINGS} more: --json shows all")
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from swarmwright.cli._output import aside
+
 LINES = 20
 
 
@@ -20,8 +22,7 @@ def _shown() -> Iterator[None]:
             yield
     finally:
         if last:
-            click.echo(f"The last output of the servers ({LINES} lines at most):", err=True)
-            click.echo("\n".join(f"  {line}" for line in last), err=True)
+            aside(f"The last output of the servers ({LINES} lines at most):", last)
 
 
 def _wanted(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:

@@ -72,14 +72,18 @@ class BarStatus:
         """Return lines that fit any width."""
         from rich.text import Text
 
+        from swarmwright.cli._console import text
+
         status = self._status
         running = list(status.under_way.values())
         whole = status.finished + status.failures + sum(one.share for one in running)
         yield _bar(Text(_head(status), style="bold"), whole / max(status.total, 1))
         for one in running[:_SHOWN]:
-            yield _bar(Text(f"  {_words(one)}"), one.share)
+            yield _bar(text(f"  {_words(one)}"), one.share)
             if one.waiting_for and time.monotonic() - max(one.heard, one.begun) >= PATIENCE:
-                yield Text(f"    {one.waiting_for}", style="yellow", no_wrap=True, overflow="ellipsis")
+                waiting = text(f"    {one.waiting_for}", "yellow")
+                waiting.no_wrap, waiting.overflow = True, "ellipsis"
+                yield waiting
         if len(running) > _SHOWN:
             yield Text(f"  and {len(running) - _SHOWN} more")
 

@@ -108,5 +108,5 @@ class Report(Status):
         )  # fmt: skip
 
     def _failed(self, task: Task, message: str) -> None:
-        self._output.text(f"{self._where(task)}: failed: {message}")
+        self._output.item(f"{self._where(task)}: failed: {message}")
         self._output.json({"variant": task.variant.label, "seed": task.seed, "error": message})

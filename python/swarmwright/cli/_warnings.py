@@ -1,9 +1,11 @@
 """What a pool warns of, for people: the first of each kind, then how many more there are."""
 
 import re
-import sys
 import time
 from typing import TYPE_CHECKING
+
+from swarmwright._foreign import one_line
+from swarmwright.cli._output import complain
 
 if TYPE_CHECKING:
     from swarmwright._reports import Report
@@ -64,5 +66,4 @@ class _Kind:
 
 
 def _show(text: str) -> None:
-    # Looked up each time: while a progress bar is shown, standard error is redirected above it.
-    print(f"swarmwright: {text}", file=sys.stderr, flush=True)
+    complain(one_line(text))

@@ -102,25 +102,25 @@ class Screen:
     def __rich__(self) -> "Group | Text":
         """Two tables and a line."""
         from rich.console import Group
-        from rich.text import Text
+
+        from swarmwright.cli._console import add_row, text
 
         if self.view is None:
-            return Text(f"Listening on {self._broker} ..", style="dim")
+            return text(f"Listening on {self._broker} ..", style="dim")
         blocking = self.view.blocking
         servers = self._table(SERVERS, right=("id", "silent", "speed"))
         for server in self.view.servers:
             row = cells(server)
             mark = "bold red" if server is blocking else "yellow" if server.silent >= SILENCE else ""
-            state = Text(row[1], style=COLORS.get(row[1], ""))
-            servers.add_row(
-                Text(row[0], style=mark), state, *row[2:4], *(Text(c, mark) for c in row[4:6]), *row[6:]
-            )
+            state = text(row[1], COLORS.get(row[1], ""))
+            marked = (text(cell, mark) for cell in row[4:6])
+            add_row(servers, [text(row[0], mark), state, *row[2:4], *marked, *row[6:]])
         tools = self._table(TOOLS, right=())
         for tool in self.view.tools:
             row = tool_cells(tool)
-            tools.add_row(*row[:4], Text(row[4], "yellow" if tool.waits_for else ""))
+            add_row(tools, [*row[:4], text(row[4], "yellow" if tool.waits_for else "")])
         line, style = headline(self.view, self._broker)
-        return Group(Text(line, style=style), tools if self.view.tools else "", servers)
+        return Group(text(line, style), tools if self.view.tools else "", servers)
 
     def _table(self, headings: tuple[str, ...], *, right: tuple[str, ...]) -> "Table":
         from rich import box

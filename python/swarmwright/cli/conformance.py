@@ -14,7 +14,7 @@ from swarmwright.cli._options import (
     peer_broker,
     prefix_option,
 )
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, aside
 
 if TYPE_CHECKING:
     from swarmwright.conformance._results import Report, Result
@@ -297,7 +297,7 @@ class _Reporter:
 
     def say(self, text: str) -> None:
         """A line for people, beside the results."""
-        click.echo(text, err=True)
+        aside(text)
 
     def tell(self, result: "Result") -> None:
         """One result: a line where there is no terminal; the table comes at the end."""
@@ -305,9 +305,9 @@ class _Reporter:
 
         self._output.json(result.record())
         if self._output.terminal:
-            click.echo(f"\r\x1b[K{result.id} {result.status}", nl=False, err=True)
+            self._output.status(f"{result.id} {result.status}")
         else:
-            self._output.text(line(result))
+            self._output.block(line(result))
 
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
         """The table, the file; the exit status."""
@@ -320,7 +320,7 @@ class _Reporter:
         if junit is not None:
             write_junit(report, junit, rules.groups)
         if self._output.terminal:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            self._output.status("")
             print_table(self._output.console(), report, rules.groups, unicode=self._output.unicode)
         else:
             for text in by_source(report):

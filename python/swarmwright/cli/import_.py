@@ -6,6 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath
+from swarmwright.cli._output import Output, complain, document
 
 FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE names, beside FILE."
 
@@ -75,9 +76,9 @@ def command(
         ranking=ranking,
     )
     for note in imported.notes:
-        click.echo(f"swarmwright: not as in FREVO: {note}", err=True)
+        complain(f"not as in FREVO: {note}")
     if target is None:
-        click.echo(imported.yaml, nl=False)
+        document(imported.yaml)
     else:
         write_text(target, imported.yaml)
-        click.echo(f"The experiment is in {target}")
+        Output().text(f"The experiment is in {target}")

@@ -3,6 +3,7 @@
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._output import document
 
 
 @click.command(
@@ -19,6 +20,6 @@ def command(template: str) -> None:
     from swarmwright import InputError, templates
 
     try:
-        click.echo(templates.text(template), nl=False)
+        document(templates.text(template))
     except InputError as error:
         raise click.UsageError(str(error)) from error

@@ -6,7 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import ExistingPath, at_option, json_option
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, aside
 from swarmwright.cli._runs import describe, facts_of, list_table
 
 
@@ -47,7 +47,7 @@ def list_(folder: Path | None, as_json: bool) -> None:
     elif not as_json:
         list_table(output, runs)
         for reason in broken:
-            output.text(reason)
+            output.item(reason)
 
 
 @command.command("show", cls=Command, example="swarmwright runs show runs/minisim-1")
@@ -149,10 +149,10 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
         raise click.UsageError(f"{busy[0]}: a process works on this run; stop it first. Nothing was deleted.")
     if not yes:
         for run in opened:
-            click.echo(f"{run.path}: {run.evaluations} evaluations, {run.state}", err=True)
+            aside(f"{run.path}: {run.evaluations} evaluations, {run.state}")
         what = "this run" if len(opened) == 1 else f"these {len(opened)} runs"
         if not click.confirm(f"Delete {what} for ever?", err=True):
-            click.echo("Nothing was deleted.", err=True)
+            aside("Nothing was deleted.")
             return 1
     for run in opened:
         left = remove_run(run.path)

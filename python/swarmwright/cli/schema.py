@@ -5,6 +5,7 @@ import json
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._output import document
 
 
 @click.command(
@@ -21,4 +22,4 @@ def command() -> None:
     """
     from swarmwright import Experiment
 
-    click.echo(json.dumps(Experiment.json_schema(), indent=2, allow_nan=False))
+    document(json.dumps(Experiment.json_schema(), indent=2, allow_nan=False) + "\n")

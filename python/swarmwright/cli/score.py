@@ -6,7 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath, json_option
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, complain
 from swarmwright.cli.import_ import FIELD_HELP
 
 
@@ -30,7 +30,7 @@ def command(file: Path, field: Path | None, as_json: bool) -> None:
     output = Output(as_json=as_json)
     scores = frevo.score(file, field=field)
     for note in scores.notes:
-        click.echo(f"swarmwright: not as in FREVO: {note}", err=True)
+        complain(f"not as in FREVO: {note}")
     output.text(f"{'candidate':>9} {'fitness':>22} {'FREVO':>22} {'difference':>10}")
     for one in scores:
         output.text(f"{one.index:9} {one.fitness!r:>22} {one.frevo!r:>22} {one.difference:10.3g}")

@@ -26,7 +26,7 @@ from swarmwright.cli._options import (
     prefix_option,
     wait_option,
 )
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._signals import Terminated
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ class Reporter:
         self._output.json({"server": item.server, "pid": item.pid, **item.report})
         if item.report.get("event") == "failure":
             self._output.text(f"server {item.server}: {item.report['message']}")
-            self._output.text("\n".join(f"  {line}" for line in str(item.report["traceback"]).splitlines()))
+            self._output.block(str(item.report["traceback"]), indent="  ")
             return
         line = self._sentence(item.server, item.pid, item.report)
         if line != self._last.get(item.server):
@@ -234,8 +234,8 @@ class Reporter:
         )
         again = "" if item.pause is None else f"; it is started again in {item.pause:g} s"
         if error:
-            click.echo(f"swarmwright: server {death.server}: {error}{again}", err=True)
+            complain(f"server {death.server}: {error}{again}")
             return
-        click.echo(f"swarmwright: server {death.server} (process {death.pid}) {death.how}{again}", err=True)
+        complain(f"server {death.server} (process {death.pid}) {death.how}{again}")
         if death.words:
-            click.echo("its last words:\n" + "\n".join(f"  {w}" for w in death.words.splitlines()), err=True)
+            aside("its last words:", death.words.split("\n"))

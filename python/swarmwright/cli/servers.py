@@ -86,7 +86,7 @@ def command(broker: str, prefix: str, wait: float, watch: bool, every: float, as
         _table(output, rows)
     else:
         for line in [HEADINGS, *rows]:
-            output.text("\t".join(line))
+            output.cells(line)
     return 0
 
 
@@ -119,7 +119,8 @@ def row(server: Mapping[str, Any]) -> tuple[str, ...]:
 def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
     from rich import box
     from rich.table import Table
-    from rich.text import Text
+
+    from swarmwright.cli._console import add_row, text
 
     table = Table(box=box.SIMPLE_HEAD if output.unicode else box.ASCII, pad_edge=False)
     for heading in HEADINGS:
@@ -127,5 +128,5 @@ def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
         table.add_column(heading, justify="right" if right else "left", overflow="fold")
     for cells in rows:
         state = cells[2]
-        table.add_row(*cells[:2], Text(state, style=COLORS.get(state, "")), *cells[3:])
+        add_row(table, [*cells[:2], text(state, COLORS.get(state, "")), *cells[3:]])
     output.console().print(table)

@@ -1,6 +1,5 @@
 """`swarmwright sweep`: an experiment in many variants, and how they compare."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from swarmwright.cli._options import (
     servers_option,
     set_option,
 )
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -97,13 +96,13 @@ def command(
         if outcome.runs:
             _conclude(output, outcome.finished, sweep.out)
         for task, message in outcome.failures.items():
-            output.text(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
+            output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
         if outcome.interrupted:
             done, whole = len(outcome.runs), len(todo)
             output.text(f"Interrupted after {done} of {whole} runs; the same command goes on.")
             return INTERRUPTED
     except KeyboardInterrupt:
-        sys.stderr.write("swarmwright: interrupted; what is finished is kept, and the same command goes on\n")
+        complain("interrupted; what is finished is kept, and the same command goes on")
         return INTERRUPTED
     return FAILED if outcome.failures else 0
 
@@ -117,5 +116,7 @@ def _conclude(output: Output, runs: "list[Run]", folder: Path) -> None:
 
     comparison = compare(runs)
     picture = comparison.plot(folder / "comparison.png")
-    output.text(f"\n{comparison}\nThe figure is in {picture}")
+    output.text()
+    output.block(str(comparison))
+    output.text(f"The figure is in {picture}")
     output.json({"comparison": comparison.to_mapping(), "picture": str(picture)})

@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from swarmwright._foreign import lines, one_line
 from swarmwright.conformance._rules import OWNERS, owner
 
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
@@ -75,10 +76,10 @@ class Report:
 
     def __str__(self) -> str:
         """A line of figures, then what failed, D6.1's rules first."""
-        lines = [f"{self.peer}: {summary(self)}", *by_source(self)]
+        said = [f"{one_line(self.peer)}: {summary(self)}", *by_source(self)]
         for _, part in self.by_owner():
-            lines += [explained(result) for result in part.results if result.status in BAD]
-        return "\n".join(lines)
+            said += [explained(result) for result in part.results if result.status in BAD]
+        return "\n".join(said)
 
 
 def summary(report: Report) -> str:
@@ -93,26 +94,21 @@ def summary(report: Report) -> str:
 
 def by_source(report: Report) -> list[str]:
     """Return a line for each source of rules: how many passed, which did not."""
-    lines = []
+    found = []
     for name, part in report.by_owner():
         bad = part.of(*BAD, "not run")
         which = f" ({', '.join(bad)})" if bad else ""
         heading = f"{name}'s rules:"
-        lines.append(f"{heading:<20} {summary(part)}{which}")
-    return lines
+        found.append(f"{heading:<20} {summary(part)}{which}")
+    return found
 
 
 def explained(result: Result) -> str:
     """Return a failure in words, several lines."""
-    lines = [f"{result.id} {result.rule} ({result.source})"]
-    lines += [
-        f"  {label}: {text}"
-        for label, text in (
-            ("sent", result.sent),
-            ("came", result.came),
-            ("expected", result.expected),
-            ("mend", result.mend),
-        )
-        if text
-    ]
-    return "\n".join(lines)
+    said = [f"{result.id} {result.rule} ({result.source})"]
+    for label in ("sent", "came", "expected", "mend"):
+        text = getattr(result, label)
+        if text:
+            first, *rest = lines(text)
+            said += [f"  {label}: {first}", *(f"    {line}" for line in rest)]
+    return "\n".join(said)

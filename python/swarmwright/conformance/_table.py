@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from swarmwright._foreign import lines
 from swarmwright.conformance._results import BAD, Report, Result, by_source, explained, summary
 from swarmwright.conformance._rules import Rule
 
@@ -13,12 +14,12 @@ COLORS = {"passed": "green", "failed": "red", "died": "red", "skipped": "yellow"
 
 
 def line(result: Result) -> str:
-    """A result as a line of plain text."""
+    """A result as a line of plain text; what does not fit in it is indented below."""
     detail = f": {result.detail}" if result.detail else ""
-    text = f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}"
-    if result.status not in BAD:
-        return text
-    return "\n".join([text, *(f"         {part}" for part in explained(result).splitlines()[1:])])
+    first, *rest = lines(f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}")
+    if result.status in BAD:
+        rest += lines(explained(result))[1:]
+    return "\n".join([first, *(f"         {part}" for part in rest)])
 
 
 def print_table(console: "Console", report: Report, groups: Mapping[str, str], *, unicode: bool) -> None:

@@ -47,7 +47,7 @@ def test_a_wrong_setting_is_wrong_input(program: Any, file: Path) -> None:
         assert result.returncode == 2
         assert result.stderr.splitlines() == [
             "swarmwright: --set method.populaton=5: unknown key; did you mean 'population'?",
-            "--set servers=0: must be at least 1 and at most 1024, not 0",
+            "  --set servers=0: must be at least 1 and at most 1024, not 0",
         ]
 
 

@@ -201,7 +201,7 @@ def test_everything_without_a_counterpart_is_named_at_once(session: Session, pro
     shown = program("import", path)
     assert (shown.returncode, shown.stdout) == (2, "")
     lines = shown.stderr.removeprefix("swarmwright: ").splitlines()
-    assert [line.split(" has no counterpart here")[0] for line in lines] == [
+    assert [line.strip().split(" has no counterpart here")[0] for line in lines] == [
         f"{path}:2: <problem>: the class 'cam.Cam'",
         f"{path}:4: <method>: the class 'gaspecies.GASpecies'",
         f"{path}:6: <representation>: the class 'neat.NEAT'",

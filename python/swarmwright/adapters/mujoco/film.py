@@ -15,6 +15,7 @@ from PIL import Image
 
 from swarmwright._controller import Controller
 from swarmwright._errors import InputError, SwarmwrightError
+from swarmwright._foreign import one_line
 from swarmwright._own._load import load
 from swarmwright._own._parameter import declared, filled_in
 from swarmwright._run import Run
@@ -106,7 +107,7 @@ def main(run: Path, file: Path, episode: int) -> None:
     try:
         write(Run.open(run), file, episode=episode)
     except (SwarmwrightError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
+        click.echo(f"Error: {one_line(str(error))}", err=True)
         sys.exit(2 if isinstance(error, InputError) else 1)
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright._foreign import one_line
+
 _SHADES = " .:-=+*#%@"
 """From dark to bright."""
 _RESET = "\x1b[0m"
@@ -20,7 +22,7 @@ def as_text(drawn: NDArray[np.uint8], head: str, columns: int, rows: int, *, col
     width, height = min(width, columns), min(height, room)
     small = np.asarray(image.resize((width, 2 * height), Image.Resampling.BOX))
     lines = _colored(small) if color else _shaded(small)
-    return "\n".join([head[:columns], *lines])
+    return "\n".join([one_line(head)[:columns], *lines])
 
 
 def _colored(pixels: NDArray[np.uint8]) -> list[str]:

@@ -1,0 +1,40 @@
+"""Text of peers and files, escaped for showing: it can neither steer a terminal nor pose as another line.
+
+Servers and tools choose their titles, names and reasons freely, and so do files. A terminal obeys escape
+sequences (ESC and C1), takes a line break for the end of what was said, and turns text round at Unicode's
+marks of direction.
+"""
+
+import re
+
+_BEYOND_C0 = (
+    "\x7f-\x9f"  # DEL, C1
+    "\u2028\u2029"  # breaks of lines and paragraphs
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # marks of direction
+)
+_IN_LINE = re.compile(f"[\x00-\x1f{_BEYOND_C0}]")
+_IN_JSON = re.compile(f"[{_BEYOND_C0}]")
+_NAMES = {"\n": r"\n", "\r": r"\r", "\t": r"\t"}
+
+
+def one_line(text: str) -> str:
+    r"""Return text as one line: a line break is `\n`, ESC is `\x1b`, U+202E is `\u202e`."""
+    return _IN_LINE.sub(lambda found: _NAMES.get(found[0]) or _escape(found[0]), text)
+
+
+def lines(text: str) -> list[str]:
+    """Return the lines of a text of several, each escaped; tabs stay.
+
+    Whoever shows them puts them in: where they begin at the margin they could pose as a line of ours.
+    """
+    return ["\t".join(map(one_line, line.split("\t"))) for line in text.removesuffix("\n").split("\n")]
+
+
+def in_json(encoded: str) -> str:
+    r"""Return JSON with those characters that JSON leaves alone as `\u009b`: it means the same."""
+    return _IN_JSON.sub(lambda found: f"\\u{ord(found[0]):04x}", encoded)
+
+
+def _escape(character: str) -> str:
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
