@@ -77,7 +77,7 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["runs", "exprt"], ["unknown command 'exprt'", "did you mean 'export'?"]),
         (["servers", "--brokr", "x"], ["--brokr", "--broker"]),
         (["optimize"], ["Missing argument 'FILE'"]),
-        (["optimize", "exprmnt.yaml"], ["'exprmnt.yaml' does not exist", "did you mean 'experiment.yaml'?\n"]),
+        (["optimize", "exprmnt.yaml"], ["'exprmnt.yaml' does not exist", "mean 'experiment.yaml'?\n"]),
         (["optimize", "nowhere/x.yaml"], ["does not exist", "nor does its folder 'nowhere'"]),
         (["optimize", "."], ["'.' is a folder where a file is expected"]),
         (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is no number of servers"]),
