@@ -303,6 +303,7 @@ def test_pictures_stand_in_the_place_of_the_world(browser: Chrome, tmp_path: Pat
     eventually(lambda: shows((0, 0, 254)), "the first picture is there")
     assert not browser.find_element(By.ID, "bodies").is_displayed()
     assert not browser.find_element(By.ID, "trails").is_displayed()
+    assert not browser.find_element(By.ID, "trails-key").is_displayed()
     press(browser, Keys.END)
     assert text(browser, "now") == "step 8 of 8"
     eventually(lambda: shows((254, 0, 0)), "the last picture is there")

@@ -13,7 +13,7 @@ class Player {
       ? new Pictures(this.part.world, episode, () => this.shown !== undefined && this.show())
       : new World(this.part.world, episode);
     // Without bodies there is nothing to count, and nothing leaves a trail.
-    this.part.bodies.hidden = this.part.trails.hidden = !episode.bodies.length;
+    for (const id of ["bodies", "trails", "trails-key"]) this.part[id].hidden = !episode.bodies.length;
     this.course = new Course(this.part.course, episode.fitness);
     this.gliding = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.part.scrub.max = this.last;
