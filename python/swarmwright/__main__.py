@@ -1,13 +1,25 @@
 """The program `swarmwright`, also as `python -m swarmwright`."""
 
+import atexit
 import gc
 import os
 import signal
 import sys
+from contextlib import suppress
+from types import FrameType
+from typing import NoReturn
+
+INTERRUPTED = 130
+
+
+def _terminated(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
 
 
 def main() -> None:
     """Run the command line and leave with its exit status."""
+    # As Ctrl-C, also while the rest of the program is loaded, which then handles it itself.
+    signal.signal(signal.SIGTERM, _terminated)
     # What is imported is no garbage, yet would be looked through for some again and again.
     gc.set_threshold(100_000, 50, 50)
     # pydantic would look through all installed packages for plug-ins of its own.
@@ -18,10 +30,26 @@ def main() -> None:
         status = run()
     except KeyboardInterrupt:  # while the program itself was loaded, or on the way out
         sys.stderr.write("swarmwright: interrupted\n")
-        status = 130
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left to do takes no time
+        status = INTERRUPTED
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # what is left to do takes no time
     gc.freeze()  # nothing of worth is collected on the way out
+    if status == INTERRUPTED:
+        _leave(status)
     sys.exit(status)
+
+
+def _leave(status: int) -> NoReturn:
+    """End with this exit status.
+
+    Where Ctrl-C came while Python compiled a text, as it does for data classes, `sys.exit` would end the
+    process by the signal, although that was handled.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ _OURS = (
     "run.sqlite-shm",
     "run.sqlite-journal",
     "run.sqlite.new",
+    "run.lock",
     "experiment.yaml",
     "best.json",
     "best.json.new",

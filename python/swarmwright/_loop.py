@@ -170,14 +170,6 @@ class Loop:
             if not self._stored:
                 raise
             return "interrupted"
-        except RunError as error:
-            done = self._stored
-            if done == 0:
-                raise
-            raise RunError(
-                f"{error}; the results of {done} generation{'s' if done > 1 else ''} are kept, and "
-                f"`swarmwright resume {self._store.folder}` goes on from there"
-            ) from error
         return "stopped" if stopped else "done"
 
     def _go_on(

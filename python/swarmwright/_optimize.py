@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import sqlite3
 import threading
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
@@ -22,7 +23,7 @@ from swarmwright._plot import draw, prepare
 from swarmwright._run import Run
 from swarmwright._run_code import continuation, parts_of
 from swarmwright._store import StoreReader, StoreWriter
-from swarmwright._store._writer import check_folder
+from swarmwright._store._folder import check_folder
 
 __all__ = ["Generation", "optimize", "resume"]
 
@@ -113,6 +114,8 @@ def optimize(
                 raise InterruptedWithResults(folder) from None
             remove_run(folder)
         raise
+    except RunError as error:
+        raise _how_to_go_on(error, folder) from error
     return _finished(folder)
 
 
@@ -181,6 +184,8 @@ def resume(
             )
     except KeyboardInterrupt:
         raise InterruptedWithResults(folder) from None
+    except RunError as error:
+        raise _how_to_go_on(error, folder) from error
     return _finished(folder)
 
 
@@ -233,6 +238,21 @@ def _holds_results(folder: Path) -> bool:
     with suppress(InputError):
         return is_run(folder) and bool(StoreReader(folder).history())
     return False
+
+
+def _how_to_go_on(error: RunError, folder: Path | None) -> RunError:
+    """Return the error with what is kept of the run, and how it goes on."""
+    if folder is None or not is_run(folder):
+        return error
+    done = 0
+    with suppress(InputError):
+        done = len(StoreReader(folder).history())
+    if done:
+        kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
+        return RunError(f"{error}; {kept} `swarmwright resume {folder}` goes on from there")
+    if isinstance(error.__cause__, sqlite3.Error | OSError):
+        return RunError(f"{error}; no generation was finished: `swarmwright resume {folder}` begins again")
+    return error
 
 
 def _run(

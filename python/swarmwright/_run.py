@@ -66,7 +66,7 @@ class Run:
             what = "is not a folder" if folder.exists() else "there is no such folder"
             raise InputError(f"{folder}: {what}; name a run folder such as runs/minisim-1")
         if not (folder / FILE).is_file():
-            from swarmwright._store._writer import without_store
+            from swarmwright._store._folder import without_store
 
             raise without_store(folder)
         run = cls(folder)
@@ -139,7 +139,7 @@ class Run:
         done: the budget is used or the target reached; stopped: a callback ended it; interrupted: Ctrl-C did;
         killed: it ended without a word; failed: no server, a full disk, ..; running: a process works on it.
         """
-        from swarmwright._store._writer import is_locked
+        from swarmwright._store._lock import is_locked
 
         outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:

@@ -41,12 +41,14 @@ _LATER = (("attempt", "stack", "TEXT"), ("session", "code", "INTEGER"))
 
 
 def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
-    """Return a connection to a new store that holds these facts. Raises InputError when it cannot be created.
+    """Return a connection to a new store that holds these facts.
+
+    Raises InputError when it cannot be created there, RunError when the disk is full or fails.
 
     It gets its name when it is whole: whoever finds a store finds a readable one.
     """
     new = file.with_name(NEW)
-    with errors(file, InputError):
+    with errors(file, InputError, disk=RunError):
         new.write_bytes(b"")  # what another process left behind when it was killed
         connection = sqlite3.connect(new, isolation_level=None)
         try:
@@ -66,8 +68,11 @@ def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
 
 
 def reopen(file: Path) -> sqlite3.Connection:
-    """Return a connection to write on in a store. Raises InputError when it is none, damaged or read-only."""
-    with errors(file, InputError):
+    """Return a connection to write on in a store.
+
+    Raises InputError when it is none, damaged or read-only, RunError when the disk is full or fails.
+    """
+    with errors(file, InputError, disk=RunError):
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
         try:
             _check(connection, file)
@@ -154,18 +159,31 @@ def transaction(connection: sqlite3.Connection, file: Path) -> Iterator[None]:
             raise
 
 
+_Kind = type[InputError] | type[RunError]
+_DISK = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR}
+
+
 @contextmanager
-def errors(file: Path, kind: type[InputError] | type[RunError]) -> Iterator[None]:
-    """Turn SQLite's errors into ours, which say what to do."""
+def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[None]:
+    """Turn SQLite's errors into ours, which say what to do.
+
+    disk: instead of `kind` where the disk is to blame.
+    """
     try:
         yield
     except sqlite3.Error as error:
-        raise kind(f"{file}: {_reason(error, file)}") from error
+        code = code_of(error)
+        ours = disk if disk is not None and code in _DISK else kind
+        raise ours(f"{file}: {_reason(error, code, file)}") from error
 
 
-def _reason(error: sqlite3.Error, file: Path) -> str:
-    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the rest of the number tells details
-    if code in {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR} and _full(file):
+def code_of(error: BaseException | None) -> int:
+    """Return SQLite's primary result code; 0 for what is no error of its."""
+    return int(getattr(error, "sqlite_errorcode", 0) or 0) & 0xFF
+
+
+def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
+    if code in _DISK and _full(file):
         return "the disk is full; what was written before is kept"
     reasons = {
         sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",

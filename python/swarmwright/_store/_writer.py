@@ -1,19 +1,17 @@
 """Writing the store: a generation is there wholly or not at all."""
 
-import fcntl
 import json
 import math
-import os
 import platform
 import socket
 import sqlite3
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,14 +23,15 @@ from swarmwright._code._part import Part
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
 from swarmwright._files import write_text
-from swarmwright._store._database import FILE, NEW, create, errors, reopen, transaction
+from swarmwright._store._database import FILE, NEW, code_of, create, errors, reopen, transaction
+from swarmwright._store._folder import EXPERIMENT, check_folder, without_store
+from swarmwright._store._lock import Lock
 from swarmwright._store._reader import StoreReader, best_of
 from swarmwright._store._rows import Evaluated, attempt_row
 from swarmwright._yaml import dump
 from swarmwright.adapters._name import is_adapted
 from swarmwright.representations import Representation
 
-_EXPERIMENT = "experiment.yaml"
 _EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
@@ -45,7 +44,7 @@ class StoreWriter:
     Made by `create` or `resume`. Only one writer is possible at a time.
     """
 
-    def __init__(self, folder: Path, connection: sqlite3.Connection, lock: IO[bytes]) -> None:
+    def __init__(self, folder: Path, connection: sqlite3.Connection, lock: Lock) -> None:
         self.folder = folder
         self.file = folder / FILE
         self._connection = connection
@@ -78,9 +77,9 @@ class StoreWriter:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / NEW).touch()  # by this the folder is known to be ours should the process end now
-            lock = _locked(folder, new=True)
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        lock = Lock(folder)
         try:
             if (folder / FILE).exists():  # another process was faster
                 check_folder(folder)
@@ -90,7 +89,7 @@ class StoreWriter:
             if copy is not None:
                 facts[f"{CODE}.1"] = copy.digest
             facts["experiment"] = json.dumps(values, allow_nan=False)
-            write_text(folder / _EXPERIMENT, dump(values))
+            write_text(folder / EXPERIMENT, dump(values))
             return cls(folder, create(folder / FILE, facts), lock)
         except OSError as error:
             lock.close()
@@ -110,13 +109,10 @@ class StoreWriter:
         file = folder / FILE
         if not file.is_file():
             raise without_store(folder)
+        lock = Lock(folder)
         try:
-            if not (folder / _EXPERIMENT).exists():
-                write_text(folder / _EXPERIMENT, dump(StoreReader(folder).experiment()))
-            lock = _locked(folder)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be used: {error.strerror}") from error
-        try:
+            if not (folder / EXPERIMENT).exists():
+                write_text(folder / EXPERIMENT, dump(StoreReader(folder).experiment()))
             return cls(folder, reopen(file), lock)
         except BaseException:
             lock.close()
@@ -128,11 +124,11 @@ class StoreWriter:
         copy: of the code with which the run goes on; None when there is none.
         """
         values = _recorded(experiment, self.folder, copy)
-        with transaction(self._connection, self.file):
+        with self._writing():
             self._connection.execute(
                 "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)
             )
-        write_text(self.folder / _EXPERIMENT, dump(values))
+        write_text(self.folder / EXPERIMENT, dump(values))
 
     def keep_code(self, version: int, code: Sequence[Part]) -> Copy:
         """Keep a copy of the source with which the run goes on. Raises RunError when the disk refuses it."""
@@ -140,7 +136,7 @@ class StoreWriter:
             copy = Copy.write(self.folder, version, code)
         except OSError as error:
             raise RunError(f"{self.folder}: cannot be written: {error.strerror}") from error
-        with transaction(self._connection, self.file):
+        with self._writing():
             self._connection.execute(
                 "INSERT OR REPLACE INTO fact VALUES (?, ?)", (f"{CODE}.{version}", copy.digest)
             )
@@ -158,7 +154,7 @@ class StoreWriter:
             notes: what was changed deliberately since the last session.
         """
         self._started = time.monotonic()
-        with transaction(self._connection, self.file):
+        with self._writing():
             cursor = self._connection.execute(
                 "INSERT INTO session (started, place, host, machine, versions, code) "
                 "VALUES (?, ?, ?, ?, ?, ?)",
@@ -178,7 +174,7 @@ class StoreWriter:
         """
         summary, number = evaluated.summary, evaluated.generation
         first = summary.evaluations - len(evaluated.genomes)
-        with transaction(self._connection, self.file):
+        with self._writing():
             self._note(number, journal)
             self._connection.executemany(_EVALUATION, _evaluations(evaluated, first))
             self._connection.execute(
@@ -199,8 +195,22 @@ class StoreWriter:
 
     def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
         """Write how evaluations went that do not count: those of a generation that was broken off."""
-        with transaction(self._connection, self.file):
+        with self._writing():
             self._note(generation, journal)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Commit all or nothing. Raises RunError when the disk does not take it, or another process wrote."""
+        with transaction(self._connection, self.file):
+            if self._session:
+                # Somebody deleted the lock, or it does not hold on this file system.
+                (latest,) = self._connection.execute("SELECT max(session) FROM session").fetchone()
+                if latest != self._session:
+                    raise RunError(
+                        f"{self.folder}: another process has gone on with this run, although this one had "
+                        "reserved it; what it writes counts, and this one ends"
+                    )
+            yield
 
     def _note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
         attempts, events = [], []
@@ -218,18 +228,18 @@ class StoreWriter:
         if not counts:
             return
         text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
-        with suppress(RunError), transaction(self._connection, self.file):
+        with suppress(RunError), self._writing():
             self._connection.execute(_EVENT, (self._session, None, _now(), "incidents", text))
 
     def note_unseen(self, values: Mapping[str, Any]) -> None:
         """Write how the best did on seeds that the run did not use; it is no part of the record."""
         text = json.dumps(dict(values), allow_nan=False)
-        with transaction(self._connection, self.file):
+        with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
 
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
-        with transaction(self._connection, self.file):
+        with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
 
     def conclude(self, outcome: str) -> None:
@@ -272,23 +282,35 @@ class StoreWriter:
                 "interrupted" if issubclass(kind, KeyboardInterrupt) else str(error) or kind.__name__
             )
         try:
+            failed = self._close()
+        finally:
+            self._connection.close()
+            self._lock.close()
+        # What ended the session otherwise says more; an interrupt does not.
+        if failed is not None and (kind is None or issubclass(kind, KeyboardInterrupt)):
+            raise failed from failed.__cause__
+
+    def _close(self) -> RunError | None:
+        """Write how the session ended, make one file of the store; return why the disk did not take it."""
+        failed = None
+        try:
             if self._session:
-                with transaction(self._connection, self.file):
+                with self._writing():
                     self._connection.execute(
                         "UPDATE session SET seconds = ?, outcome = ? WHERE session = ?",
                         (time.monotonic() - self._started, self._outcome, self._session),
                     )
+        except RunError as error:
+            failed = error
+        try:
             # The log becomes part of the file, so that the folder can be copied and read anywhere.
             with errors(self.file, RunError):
                 self._connection.execute("PRAGMA busy_timeout = 100")
                 self._connection.execute("PRAGMA journal_mode = DELETE")
-        except RunError:
-            # A full disk has been told of already; a reader that is there keeps the log, which does no harm.
-            if kind is None and _disk_refuses(self._connection):
-                raise
-        finally:
-            self._connection.close()
-            self._lock.close()
+        except RunError as error:
+            if not _in_use(error):  # a reader that is there keeps the log, which does no harm
+                failed = failed or error
+        return failed
 
 
 def _recorded(experiment: Experiment, folder: Path, copy: Copy | None) -> dict[str, Any]:
@@ -299,82 +321,6 @@ def _recorded(experiment: Experiment, folder: Path, copy: Copy | None) -> dict[s
         place = copy.place(kept).relative_to(folder).as_posix()
         values["simulation"] = f"{place}:{kept.component.rpartition(':')[2]}"
     return values
-
-
-def check_folder(folder: Path) -> None:
-    """Raise InputError unless `folder` is new or empty: results are never written over.
-
-    A folder whose process ended before there was a store counts as empty.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder for the results")
-    try:
-        if (folder / FILE).exists():
-            raise InputError(
-                f"{folder}: holds a run already, and results are never written over; name another folder, "
-                f"or go on with that run: swarmwright resume {folder}"
-            )
-        if folder.is_dir() and not _broken_off(folder) and any(folder.iterdir()):
-            raise InputError(
-                f"{folder}: is not empty, and results are never written over; name another folder"
-            )
-        parent = next(above for above in (folder, *folder.absolute().parents) if above.exists())
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be used for results: {error.strerror}") from error
-    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
-        raise InputError(f"{folder}: cannot be created: no right to write in {parent}")
-
-
-def _broken_off(folder: Path) -> bool:
-    """Whether a process began to make a run folder and ended before there was a store.
-
-    Raises InputError when it is still at it.
-    """
-    names = {entry.name for entry in folder.iterdir()}
-    if NEW not in names or not names <= {NEW, _EXPERIMENT, CODE}:
-        return False
-    if _EXPERIMENT in names and is_locked(folder):
-        raise without_store(folder)
-    return True
-
-
-def without_store(folder: Path) -> InputError:
-    """Return what is said of a folder in which there is no store."""
-    if (folder / NEW).exists():
-        if is_locked(folder):
-            return InputError(f"{folder}: another process is just creating this run; try again in a moment")
-        return InputError(
-            f"{folder}: is no run folder: the process that began it ended before anything was computed; "
-            f"begin again: swarmwright optimize FILE --out {folder}"
-        )
-    older = (folder / "record.csv").exists() and (folder / "generations.csv").exists()
-    hint = "; it was written by Swarmwright 0.0, which this version does not read" if older else ""
-    return InputError(f"{folder}: is no run folder: {FILE} is missing{hint}")
-
-
-def is_locked(folder: Path) -> bool:
-    """Whether a process works on the run now."""
-    try:
-        _locked(folder).close()
-    except InputError:
-        return True
-    except OSError:
-        return False
-    return False
-
-
-def _locked(folder: Path, *, new: bool = False) -> IO[bytes]:
-    """Return the open file by which a run is reserved; the system frees it when the process ends in any way.
-
-    It is the experiment, not the store: closing a second handle on that would free SQLite's own locks.
-    """
-    file = (folder / _EXPERIMENT).open("ab" if new else "rb")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        raise InputError(f"{folder}: another process works on this run; wait for it, or stop it") from None
-    return file
 
 
 def _evaluations(evaluated: Evaluated, first: int) -> Iterable[tuple[Any, ...]]:
@@ -393,13 +339,8 @@ def _evaluations(evaluated: Evaluated, first: int) -> Iterable[tuple[Any, ...]]:
         )
 
 
-def _disk_refuses(connection: sqlite3.Connection) -> bool:
-    try:
-        connection.execute("BEGIN IMMEDIATE")
-        connection.execute("ROLLBACK")
-    except sqlite3.Error:
-        return True
-    return False
+def _in_use(error: RunError) -> bool:
+    return code_of(error.__cause__) in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
 
 
 def _now() -> str:

@@ -17,7 +17,7 @@ from swarmwright._optimize import optimize, resume
 from swarmwright._run import Run
 from swarmwright._run_code import changed_code
 from swarmwright._store import FILE
-from swarmwright._store._writer import check_folder
+from swarmwright._store._folder import check_folder
 from swarmwright._sweep._file import Sweep, Variant
 
 _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}

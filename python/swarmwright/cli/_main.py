@@ -63,7 +63,12 @@ def _status(arguments: Sequence[str] | None) -> int:
 
 
 def _interrupted(error: BaseException) -> bool:
-    """Whether an error came of Ctrl-C: while a class is made, Python wraps whatever is raised."""
+    """Whether an error came of Ctrl-C: while a class is made, Python wraps whatever is raised.
+
+    A disk that fails while Ctrl-C is handled is an error of its own.
+    """
+    if isinstance(error, OSError) or type(error).__module__ == "sqlite3":
+        return False
     cause = error.__cause__ or error.__context__
     return isinstance(error, KeyboardInterrupt) or (cause is not None and _interrupted(cause))
 

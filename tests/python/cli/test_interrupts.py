@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import random
 import signal
 import time
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Run
+from swarmwright._folders import remove_run
 from tests.python.cli.processes import children, gone
 
 ENDLESS = "simulation: minisim\nmethod: {population: 6, generations: 1000000}\nservers: 1\n"
@@ -52,6 +54,47 @@ def test_a_second_one_says_how_to_go_on(start: Any, tmp_path: Path, goes_on: boo
     assert "Traceback" not in complaint
     assert gone(servers)
     assert Run.open(tmp_path / "the run").generations > 0
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "watching", [("--log", "log.jsonl", "--log-level", "debug"), ("--metrics", "0"), ("--log", "-")]
+)
+def test_it_ends_in_order_at_any_moment_whoever_is_told_of_its_course(
+    start: Any, tmp_path: Path, number: signal.Signals, watching: tuple[str, ...]
+) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    moments = random.Random(3)
+    for trial in range(4):
+        folder = tmp_path / f"run {trial}"
+        process = start("optimize", "endless.yaml", "--out", folder.name, *watching)
+        while " of 1000000 generations  best" not in (line := process.stdout.readline()):
+            assert line, process.communicate()
+        time.sleep(moments.uniform(0, 0.2))
+        process.send_signal(number)
+        said, complaint = process.communicate(timeout=30)
+        assert process.returncode == 130
+        assert "Interrupted; the results so far are kept. Go on with:" in said
+        assert [line for line in complaint.splitlines() if not line.startswith("{")] == []
+        assert Run.open(folder).state == "interrupted"
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_says_so_also_while_it_starts(start: Any, tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    moments = random.Random(4)
+    for _ in range(8):
+        process = start("optimize", "endless.yaml", "--out", "run", "--metrics", "0")
+        time.sleep(moments.uniform(0.15, 0.8))
+        process.send_signal(number)
+        said, complaint = process.communicate(timeout=30)
+        assert process.returncode == 130
+        assert "Traceback" not in complaint
+        assert "nterrupted" in said + complaint
+        if (tmp_path / "run").exists():
+            remove_run(tmp_path / "run")
 
 
 def test_a_large_population_is_announced_and_may_be_interrupted(start: Any, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 import contextlib
 import os
 import signal
+import time
 
 import pytest
 
@@ -37,3 +38,35 @@ def test_an_interrupt_that_somebody_swallows_is_not_lost(
         with pytest.raises(ending):
             check()
     assert signal.getsignal(number) is before
+
+
+class _Ending:
+    """Sends a signal where Python can pass no exception on: while C code drops an object."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        self._number = number
+
+    def __del__(self) -> None:
+        os.kill(os.getpid(), self._number)
+        time.sleep(0)  # where the signal is handled at the latest
+
+
+@pytest.mark.parametrize(
+    ("number", "ending"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)]
+)
+def test_an_interrupt_that_cannot_be_passed_on_comes_again(
+    number: signal.Signals, ending: type[BaseException], capfd: pytest.CaptureFixture[str]
+) -> None:
+    with terminate_like_interrupt():
+        _Ending(number)
+        with pytest.raises(ending):
+            time.sleep(10)
+    assert capfd.readouterr().err == ""
+
+
+def test_an_interrupt_that_was_noticed_does_not_come_again() -> None:
+    with terminate_like_interrupt():
+        _Ending(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            check()
+        time.sleep(0.2)

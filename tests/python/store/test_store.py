@@ -3,16 +3,16 @@
 import os
 import shutil
 import sqlite3
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmwright import InputError, Run, RunError, optimize, resume
 from swarmwright._store import FILE, StoreWriter
+from swarmwright._store._lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT
 
 
@@ -47,6 +47,78 @@ def test_two_processes_never_write_one_run(copy: Path) -> None:
         with pytest.raises(InputError, match="another process works on this run"):
             resume(copy, generations=9)
         assert Run.open(copy).evaluations == 33
+
+
+def test_an_editor_that_replaces_the_experiment_opens_no_way_in(copy: Path) -> None:
+    with StoreWriter.resume(copy):
+        saved = copy / "experiment.yaml~"  # as editors save: a new file, then its name
+        saved.write_text((copy / "experiment.yaml").read_text())
+        saved.replace(copy / "experiment.yaml")
+        assert is_locked(copy)
+        with pytest.raises(InputError, match="another process works on this run; wait for it, or stop it"):
+            resume(copy, generations=9)
+    assert not is_locked(copy)
+    assert resume(copy, generations=5).generations == 5
+    assert not (copy / LOCK).exists(), "it goes with the process"
+
+
+def test_a_lock_that_a_killed_process_left_is_in_nobody_s_way(copy: Path) -> None:
+    (copy / LOCK).touch()
+    assert not is_locked(copy)
+    assert resume(copy, generations=5).generations == 5
+
+
+def test_who_asks_whether_a_run_is_locked_keeps_nobody_out(copy: Path) -> None:
+    over = threading.Event()
+
+    def ask() -> None:
+        while not over.is_set():
+            is_locked(copy)
+
+    asking = [threading.Thread(target=ask) for _ in range(3)]
+    for thread in asking:
+        thread.start()
+    try:
+        for _ in range(50):
+            lock = Lock(copy)
+            assert is_locked(copy)
+            lock.close()
+    finally:
+        over.set()
+        for thread in asking:
+            thread.join()
+
+
+def test_a_lock_that_goes_while_it_is_taken_is_not_held_by_two(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = Lock(copy)
+
+    def opened(folder: Path, path: Path) -> Any:
+        file = _opened(folder, path)
+        first.close()  # deletes the file that is open here
+        return file
+
+    with monkeypatch.context() as patch:
+        patch.setattr("swarmwright._store._lock._opened", opened)
+        second = Lock(copy)
+    with pytest.raises(InputError, match="another process works on this run"):
+        Lock(copy)
+    second.close()
+
+
+def test_without_a_lock_the_first_writer_is_told_of_the_second(copy: Path) -> None:
+    def write() -> None:
+        with StoreWriter.resume(copy) as store:
+            store.begin("first", ())
+            (copy / LOCK).unlink()
+            assert resume(copy, generations=5).generations == 5
+            store.note(9, [])
+
+    with pytest.raises(RunError, match="another process has gone on with this run"):
+        write()
+    run = Run.open(copy)
+    assert (run.generations, run.state) == (5, "done")
 
 
 def test_missing_files_are_named(copy: Path) -> None:
@@ -148,64 +220,6 @@ def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
     store.close()
     with pytest.raises(RunError, match="generation 1 comes out differently here"):
         resume(copy, generations=9)
-
-
-@contextmanager
-def disk(place: Path, size: str = "8m") -> Iterator[Path]:
-    """A small disk of its own."""
-    place.mkdir()
-    options = ["-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)]
-    if subprocess.run(["mount", *options], capture_output=True, check=False).returncode:
-        pytest.skip("mounting a disk is not allowed here")
-    try:
-        yield place
-    finally:
-        subprocess.run(["umount", str(place)], check=True)
-
-
-def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
-    with disk(tmp_path / "disk") as place:
-        shutil.copytree(copy, place / "run")
-        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
-        run = Run.open(place / "run")
-        assert run.record.fitness.max() == run.best.fitness
-        assert run.state == "done"
-        with pytest.raises(InputError, match="may not be written by this user"):
-            resume(run, generations=9)
-        with pytest.raises(InputError, match="no right to write"):
-            optimize(EXPERIMENT, out=place / "another")
-
-
-def test_pictures_for_a_read_only_folder_are_refused_in_the_same_words(
-    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from swarmwright.cli import run
-
-    with disk(tmp_path / "disk") as place:
-        shutil.copytree(copy, place / "run")
-        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
-        for command, name in (("plot", "plot.png"), ("draw", "controller.png"), ("replay", "x.gif")):
-            file = str(place / "run" / name)
-            options = ["--save", file] if command == "replay" else []
-            assert run([command, str(place / "run"), *options]) == 2
-            assert f"{file}: cannot be written: Read-only file system" in capsys.readouterr().err
-
-
-def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
-    experiment = EXPERIMENT.replace(
-        controller={"kind": "layered", "hidden": [64]}, method={"generations": 1000}
-    )
-    with disk(tmp_path / "disk", "600k") as place:
-        with pytest.raises(RunError, match=r"the disk is full; what was written before is kept"):
-            optimize(experiment, out=place / "run")
-        shutil.copytree(place / "run", tmp_path / "copy")
-    run = Run.open(tmp_path / "copy")
-    assert run.generations > 3
-    assert run.state in {"failed", "killed"}
-    longer = resume(run.path, lambda generation: generation.generation < run.generations)
-    assert longer.generations == run.generations + 1
-    undisturbed = optimize(experiment, lambda now: now.generation < run.generations, out=tmp_path / "whole")
-    assert longer.digest == undisturbed.digest
 
 
 def test_what_a_killed_process_left_of_a_store_is_in_nobody_s_way(copy: Path) -> None:
