@@ -30,10 +30,17 @@ class BrokerProcess:
     """A broker on a port of its own; `users` are let in by password, everybody when there are none.
 
     persistent: it keeps sessions and retained messages in a file (Mosquitto).
+    collecting: it leaves Nagle's algorithm on, as Mosquitto does when not told otherwise (Mosquitto).
     """
 
     def __init__(
-        self, kind: Kind, folder: Path, users: Mapping[str, str] | None = None, *, persistent: bool = False
+        self,
+        kind: Kind,
+        folder: Path,
+        users: Mapping[str, str] | None = None,
+        *,
+        persistent: bool = False,
+        collecting: bool = False,
     ) -> None:
         self.port = free_port()
         self.url = f"mqtt://127.0.0.1:{self.port}"
@@ -45,6 +52,11 @@ class BrokerProcess:
                 configuration.write(
                     f"persistence true\npersistence_location {folder}/\nautosave_interval 1\n"
                 )
+        if collecting:
+            file = folder / "mosquitto.conf"
+            text = file.read_text()
+            assert "set_tcp_nodelay true\n" in text
+            file.write_text(text.replace("set_tcp_nodelay true\n", ""))
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> "BrokerProcess":

@@ -9,6 +9,7 @@ mod connection;
 mod handshake;
 mod manner;
 mod plain;
+mod probe;
 mod publication;
 mod session;
 mod settings;
@@ -16,6 +17,7 @@ mod tls;
 mod transport;
 
 pub use connection::{Connection, Event, TooLarge, Traffic, Waker};
+pub use probe::holds_back_small_packets;
 pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
 pub use settings::{BrokerUrl, Scheme, Settings, SettingsError, Will};

@@ -170,6 +170,14 @@ impl Transport {
         }
     }
 
+    /// Has the system acknowledge what comes next with what is sent after it, or after 40 ms. Only Linux can be asked.
+    pub fn acknowledge_late(&mut self) {
+        #[cfg(any(target_os = "linux", target_os = "android"))]
+        if let Err(error) = SockRef::from(&*self.socket()).set_tcp_quickack(false) {
+            log::debug!("the system does not acknowledge late: {error}");
+        }
+    }
+
     /// Whether a read that does not fill the buffer has emptied the socket.
     pub fn short_read_is_all(&self) -> bool {
         matches!(self.0, Stream::Raw(Channel::Plain(_)))

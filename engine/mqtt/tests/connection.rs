@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use swarmwright_broker::{Broker, Config};
 use swarmwright_mqtt::{
     ConnectError, Connection, Event, QoS, Settings, Subscription, Version, Will,
+    holds_back_small_packets,
 };
 
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -397,4 +398,42 @@ fn a_broker_that_collects_small_packets_does_not_wait_for_the_system_to_acknowle
     assert!(seconds[ROUNDS / 2] < 0.03, "{seconds:?}");
     drop(connection);
     serving.join().unwrap();
+}
+
+/// A broker that answers each ping by a write of its own.
+#[cfg(target_os = "linux")]
+fn answering_pings(nodelay: bool) -> (String, thread::JoinHandle<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("mqtt://{}", listener.local_addr().unwrap());
+    let serving = thread::spawn(move || {
+        let (mut socket, _) = listener.accept().unwrap();
+        socket.set_nodelay(nodelay).unwrap();
+        let mut buffer = [0; 1000];
+        assert!(socket.read(&mut buffer).unwrap() > 0);
+        socket.write_all(&[0x20, 3, 0, 0, 0]).unwrap();
+        loop {
+            let count = socket.read(&mut buffer).unwrap();
+            if count == 0 || buffer[0] == 0xe0 {
+                return;
+            }
+            for _ in 0..count / 2 {
+                socket.write_all(&[0xd0, 0]).unwrap();
+            }
+        }
+    });
+    (url, serving)
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn it_is_found_out_whether_a_broker_holds_back_small_packets() {
+    for nodelay in [false, true] {
+        let (url, serving) = answering_pings(nodelay);
+        assert_eq!(holds_back_small_packets(&settings(&url)).unwrap(), !nodelay);
+        serving.join().unwrap();
+    }
+    let broker = Broker::start(&Config::default()).unwrap();
+    assert!(!holds_back_small_packets(&settings(&broker.url())).unwrap());
+    broker.stop();
+    assert!(holds_back_small_packets(&settings(&broker.url())).is_err());
 }

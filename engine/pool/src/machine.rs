@@ -16,6 +16,7 @@ use crate::copies::Ended;
 use crate::counts::Counts;
 use crate::discovery::{FIRST_ROUND, LATER_ROUND};
 use crate::failures::Blame;
+use crate::lag::Suspect;
 use crate::ledger::{Ledger, Results, Settled};
 use crate::offers::Offers;
 use crate::requests::Request;
@@ -44,6 +45,8 @@ pub enum Action {
     Warn(String),
     /// A watched server has not answered in time: whoever watches its process is to look at it.
     Overdue(u64),
+    /// Find out whether the broker holds small packets back, and tell it by [`Machine::broker_holds_back`].
+    AskBroker,
 }
 
 /// The decisions of one optimization tool.
@@ -82,6 +85,8 @@ pub struct Machine {
     /// Bytes of the largest packet that the broker takes.
     pub(crate) packet: usize,
     pub(crate) counts: Counts,
+    /// The first server that looks as if the broker held messages to it back; the broker is asked then, once.
+    pub(crate) suspect: Option<Suspect>,
     /// Hashes of the last episodes that are over, and whether a result came.
     pub(crate) ended: VecDeque<Ended>,
     /// When to look again whether an idle server should get work that others should do first, or a copy of theirs.
@@ -148,6 +153,7 @@ impl Machine {
             lonely_since: None,
             packet: usize::MAX,
             counts: Counts::default(),
+            suspect: None,
             ended: VecDeque::new(),
             look_at: None,
             woken: 0,

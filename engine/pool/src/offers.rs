@@ -7,6 +7,7 @@ use swarmwright_protocol::{Presence, ServerMessage, State, shortened};
 
 use crate::demand::Demand;
 use crate::health::Health;
+use crate::lag::Answers;
 use crate::pace::Pace;
 use crate::slot::{Job, Slot};
 
@@ -148,6 +149,7 @@ impl Offers {
                 silent: false,
                 steps: Pace::default(),
                 episodes: Pace::default(),
+                answers: Answers::default(),
                 beaten: 0,
                 passed_over: None,
                 round,

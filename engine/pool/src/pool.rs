@@ -16,6 +16,7 @@ use crate::discovery::PROBATION;
 use crate::ledger::{Results, Settled};
 use crate::machine::{Action, Machine};
 use crate::mode::Mode;
+use crate::probe::Probe;
 use crate::report::{Listener, Report, Reporter};
 use crate::supervision::Supervision;
 use crate::work::{Attempt, Work, WorkError};
@@ -151,6 +152,7 @@ pub struct Pool {
     warnings: Vec<String>,
     reporter: Reporter,
     supervision: Supervision,
+    probe: Probe,
     wall: (Instant, f64),
 }
 
@@ -183,7 +185,7 @@ impl Pool {
                 qos: QoS::AtLeastOnce,
             },
         ];
-        let connection = Connection::open(options.settings, subscriptions)?;
+        let connection = Connection::open(options.settings.clone(), subscriptions)?;
         let probation = if options.alone {
             Duration::ZERO
         } else {
@@ -219,6 +221,7 @@ impl Pool {
         Ok(Self {
             machine,
             supervision: Supervision::new(connection.waker()),
+            probe: Probe::new(options.settings, connection.waker()),
             connection,
             reply: topics.to_tool(&token),
             status: topics.status(&token),
@@ -408,7 +411,7 @@ impl Pool {
         self.supervision.clone()
     }
 
-    /// What whoever watches processes has said.
+    /// What whoever watches processes has said, or the broker, which was asked.
     fn heed(&mut self, now: Instant) {
         let (endings, alive) = self.supervision.take();
         for server in alive {
@@ -416,6 +419,10 @@ impl Pool {
         }
         for ending in endings {
             self.machine.ended(&ending, now);
+        }
+        if let Some(found) = self.probe.take() {
+            self.machine
+                .broker_holds_back(found, &self.connection.url());
         }
     }
 
@@ -611,6 +618,7 @@ impl Pool {
                     self.warnings.push(text);
                 }
                 Action::Overdue(server) => self.supervision.is_overdue(server),
+                Action::AskBroker => self.probe.ask(),
             }
         }
         for request in sent {

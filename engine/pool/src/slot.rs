@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use swarmwright_protocol::Capabilities;
 
+use crate::lag::Answers;
 use crate::mode::Way;
 use crate::pace::Pace;
 
@@ -34,6 +35,7 @@ pub(crate) struct Slot {
     pub steps: Pace,
     /// Episodes that are stepped one at a time.
     pub episodes: Pace,
+    pub answers: Answers,
     /// How often in a row another tool was faster.
     pub beaten: u32,
     /// Since when there is work for it that others should have done before it could.

@@ -60,6 +60,7 @@ impl Machine {
         self.publish(Topic::Parameters, payload);
         let control = self.control(server, hash.clone(), true);
         self.publish(Topic::Control, control.encode());
+        self.sent_to(server, 2);
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
         let mut run = Run::new(piece, server, prototype, self.agents, writer, now);
         run.round = self.round;
@@ -88,6 +89,8 @@ impl Machine {
                     slot.silent = false;
                 }
                 self.publish(Topic::Actuator, actuator);
+                self.answered_after(server, since);
+                self.sent_to(server, 1);
             }
             Err(reason) if !run.steers() => {
                 let server = run.server;
@@ -128,6 +131,7 @@ impl Machine {
         self.over(&message.simulation_hash, run.server, true);
         let job = Job::Episode(message.simulation_hash.clone());
         self.offers.finished(run.server, &job);
+        self.answered_after(run.server, now.saturating_duration_since(run.heard));
         let duration = now.saturating_duration_since(run.started);
         self.offers.did_well(run.server, 1, duration.as_secs_f64());
         if let Some(slot) = self.offers.slots.get_mut(&run.server) {

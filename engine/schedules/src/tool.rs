@@ -362,8 +362,8 @@ impl Tool {
                     self.warnings.push_back(text);
                     continue;
                 }
-                // No server of a schedule is a tool's own.
-                Action::Overdue(_) => continue,
+                // No server of a schedule is a tool's own, and its broker collects nothing.
+                Action::Overdue(_) | Action::AskBroker => continue,
             };
             messages.push(Outgoing {
                 topic: topic.into(),

@@ -188,6 +188,8 @@ pub struct Net {
     pub warnings: Vec<String>,
     /// Watched servers that the tool asked about.
     pub overdue: Vec<u64>,
+    /// How often the tool wanted to know what the broker does with small packets.
+    pub asked: usize,
     /// Parties that say nothing of extensions.
     pub seed_only: HashSet<usize>,
     /// Whether servers' presence is delivered; conversations must work without it.
@@ -294,6 +296,7 @@ impl Net {
             log: Vec::new(),
             warnings: Vec::new(),
             overdue: Vec::new(),
+            asked: 0,
             seed_only: HashSet::new(),
             presence: false,
             crosses: false,
@@ -356,6 +359,7 @@ impl Net {
                         } => published.push((topics.to_server(server), payload)),
                         swarmwright_pool::Action::Warn(text) => self.warnings.push(text),
                         swarmwright_pool::Action::Overdue(server) => self.overdue.push(server),
+                        swarmwright_pool::Action::AskBroker => self.asked += 1,
                     }
                 }
             }
@@ -484,6 +488,11 @@ impl Net {
         self.now += Duration::from_micros(50);
         self.log.push(message.clone());
         self.deliver(&message);
+    }
+
+    /// Whether the broker has nothing of a party to deliver.
+    pub fn idle(&self, party: usize) -> bool {
+        self.queues[party].is_empty()
     }
 
     /// Turns until the tool has all its results.

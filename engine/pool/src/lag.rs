@@ -1,0 +1,173 @@
+//! Servers whose answers come late again and again since the broker collects small packets.
+//!
+//! A broker that leaves Nagle's algorithm on holds the second of two small packets back until the first has been
+//! acknowledged, and systems acknowledge late when they have nothing to send. A server waits for the messages of several
+//! agents, so that each of its steps takes as long as the acknowledgement. Simulations that really take that long look
+//! alike: the broker is asked before anything is said.
+
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::time::Duration;
+
+use crate::machine::{Action, Machine};
+
+/// Milliseconds by which answers are late: of Linux (measured: 42 to 48), twice that, or of macOS; of Windows.
+const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];
+/// Answers that come sooner belong together with those before.
+const SOON: Duration = Duration::from_millis(5);
+/// Two messages were sent together, at least: one alone is never held back.
+const TOGETHER: u32 = 2;
+/// How many late answers make a suspicion, and which share of the time.
+const ENOUGH: u32 = 20;
+const MOST: f64 = 0.5;
+
+/// How the answers of one server came that is stepped one episode at a time.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Answers {
+    /// Messages sent to it since it was last waited for.
+    together: u32,
+    late: u32,
+    late_seconds: f64,
+    seconds: f64,
+}
+
+impl Answers {
+    /// Messages were sent.
+    fn sent(&mut self, messages: u32) {
+        self.together = self.together.saturating_add(messages);
+    }
+
+    /// It answered after such a time.
+    fn came(&mut self, wait: Duration) {
+        self.seconds += wait.as_secs_f64();
+        if wait < SOON {
+            return;
+        }
+        let together = std::mem::take(&mut self.together) >= TOGETHER;
+        let milliseconds = wait.as_millis();
+        if together && LATE.iter().any(|late| late.contains(&milliseconds)) {
+            self.late += 1;
+            self.late_seconds += wait.as_secs_f64();
+        }
+    }
+
+    fn share(&self) -> f64 {
+        self.late_seconds / self.seconds.max(1e-9)
+    }
+
+    /// Whether it looks as if the broker held messages to it back.
+    fn are_suspicious(&self) -> bool {
+        self.late >= ENOUGH && self.share() >= MOST
+    }
+}
+
+/// A server whose answers are suspicious.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Suspect {
+    server: u64,
+    answers: Answers,
+}
+
+impl fmt::Display for Suspect {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { server, answers } = self;
+        write!(
+            formatter,
+            "{} answers of server {server} took {:.0} ms each, {:.0} % of the time of its evaluations",
+            answers.late,
+            answers.late_seconds / f64::from(answers.late.max(1)) * 1e3,
+            answers.share() * 1e2,
+        )
+    }
+}
+
+/// What helps.
+const REMEDY: &str = "have the broker send small packets at once (Mosquitto: `set_tcp_nodelay true`; others: \
+     docs/how-to/external-broker.md)";
+
+impl Machine {
+    /// Messages of an episode went to its server.
+    pub(crate) fn sent_to(&mut self, server: u64, messages: u32) {
+        if let Some(slot) = self.offers.slots.get_mut(&server) {
+            slot.answers.sent(messages);
+        }
+    }
+
+    /// A server answered in an episode after such a time. The broker is asked once.
+    pub(crate) fn answered_after(&mut self, server: u64, wait: Duration) {
+        let Some(slot) = self.offers.slots.get_mut(&server) else {
+            return;
+        };
+        slot.answers.came(wait);
+        if self.suspect.is_none() && slot.answers.are_suspicious() {
+            let answers = slot.answers;
+            self.suspect = Some(Suspect { server, answers });
+            self.actions.push(Action::AskBroker);
+        }
+    }
+
+    /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
+    /// not be found out.
+    pub fn broker_holds_back(&mut self, found: Result<bool, String>, address: &str) {
+        let Some(suspect) = self.suspect else {
+            return;
+        };
+        match found {
+            Ok(false) => {}
+            Ok(true) => self.warn(format!(
+                "evaluation is slow: the broker at {address} holds small packets back until those before have been \
+                 acknowledged (Nagle's algorithm), and {suspect}, unless its simulation needs that for a step; {REMEDY}, or the \
+                 server acknowledge at once (TCP_QUICKACK)"
+            )),
+            Err(reason) => self.warn(format!(
+                "evaluation is slow: {suspect}, as they do where a broker holds small packets back (Nagle's algorithm), or where \
+                 the simulation needs that for a step; whether the broker at {address} does could not be found out: \
+                 {reason}; if so, {REMEDY}"
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a server is suspicious whose steps of `agents` agents take so many milliseconds each.
+    fn suspicious(agents: u32, steps: impl IntoIterator<Item = f64>) -> bool {
+        let mut answers = Answers::default();
+        answers.sent(2);
+        for milliseconds in steps {
+            answers.came(Duration::from_secs_f64(milliseconds / 1e3));
+            answers.sent(1);
+            for _ in 1..agents {
+                answers.came(Duration::from_micros(80));
+                answers.sent(1);
+            }
+        }
+        answers.are_suspicious()
+    }
+
+    #[test]
+    fn steps_that_wait_for_acknowledgements_are_suspicious() {
+        // As measured with Mosquitto and Linux; some steps are quick as packets happened to travel together.
+        let measured = [44.1, 44.0, 48.2, 43.9, 0.4, 88.3, 44.0, 47.6, 0.3, 42.5];
+        assert!(suspicious(3, measured.into_iter().cycle().take(40)));
+        assert!(!suspicious(3, measured), "too few");
+        assert!(suspicious(2, [100.4; 30]), "macOS");
+    }
+
+    #[test]
+    fn other_steps_are_not() {
+        assert!(!suspicious(3, [0.3; 10_000]), "fast");
+        assert!(!suspicious(3, [20.0; 1000]), "slow");
+        assert!(!suspicious(3, [65.0; 1000]), "slow");
+        assert!(
+            !suspicious(1, [44.0; 1000]),
+            "one agent's message waits for nothing"
+        );
+        let mixed = (0..1000).map(|step| f64::from(step % 10) * 14.0);
+        assert!(!suspicious(3, mixed), "jitter");
+        let rarely = (0..1000).map(|step| if step % 10 == 0 { 44.0 } else { 60.0 });
+        assert!(!suspicious(3, rarely), "most of the time goes elsewhere");
+    }
+}

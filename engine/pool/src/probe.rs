@@ -1,0 +1,50 @@
+//! Asks the broker what it does with small packets, on a thread of its own: the run goes on meanwhile.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+use swarmwright_mqtt::{Settings, Waker, holds_back_small_packets};
+
+/// Whether the broker holds them back, or why that is not known.
+type Found = Result<bool, String>;
+
+/// Asks, and keeps the answer until it is taken.
+pub(crate) struct Probe {
+    settings: Settings,
+    waker: Waker,
+    answer: Arc<Mutex<Option<Found>>>,
+}
+
+impl Probe {
+    pub fn new(settings: Settings, waker: Waker) -> Self {
+        Self {
+            settings,
+            waker,
+            answer: Arc::default(),
+        }
+    }
+
+    /// Begins to ask. The thread ends by itself, after the settings' time-outs at the latest.
+    pub fn ask(&self) {
+        let (settings, waker, answer) = (
+            self.settings.clone(),
+            self.waker.clone(),
+            self.answer.clone(),
+        );
+        let asking = thread::Builder::new().name("broker-probe".to_owned());
+        let asked = asking.spawn(move || {
+            let found = holds_back_small_packets(&settings).map_err(|error| error.to_string());
+            *answer.lock().unwrap_or_else(PoisonError::into_inner) = Some(found);
+            waker.wake();
+        });
+        if let Err(error) = asked {
+            log::debug!("cannot ask the broker: {error}");
+        }
+    }
+
+    /// The answer, once.
+    pub fn take(&self) -> Option<Found> {
+        let mut answer = self.answer.lock().unwrap_or_else(PoisonError::into_inner);
+        answer.take()
+    }
+}
