@@ -1,5 +1,6 @@
 """What all Python tests share: the program as a process, brokers, and a place to work in."""
 
+import atexit
 import contextlib
 import os
 import shutil
@@ -7,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -19,6 +21,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 ROOT = Path(__file__).parents[1]
+# What the user of these tests trusts is forgotten after them.
+STATE = tempfile.mkdtemp(prefix="swarmwright-state-")
+os.environ["XDG_STATE_HOME"] = STATE
+atexit.register(shutil.rmtree, STATE, ignore_errors=True)
 PROGRAM = (sys.executable, "-P", "-m", "swarmwright")
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]

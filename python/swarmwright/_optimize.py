@@ -134,6 +134,7 @@ def resume(
     progress: bool | None = None,
     accept_changed_code: bool = False,
     simulation: str | type | None = None,
+    trust: bool = False,
 ) -> Run:
     """Go on with a run that was interrupted, killed, or failed, to the very result of an undisturbed one.
 
@@ -160,6 +161,7 @@ def resume(
         accept_changed_code: go on with changed code, which is noted in the run and copied.
         simulation: a class, or `FILE:Class`, instead of the run's; what is another code needs
             `accept_changed_code`.
+        trust: as in `Run.open`.
 
     Raises:
         InputError: there is no such run, its store is damaged or of another version, another process works on
@@ -169,7 +171,7 @@ def resume(
             candidates again.
     """
     folder = run.path if isinstance(run, Run) else Path(run)
-    run = Run.open(folder)
+    run = Run.open(folder, trust=trust)
     try:
         with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             _go_on(

@@ -59,8 +59,16 @@ class Run:
         """What run.sqlite holds, table by table."""
 
     @classmethod
-    def open(cls, path: str | Path) -> Self:
-        """Open a run folder. Raises InputError when `path` is none, or when its store cannot be read."""
+    def open(cls, path: str | Path, *, trust: bool = False) -> Self:
+        """Open a run folder, which runs no code of it.
+
+        Args:
+            path: of the folder.
+            trust: execute its simulation's code when it is evaluated or shown, although it is not of a run
+                that this user has made here. It is remembered for this code.
+
+        Raises InputError when `path` is no run folder, or when its store cannot be read.
+        """
         folder = Path(path)
         if not folder.is_dir():
             what = "is not a folder" if folder.exists() else "there is no such folder"
@@ -71,6 +79,10 @@ class Run:
             raise without_store(folder)
         run = cls(folder)
         _ = run.history, run.experiment  # complain now rather than later
+        if trust:
+            from swarmwright._run_code import trust_code
+
+            trust_code(run)
         return run
 
     @cached_property

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from swarmwright import _edited, _simulations
 from swarmwright._code import _remarks
+from swarmwright._code._allowed import require_copy, require_named
 from swarmwright._code._changes import choose, difference, near, present, summary
 from swarmwright._code._copy import FOLDER, Copy, Kept, digest_of
 from swarmwright._code._part import SECTIONS, Part, of_plug_ins, of_simulation
@@ -19,6 +20,7 @@ from swarmwright._errors import InputError
 from swarmwright._experiment import Experiment
 from swarmwright._own._names import absolute, is_own, name_of
 from swarmwright._run import Run
+from swarmwright._trust import trusting
 from swarmwright.adapters._name import is_adapted
 
 _INSTEAD = "; --simulation FILE:Class takes another one"
@@ -95,6 +97,7 @@ def used_for(run: Run, generation: int | None = None, simulation: str | type | N
     if simulation is not None:
         return _with(experiment, simulation)
     copy = copy_of(run, generation)
+    _check_trusted(run, experiment, copy)
     if copy is not None:
         if generation is not None and not _has_copy(run, generation):
             _remarks.say(
@@ -173,6 +176,8 @@ def continuation(
     named = None if simulation is None else _with(experiment, simulation)
     copy = copy_of(run)
     if copy is None:
+        if named is None:
+            _check_trusted(run, experiment, copy)
         experiment = named or experiment
         _check_there(run, experiment.simulation)
         parts = parts_of(experiment)
@@ -195,6 +200,8 @@ def continuation(
     compared = {name: _as_kept(copy.parts[name], part) for name, part in now.items() if part is not None}
     changed = {name: part for name, part in compared.items() if not _is_same(copy.parts[name], part)}
     if not changed:
+        if named is None:
+            _check_trusted(run, experiment, copy)
         used = [part for part in now.values() if part is not None]
         return Continuation(named or experiment, used, copy, copy.version, notes)
     if not accept_changed_code:
@@ -204,6 +211,9 @@ def continuation(
             "on all the same with --accept-changed-code, which is noted in the run (in Python, "
             "accept_changed_code=True)."
         )
+    if named is None:
+        # Of the changed code there is the difference, which was accepted.
+        _check_trusted(run, experiment, copy, accepted=True)
     parts = [part or choose(copy, copy.parts[name]).part for name, part in now.items()]
     notes += [
         f"changed code accepted from generation {run.generations} on: {summary(copy.parts[name], part)}"
@@ -262,6 +272,37 @@ def check(
     if run.state != "done" or asked.budget != run.experiment.budget:
         continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
     return experiment
+
+
+def _check_trusted(run: Run, experiment: Experiment, copy: Copy | None, *, accepted: bool = False) -> None:
+    """Raise InputError unless the code of a run may be executed.
+
+    accepted: whether what has changed since its copy was made may.
+    """
+    if not is_own(experiment.simulation):
+        return
+    if copy is not None and "simulation" in copy.parts:
+        kept = copy.parts["simulation"]
+        require_copy(copy, kept, choose(copy, kept))
+        if accepted or _is_copied(experiment.simulation):
+            return
+    _check_there(run, experiment.simulation)
+    require_named(experiment.simulation)
+
+
+def check_trusted(run: Run) -> None:
+    """Raise InputError unless the code of a run may be executed: see `swarmwright._trust`."""
+    _check_trusted(run, run.experiment, copy_of(run))
+
+
+def trust_code(run: Run) -> None:
+    """Trust the code of a run, every copy of it. Raises InputError when it is gone or was changed."""
+    with trusting():
+        for version in run.code:
+            copy = Copy.of(run.path, version)
+            if copy is not None and "simulation" in copy.parts:
+                require_copy(copy, copy.parts["simulation"], choose(copy, copy.parts["simulation"]))
+        check_trusted(run)
 
 
 def _told_of(run: Run, copy: Copy, changed: dict[str, Part]) -> str:

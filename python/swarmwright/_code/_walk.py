@@ -106,6 +106,13 @@ def _found(name: str, places: Sequence[str]) -> ModuleSpec | None:
         return PathFinder.find_spec(name, list(places))
     except (ImportError, ValueError):
         return None
+    except KeyError:  # a folder without __init__.py in a package that is not imported
+        below = name.rpartition(".")[2]
+        spec = ModuleSpec(name, None, is_package=True)
+        spec.submodule_search_locations = [
+            str(Path(place) / below) for place in places if (Path(place) / below).is_dir()
+        ]
+        return spec
 
 
 def _imports(source: bytes, package: str) -> Iterator[tuple[str, list[str]]]:

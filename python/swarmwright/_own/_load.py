@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
+from swarmwright._code._allowed import require_copy
 from swarmwright._code._changes import choose
 from swarmwright._code._copy import Copy, Kept
 from swarmwright._code._remarks import copy_is_used
@@ -75,6 +76,8 @@ def _kept(copy: Copy, kept: Kept) -> ModuleType:
     if place in files:
         return files[place]
     choice = choose(copy, kept)
+    if not serving:  # else whoever has started this server has asked
+        require_copy(copy, kept, choice)
     if not choice.copied:
         part = choice.part
         return _file(part.origin) if part.module is None else _module(part.module)

@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright._code._allowed import remember
 from swarmwright._code._copy import FOLDER as CODE
 from swarmwright._code._copy import Copy
 from swarmwright._code._copy import remove as remove_copies
@@ -85,6 +86,7 @@ class StoreWriter:
                 check_folder(folder)
             remove_copies(folder)  # of a process that ended before there was a store
             copy = Copy.write(folder, 1, code) if code else None
+            remember(code)
             values = _recorded(experiment, folder, copy)
             if copy is not None:
                 facts[f"{CODE}.1"] = copy.digest
@@ -134,6 +136,7 @@ class StoreWriter:
         """Keep a copy of the source with which the run goes on. Raises RunError when the disk refuses it."""
         try:
             copy = Copy.write(self.folder, version, code)
+            remember(code)
         except OSError as error:
             raise RunError(f"{self.folder}: cannot be written: {error.strerror}") from error
         with self._writing():

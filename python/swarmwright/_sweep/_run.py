@@ -15,7 +15,7 @@ from swarmwright._local_servers import LocalServers
 from swarmwright._loop import OnGeneration
 from swarmwright._optimize import optimize, resume
 from swarmwright._run import Run
-from swarmwright._run_code import changed_code
+from swarmwright._run_code import changed_code, check_trusted
 from swarmwright._store import FILE
 from swarmwright._store._folder import check_folder
 from swarmwright._sweep._file import Sweep, Variant
@@ -58,6 +58,8 @@ class Task:
             )
         if run.state == "running":
             raise InputError(f"{self.folder}: another process works on this run; wait for it or stop it")
+        if run.state != "done":
+            check_trusted(run)  # workers, which go on with it, ask nobody
         return run
 
 

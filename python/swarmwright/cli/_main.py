@@ -8,6 +8,8 @@ from contextlib import suppress
 
 import click
 
+from swarmwright import _foreign
+from swarmwright._trust import asking
 from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
@@ -26,7 +28,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     status = 0
     try:
-        with terminate_like_interrupt():
+        with terminate_like_interrupt(), asking(_ask):
             status = _status(arguments)
             sys.stdout.flush()
     except KeyboardInterrupt:
@@ -60,6 +62,14 @@ def _status(arguments: Sequence[str] | None) -> int:
             raise
         return _show_error(error)
     return result if isinstance(result, int) else 0
+
+
+def _ask(question: str) -> bool:
+    """Ask a person at a terminal; elsewhere the answer is no."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    first, *rest = _foreign.lines(question)
+    return click.confirm("\n".join([first, *(f"  {line}" for line in rest)]), err=True)
 
 
 def _interrupted(error: BaseException) -> bool:

@@ -144,6 +144,23 @@ simulation_option: Decorator = click.option(
 )
 
 
+def _trust(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from swarmwright._trust import trusting
+
+        context.with_resource(trusting())
+
+
+trust_option: Decorator = click.option(
+    "--trust",
+    is_flag=True,
+    expose_value=False,
+    callback=_trust,
+    help="Execute code that a run folder brings along although it is not of a run that you have made here; "
+    "remembered for this code.",
+)
+
+
 def set_option(
     text: str = "Another value than FILE's: method.generations=50, 'controller.hidden=[8, 4]'.",
 ) -> Decorator:

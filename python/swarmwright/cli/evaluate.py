@@ -17,6 +17,7 @@ from swarmwright.cli._options import (
     servers_option,
     set_option,
     simulation_option,
+    trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._server_output import server_output_option
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
 @servers_option
 @simulation_option
 @server_output_option
+@trust_option
 @json_option
 def command(
     run: Path,

@@ -16,6 +16,7 @@ from swarmwright.cli._options import (
     json_option,
     servers_option,
     set_option,
+    trust_option,
     wait_option,
 )
 from swarmwright.cli._output import Output, show_warnings
@@ -46,6 +47,7 @@ from swarmwright.cli._server_output import server_output_option
 @wait_option
 @watch_options
 @observe_options
+@trust_option
 @json_option
 def command(
     file: Path,

@@ -15,6 +15,7 @@ from swarmwright.cli._options import (
     json_option,
     set_option,
     simulation_option,
+    trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
 
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
 )
 @simulation_option
 @set_option("Another value than the run's: parameters.maxSteps=40.")
+@trust_option
 @json_option
 def command(
     run: Path,

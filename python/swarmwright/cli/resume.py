@@ -17,6 +17,7 @@ from swarmwright.cli._options import (
     servers_option,
     set_option,
     simulation_option,
+    trust_option,
     wait_option,
 )
 from swarmwright.cli._output import Output, show_warnings
@@ -51,6 +52,7 @@ from swarmwright.cli._server_output import server_output_option
 @set_option("Another budget, or where it is evaluated: method.evaluations=9000, timeouts.step=5.")
 @watch_options
 @observe_options
+@trust_option
 @json_option
 def command(
     run: Path,

@@ -24,6 +24,7 @@ from swarmwright.cli._options import (
     broker_option,
     json_option,
     prefix_option,
+    trust_option,
     wait_option,
 )
 from swarmwright.cli._output import Output, aside, complain
@@ -69,6 +70,7 @@ LARGEST_ID = 2**31 - 1
 )
 @wait_option
 @observe_options
+@trust_option
 @json_option
 def command(
     simulation: str,

@@ -14,6 +14,7 @@ from swarmwright.cli._options import (
     experiment_broker,
     json_option,
     set_option,
+    trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._server_output import server_output_option
@@ -45,6 +46,7 @@ from swarmwright.cli._server_output import server_output_option
 )
 @click.option("--visual", is_flag=True, help="Ask the server to draw the run, a frame every step.")
 @server_output_option
+@trust_option
 @json_option
 def command(
     file: Path,

@@ -16,6 +16,7 @@ from swarmwright.cli._options import (
     json_option,
     servers_option,
     set_option,
+    trust_option,
 )
 from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
@@ -52,6 +53,7 @@ FAILED = 1
     "local; on a broker as many as its servers can serve.",
 )
 @observe_options
+@trust_option
 @json_option
 def command(
     file: Path,

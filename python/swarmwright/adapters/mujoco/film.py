@@ -19,6 +19,7 @@ from swarmwright._foreign import one_line
 from swarmwright._own._load import load
 from swarmwright._own._parameter import declared, filled_in
 from swarmwright._run import Run
+from swarmwright._run_code import used_for
 from swarmwright.adapters.mujoco import undrawable
 from swarmwright.adapters.mujoco._library import cannot_draw
 from swarmwright.adapters.mujoco._robots import Robots
@@ -74,7 +75,7 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
 
     Raises InputError when the run is of another simulation or nothing can be drawn here, OSError.
     """
-    kind = load(run.experiment.simulation)
+    kind = load(used_for(run, run.best.generation).simulation)
     if not issubclass(kind, Robots):
         raise InputError(f"{run.path}: {run.experiment.label} is no simulation of robots in MuJoCo")
     parameters = dict(run.experiment.parameters)
