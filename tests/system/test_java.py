@@ -57,6 +57,25 @@ def test_other_controllers_are_evaluated_to_the_bit(
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "offloaded"])
+def test_tools_have_a_server_in_turns(
+    embedded: BrokerProcess, serve_java: ServeJava, launch: Launch, experiment: Experiment, mode: str
+) -> None:
+    """A short run is through while one goes on that would take hours."""
+    serve_java(embedded.url)
+    text = f"simulation: minisim\nmode: {mode}\nmethod: {{population: 100, generations: GENERATIONS}}\n"
+    endless = experiment(text.replace("GENERATIONS", "1000000"), "endless.yaml")
+    first = launch("optimize", endless, "--broker", embedded.url, "--out", "endless")
+    first.until(lambda _: (endless.parent / "endless" / "run.sqlite").exists(), "the first run")
+    short = experiment(text.replace("GENERATIONS", "2"), "short.yaml")
+    second = launch("optimize", short, "--broker", embedded.url, "--out", "short")
+    assert second.wait(60) == 0, second.stderr
+    assert first.process.poll() is None
+    local = launch("optimize", short, "--servers", "local", "--out", "local")
+    assert local.wait() == 0, local.stderr
+    assert record(short.parent / "short") == record(short.parent / "local")
+
+
+@pytest.mark.parametrize("mode", ["stepwise", "offloaded"])
 def test_a_built_in_and_a_java_server_together(
     embedded: BrokerProcess,
     serve: Serve,

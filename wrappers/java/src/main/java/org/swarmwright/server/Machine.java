@@ -4,6 +4,7 @@ import com.google.gson.JsonObject;
 import java.util.LinkedHashMap;
 import java.util.LinkedHashSet;
 import java.util.Map;
+import java.util.Objects;
 import java.util.Set;
 import org.swarmwright.extension.ToServer;
 import org.swarmwright.messages.Actuator;
@@ -14,7 +15,6 @@ import org.swarmwright.messages.MessageException;
 import org.swarmwright.messages.Messages;
 import org.swarmwright.messages.Parameters;
 import org.swarmwright.messages.Requirements;
-import org.swarmwright.messages.Server;
 import org.swarmwright.messages.Topics;
 import org.swarmwright.messages.Topics.Topic;
 
@@ -23,12 +23,6 @@ import org.swarmwright.messages.Topics.Topic;
  * time. Times are nanoseconds of {@link System#nanoTime}.
  */
 final class Machine extends Requests {
-  /**
-   * A change of presence is published when it has lasted this long: runs of a few milliseconds are
-   * no news.
-   */
-  private static final long SETTLE = 150_000_000L;
-
   /** Parameters messages kept for a control to come: of the tools on a broker, few ask at once. */
   private static final int KEPT = 8;
 
@@ -84,7 +78,7 @@ final class Machine extends Requests {
   private void dispatch(Topic topic, byte[] payload, long now) {
     switch (topic) {
       case DISCOVERY:
-        discovery(Messages.readDiscovery(payload));
+        discovery(Messages.readDiscovery(payload), now);
         break;
       case PARAMETERS:
         configure(Messages.readParameters(payload), now);
@@ -108,9 +102,8 @@ final class Machine extends Requests {
 
   // Discovery, parameters, control.
 
-  private void discovery(Discovery discovery) {
-    boolean free = state == State.FREE || state == State.HELD && holder.equals(discovery.getTool());
-    if (!free || !offer.description().title().equals(discovery.getSimulation())) {
+  private void discovery(Discovery discovery, long now) {
+    if (!offer.description().title().equals(discovery.getSimulation())) {
       return;
     }
     Capabilities capabilities = capabilities();
@@ -119,19 +112,32 @@ final class Machine extends Requests {
         capabilities.getMaxAgents() == null
             || required.getMaxAgents() == null
             || capabilities.getMaxAgents() >= required.getMaxAgents();
-    if (enough && required.getDimensions().equals(capabilities.getDimensions())) {
-      Server answer =
-          new Server()
-              .withServer(identity.id)
-              .withSimulationHash(discovery.getSimulationHash())
-              .withSimulations(titles())
-              .withCapabilities(capabilities);
-      outbox.publish(Topic.SERVER, Messages.write(answer));
+    if (!enough
+        || !required.getDimensions().equals(capabilities.getDimensions())
+        || !isFreeFor(discovery, now)) {
+      return;
     }
+    if (discovery.getTool() == null) {
+      turns.hasAskedEnough(null);
+    }
+    answer(discovery);
+  }
+
+  /** Whether a tool may have the server. One that may not is remembered, and has its turn later. */
+  private boolean isFreeFor(Discovery discovery, long now) {
+    String tool = discovery.getTool();
+    if (state == State.FREE || state == State.HELD && Objects.equals(holder, tool)) {
+      return true;
+    }
+    if (!turns.isHeldBy(tool)) {
+      turns.ask(discovery, now);
+    }
+    return false;
   }
 
   private void configure(Parameters message, long now) {
     if (message.getServer() != identity.id) {
+      otherConfigured(message.getSimulationHash(), now);
       return;
     }
     newestHash = message.getSimulationHash();
@@ -143,10 +149,22 @@ final class Machine extends Requests {
     if (state == State.FREE || state == State.CONFIGURED) {
       enter(State.CONFIGURED, now);
       until = now + PATIENCE;
+    } else if (state == State.HELD && holder == null) {
+      // Nobody says whose they are: those of the tool that is waited for, as far as anybody knows.
+      until = now + PATIENCE;
     }
     Control waiting = early.take(newestHash);
     if (waiting != null) {
       control(waiting, now);
+    }
+  }
+
+  /** Where it is the tool without a name that this server waits for, it need not. */
+  private void otherConfigured(String hash, long now) {
+    boolean free = turns.hasChosenAnother(hash) && state == State.HELD && holder == null;
+    if (free) {
+      enter(State.FREE, now);
+      tellAtOnce(now);
     }
   }
 
@@ -163,7 +181,7 @@ final class Machine extends Requests {
       complain("ignoring a control message that starts a run that is under way");
       return;
     }
-    boolean held = state == State.HELD && !holder.equals(control.getTool());
+    boolean held = state == State.HELD && !Objects.equals(holder, control.getTool());
     if (held || state == State.RUNNING || state == State.STEPPING || state == State.WORKING) {
       complain("refusing to start a run for " + asker + ": taken by " + holderInWords());
       tellAgain(now);
@@ -188,9 +206,7 @@ final class Machine extends Requests {
       }
     }
     try {
-      Run started = new Run(offer.first(), values, control);
-      enter(State.RUNNING, now);
-      run = started;
+      begin(new Run(offer.first(), values, control), now);
       proceed(now);
     } catch (Guard.Broken broken) {
       cannotStart(control, broken.getMessage(), broken.stack, false, now);
@@ -207,9 +223,11 @@ final class Machine extends Requests {
       Control control, String reason, String stack, boolean invalid, long now) {
     outbox.notice("warning: cannot start the run: " + reason);
     replies.failed(control.getReply(), control.getSimulationHash(), reason, stack, invalid);
-    enter(control.getTool() == null ? State.FREE : State.HELD, now);
-    holder = control.getTool();
-    until = now + PATIENCE;
+    if (control.getTool() == null) {
+      enter(State.FREE, now);
+    } else {
+      hold(control.getTool(), now + PATIENCE, now);
+    }
   }
 
   private void end(Control control, long now) {
@@ -226,14 +244,22 @@ final class Machine extends Requests {
         ours = hash.equals(newestHash);
         break;
       case HELD:
-        ours = hash.equals(lastHash) || holder.equals(control.getTool());
+        ours =
+            hash.equals(lastHash)
+                || (holder == null
+                    ? parameters.containsKey(hash)
+                    : holder.equals(control.getTool()));
         break;
       default:
         ours = control.getTool() != null && control.getTool().equals(holder());
         break;
     }
     if (ours) {
+      boolean held = state == State.HELD;
       free(now);
+      if (held) {
+        tellAtOnce(now);
+      }
     } else {
       complain("ignoring the end of a run that is not under way");
     }

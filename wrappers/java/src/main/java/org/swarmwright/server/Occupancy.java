@@ -3,19 +3,24 @@ package org.swarmwright.server;
 import java.util.HashSet;
 import java.util.List;
 import java.util.Objects;
+import java.util.Optional;
 import java.util.Set;
 import org.swarmwright.messages.Capabilities;
+import org.swarmwright.messages.Discovery;
 import org.swarmwright.messages.Messages;
 import org.swarmwright.messages.Presence;
+import org.swarmwright.messages.Server;
 import org.swarmwright.messages.Swarmwright;
+import org.swarmwright.messages.Topics.Topic;
 
 /**
  * Who has a server, and what it says of itself.
  *
  * <p>A server is free, configured (parameters came, it waits for control), running an episode,
  * stepping a batch, working on requests for offloaded evaluation, or held: between two episodes of
- * a tool that gave its name it stays reserved for that tool for a moment (docs/decisions/004).
- * Times are nanoseconds of {@link System#nanoTime}.
+ * a tool that gave its name it stays reserved for that tool for a moment (docs/decisions/004), and
+ * so it does for one whose turn has come ({@link Turns}). Times are nanoseconds of {@link
+ * System#nanoTime}.
  */
 abstract class Occupancy {
   static final long SECOND = 1_000_000_000L;
@@ -26,6 +31,12 @@ abstract class Occupancy {
   static final long PATIENCE = 5 * SECOND;
 
   private static final int MOST_COMPLAINTS = 1000;
+
+  /**
+   * A change of presence is published when it has lasted this long: runs of a few milliseconds are
+   * no news.
+   */
+  static final long SETTLE = 150_000_000L;
 
   /** See the class. */
   enum State {
@@ -55,7 +66,7 @@ abstract class Occupancy {
   /** While working. */
   Work work;
 
-  /** The tool for which it is held. */
+  /** The tool for which it is held; null for one without a name. */
   String holder;
 
   /** The hash of the run before, which a control{run: false} may still name. */
@@ -63,6 +74,8 @@ abstract class Occupancy {
 
   /** Since when presence has to be published; null if it is known. */
   Long changedAt;
+
+  final Turns turns = new Turns();
 
   private final Set<String> complaints = new HashSet<>();
   private Presence.State published;
@@ -83,15 +96,90 @@ abstract class Occupancy {
     }
   }
 
-  /** A run is over: its tool, if it gave its name, keeps the server for the next one. */
+  /**
+   * A run is over: its tool, if it gave its name, keeps the server for the next one, unless it is
+   * another one's turn. A tool without a name keeps it for as long as its turn lasts, where it had
+   * to wait for that.
+   */
   void leave(long now) {
+    Discovery next = turns.next(now);
     String tool = holder();
-    enter(tool == null ? State.FREE : State.HELD, now);
-    holder = tool;
-    until = now + PATIENCE;
+    if (next != null) {
+      handOver(next, now);
+    } else if (tool != null) {
+      hold(tool, now + PATIENCE, now);
+    } else if (turns.keepsNameless(now)) {
+      hold(null, now + Turns.RESERVED_NAMELESS, now);
+    } else {
+      enter(State.FREE, now);
+    }
   }
 
-  void enter(State next, long now) {
+  /**
+   * The server waits for a tool, which hears of it at once: one with a name by presence, one
+   * without by the answer to its question.
+   */
+  final void handOver(Discovery next, long now) {
+    hold(next.getTool(), now + Turns.patience(next.getTool()), now);
+    if (next.getTool() == null) {
+      turns.invite(next.getSimulationHash());
+      answer(next);
+    }
+    tellAtOnce(now);
+  }
+
+  /** Tells a tool that it may have the server. */
+  final void answer(Discovery discovery) {
+    Server answer =
+        new Server()
+            .withServer(identity.id)
+            .withSimulationHash(discovery.getSimulationHash())
+            .withSimulations(titles())
+            .withCapabilities(capabilities());
+    outbox.publish(Topic.SERVER, Messages.write(answer));
+  }
+
+  /** The server is free, or configured. */
+  final void enter(State next, long now) {
+    change(next, now);
+    turns.heldBy(null, next == State.CONFIGURED, now);
+  }
+
+  /** The server waits for a tool; null for one without a name. */
+  final void hold(String tool, long end, long now) {
+    change(State.HELD, now);
+    holder = tool;
+    until = end;
+    turns.heldBy(Optional.ofNullable(tool), false, now);
+  }
+
+  /** An episode begins. */
+  final void begin(Run started, long now) {
+    change(State.RUNNING, now);
+    run = started;
+    hasBegun(now);
+  }
+
+  /** A batch begins. */
+  final void begin(Batch started, long now) {
+    change(State.STEPPING, now);
+    batch = started;
+    hasBegun(now);
+  }
+
+  /** Requests begin. */
+  final void begin(Work started, long now) {
+    change(State.WORKING, now);
+    work = started;
+    hasBegun(now);
+  }
+
+  /** Something is computed for whoever has the server. */
+  final void hasBegun(long now) {
+    turns.heldBy(Optional.ofNullable(holder()), true, now);
+  }
+
+  private void change(State next, long now) {
     if (state == State.RUNNING) {
       lastHash = run.hash;
     }
@@ -190,6 +278,11 @@ abstract class Occupancy {
     if (changedAt == null) {
       changedAt = now;
     }
+  }
+
+  /** A change of presence that is no matter of milliseconds. */
+  final void tellAtOnce(long now) {
+    changedAt = now - SETTLE;
   }
 
   /** Nobody knows any more what the server does. */

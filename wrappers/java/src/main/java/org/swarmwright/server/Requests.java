@@ -6,6 +6,7 @@ import org.swarmwright.extension.Evaluate;
 import org.swarmwright.extension.Refusal;
 import org.swarmwright.extension.Request;
 import org.swarmwright.extension.ToServer;
+import org.swarmwright.messages.Discovery;
 
 /** What a server decides of the requests of the extensions: offloaded evaluation and batches. */
 abstract class Requests extends Occupancy {
@@ -65,7 +66,7 @@ abstract class Requests extends Occupancy {
       reason = "batch " + Long.toUnsignedString(batch.start.request) + " of this tool is under way";
     } else if (state == State.RUNNING
         || state == State.STEPPING
-        || state == State.HELD && !holder.equals(tool)) {
+        || state == State.HELD && !tool.equals(holder)) {
       reason = "taken by " + holderInWords();
     }
     if (reason != null) {
@@ -76,14 +77,17 @@ abstract class Requests extends Occupancy {
   private void evaluate(Evaluate request, long now) {
     Job job = replies.job(request, now);
     if (state == State.WORKING) {
-      if (work.holder() == null && changedAt == null) {
+      boolean follows = work.holder() == null;
+      if (follows && changedAt == null) {
         changedAt = now;
       }
       work.add(request.tool, job);
+      if (follows) {
+        hasBegun(now);
+      }
       return;
     }
-    enter(State.WORKING, now);
-    work = new Work(request.tool, job);
+    begin(new Work(request.tool, job), now);
     outbox.evaluate(job);
   }
 
@@ -102,6 +106,9 @@ abstract class Requests extends Occupancy {
       }
       replies.send(job);
     }
+    if (turnEnds(now)) {
+      return;
+    }
     for (Job next = work.next(); next != null; next = work.next()) {
       if (next.expires == null || next.expires > now) {
         outbox.evaluate(next);
@@ -113,13 +120,28 @@ abstract class Requests extends Occupancy {
     leave(now);
   }
 
+  /** Answers the requests that wait when it is another tool's turn. Whether it is. */
+  private boolean turnEnds(long now) {
+    Discovery next = turns.next(now);
+    if (next == null) {
+      return false;
+    }
+    String tool = next.getTool();
+    String reason =
+        "it is the turn of " + (tool == null ? "an optimization tool without a name" : tool);
+    for (Job waiting = work.next(); waiting != null; waiting = work.next()) {
+      replies.refuse(waiting.request, new Refusal(Refusal.Kind.TAKEN, reason));
+    }
+    handOver(next, now);
+    return true;
+  }
+
   private void startBatch(BatchStart start, long now) {
     replies.checkTitle(start.simulation);
     replies.checkMetrics(start.metrics);
     Batch started =
         new Batch(start, identity.id, offer.description(), offer.several(start.seeds.length));
-    enter(State.STEPPING, now);
-    batch = started;
+    begin(started, now);
     senseBatch(now);
   }
 
