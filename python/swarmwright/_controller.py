@@ -10,7 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
 from swarmwright._errors import InputError, engine_errors
-from swarmwright._files import write_text
+from swarmwright._files import read_bytes, write_text
+
+_LARGEST = 1 << 28
+"""Bytes of a file."""
 
 
 class Controller:
@@ -51,7 +54,7 @@ class Controller:
         if file.is_dir():
             file /= "best.json"
         try:
-            values = json.loads(file.read_bytes())
+            values = json.loads(read_bytes(file, _LARGEST))
         except FileNotFoundError:
             raise InputError(f"{file}: there is no such file") from None
         except OSError as error:

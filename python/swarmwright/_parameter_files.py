@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from swarmwright._errors import InputError
+from swarmwright._files import read_bytes
 
-_LARGEST = 1 << 28  # bytes
+_LARGEST = 1 << 26  # bytes
 
 
 def resolve(
@@ -43,9 +44,8 @@ def read_object(path: Path) -> dict[str, Any]:
     Raises InputError, with file and line, when it cannot be read or holds something else.
     """
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB")
-        value = json.loads(path.read_bytes().decode("utf-8-sig"), parse_constant=_no_number)
+        text = read_bytes(path, _LARGEST).decode("utf-8-sig")
+        value = json.loads(text, parse_constant=_no_number)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
     except OSError as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from swarmwright import _engine
 from swarmwright._errors import InputError
+from swarmwright._files import read_bytes
 
 
 def check_user(name: str) -> str:
@@ -22,6 +23,9 @@ def check_user(name: str) -> str:
             f"{name!r} cannot be a user name: no space and no ':' in it, no '#' at its beginning"
         )
     return name
+
+
+_LARGEST = 1 << 26  # bytes
 
 
 def set_password(path: Path, user: str, password: str) -> bool:
@@ -40,7 +44,8 @@ def set_password(path: Path, user: str, password: str) -> bool:
         raise InputError("an empty password lets everybody in; give one with at least one character")
     line = f"{user}:{_engine.hash_password(password)}\n"
     try:
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+        held = read_bytes(path, _LARGEST).decode() if path.exists() else ""
+        lines = held.splitlines(keepends=True)
         if lines and not lines[-1].endswith("\n"):
             lines[-1] += "\n"
         found = [index for index, text in enumerate(lines) if text.lstrip().startswith(f"{user}:")]

@@ -9,14 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from swarmwright._errors import InputError
+from swarmwright._files import read_bytes
 
 Path_ = tuple[str | int, ...]
 """Where a value stands: keys and list indices from the top."""
 
+LARGEST_FILE = 1 << 26
+"""Bytes."""
 _LARGEST = 1_000_000  # values in a file; aliases of aliases can make a short file endless
 _TAG = "tag:yaml.org,2002:"
 _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
@@ -88,7 +92,7 @@ def read(path: Path) -> Source:
     `problems`.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bytes(path, LARGEST_FILE).decode("utf-8-sig")
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
     except IsADirectoryError:
@@ -106,7 +110,9 @@ def parse(text: str, name: str) -> Source:
     """Parse YAML text; `name` is what it is called in messages."""
     source = Source(name)
     try:
-        node = YAML(typ="safe", pure=True).compose(text)
+        yaml = YAML(typ="safe", pure=True)
+        yaml.Composer = _Composer
+        node = yaml.compose(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
@@ -120,6 +126,18 @@ def parse(text: str, name: str) -> Source:
     if node is not None:
         source.values = _Builder(source).build(node, ())
     return source
+
+
+class _Composer(Composer):
+    """Gives up in time on a file of more values than can be wanted."""
+
+    _composed = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:  # noqa: ANN401 - as its base class has it
+        self._composed += 1
+        if self._composed > 2 * _LARGEST:  # keys are nodes, too
+            raise YAMLError(f"it holds more than {_LARGEST} values")
+        return super().compose_node(parent, index)
 
 
 class _Builder:

@@ -13,10 +13,12 @@ from typing import Any, Self
 
 from swarmwright._code._part import Part
 from swarmwright._errors import InputError
+from swarmwright._files import read_bytes
 
 FOLDER = "code"
 """Where copies lie in a run folder, one in a folder for each version: 1, 2, .."""
 _MANIFEST = "manifest.json"
+_LARGEST = 1 << 28  # bytes
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ class Copy:
         """Return the copy of a file. Raises InputError when it is not what was copied."""
         path = self.folder / kept.name / place
         try:
-            data = path.read_bytes()
+            data = read_bytes(path, _LARGEST)
         except OSError as error:
             raise InputError(
                 f"{path}: this copy of the run's code cannot be read: {error.strerror}"

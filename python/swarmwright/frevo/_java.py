@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from swarmwright._errors import InputError
+from swarmwright._files import read_bytes
 
 _NULL, _REFERENCE, _CLASS, _OBJECT, _STRING, _ARRAY, _END = 0x70, 0x71, 0x72, 0x73, 0x74, 0x75, 0x78
 _FIRST_HANDLE = 0x7E0000
@@ -125,9 +126,7 @@ def read_field(path: Path) -> dict[str, Any]:
     Raises InputError when the file holds something else.
     """
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; fields are not")
-        read = _Stream(path.read_bytes()).start()
+        read = _Stream(read_bytes(path, _LARGEST)).start()
         return _field(read)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error

@@ -1,6 +1,7 @@
 """XML with line numbers, read so that a file can neither reach out nor blow up.
 
-The files name a DTD; it is not fetched. Entities of a file's own are refused, nothing else needs them.
+The files name a DTD; it is not fetched. What a DTD of a file's own can declare is refused, nothing else needs
+it: entities, which stand for text of any length, and attributes with defaults, which every element then has.
 """
 
 from collections.abc import Iterator
@@ -9,8 +10,10 @@ from pathlib import Path
 from xml.parsers import expat
 
 from swarmwright._errors import InputError
+from swarmwright._files import read_bytes
 
 _LARGEST = 1 << 28  # bytes
+_MOST = 2_000_000  # elements and attributes; some 400 bytes each
 _DEEPEST = 50
 
 
@@ -57,6 +60,8 @@ class _Builder:
     def __init__(self, name: str) -> None:
         self.name = name
         self.open: list[Element] = []
+        self._texts: list[list[str]] = []
+        self._count = 0
         self.root: Element | None = None
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
@@ -65,11 +70,15 @@ class _Builder:
         self.parser.CharacterDataHandler = self._text
         self.parser.EntityDeclHandler = self._entity
         self.parser.SkippedEntityHandler = self._entity
+        self.parser.AttlistDeclHandler = self._declared
         # Without a handler for external entities expat leaves the DTD alone, and skips what that may declare.
         self.parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
+        self._count += 1 + len(attributes)
+        if self._count > _MOST:
+            raise element.error(f"the file has more than {_MOST} elements and attributes")
         if len(self.open) >= _DEEPEST:
             raise element.error(f"nested more than {_DEEPEST} deep")
         if self.open:
@@ -77,12 +86,20 @@ class _Builder:
         else:
             self.root = element
         self.open.append(element)
+        self._texts.append([])
 
     def _end(self, _tag: str) -> None:
-        self.open.pop()
+        self.open.pop().text = "".join(self._texts.pop())
 
     def _text(self, text: str) -> None:
-        self.open[-1].text += text
+        self._texts[-1].append(text)
+
+    def _declared(self, element: str, attribute: str, *_rest: object) -> None:
+        line = self.parser.CurrentLineNumber
+        raise InputError(
+            f"{self.name}:{line}: declares the attribute {attribute} of <{element}> in a DTD; FREVO's files "
+            "declare none"
+        )
 
     def _entity(self, entity: str, *_rest: object) -> None:
         line = self.parser.CurrentLineNumber
@@ -95,9 +112,7 @@ def read(path: Path) -> Element:
     Raises InputError, with file and line, when it cannot be read or is no XML.
     """
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; FREVO's files are not")
-        data = path.read_bytes()
+        data = read_bytes(path, _LARGEST)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
     except OSError as error:

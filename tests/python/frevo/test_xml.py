@@ -1,10 +1,12 @@
 """FREVO's XML is read without reaching out, and without trust."""
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
 
 from swarmwright import InputError
+from swarmwright.frevo import _xml
 from swarmwright.frevo._xml import read
 
 
@@ -35,6 +37,10 @@ def test_a_dtd_is_not_fetched(tmp_path: Path) -> None:
         ('<!DOCTYPE a [<!ENTITY b SYSTEM "/etc/passwd">]><a>&b;</a>', "uses the entity b"),
         ('<!DOCTYPE a [<!ENTITY % b SYSTEM "x">%b;]><a/>', "uses the entity b"),
         ("<a>&b;</a>", "is no XML: undefined entity"),
+        (
+            '<!DOCTYPE a [\n<!ATTLIST b c CDATA "d">]><a><b/></a>',
+            "x.xml:2: declares the attribute c of <b> in a DTD; FREVO's files declare none",
+        ),
         ("<a>" * 60 + "</a>" * 60, "nested more than 50 deep"),
         ('<?xml version="1.0" encoding="x-unheard-of"?><a/>', "x.xml:1: is no XML: unknown encoding"),
     ],
@@ -52,4 +58,31 @@ def test_an_undefined_entity_beside_a_dtd_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     path.write_text('<!DOCTYPE a SYSTEM "x.dtd">\n<a>\n1&b;2</a>')
     with pytest.raises(InputError, match=r"x\.xml:3: .*entity b"):
+        read(path)
+
+
+def test_defaults_of_a_dtd_do_not_multiply(tmp_path: Path) -> None:
+    path = tmp_path / "x.zse"
+    defaults = " ".join(f'a{i} CDATA "{"x" * 1000}"' for i in range(100))
+    path.write_text(f"<!DOCTYPE a [<!ATTLIST b {defaults}>]><a>{'<b/>' * 100_000}</a>")
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="declares the attribute a0"):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 20 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_elements_are_counted_and_text_is_put_together_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.xml"
+    path.write_text("<a>" + "b&lt;\n" * 100_000 + "</a>")
+    assert read(path).text == "b<\n" * 100_000
+    monkeypatch.setattr(_xml, "_MOST", 100)
+    path.write_text("<a>" + "<b/>" * 99 + "</a>")
+    assert len(read(path).children) == 99
+    path.write_text('<a c="d">' + "<b/>" * 99 + "</a>")
+    with pytest.raises(InputError, match="more than 100 elements and attributes"):
         read(path)
