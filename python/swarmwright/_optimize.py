@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from swarmwright import _edited
 from swarmwright._backend import Backend, Progress, Servers, open_backend
@@ -115,7 +115,7 @@ def optimize(
             remove_run(folder)
         raise
     except RunError as error:
-        raise _how_to_go_on(error, folder) from error
+        _fail(error, folder)
     return _finished(folder)
 
 
@@ -187,7 +187,7 @@ def resume(
     except KeyboardInterrupt:
         raise InterruptedWithResults(folder) from None
     except RunError as error:
-        raise _how_to_go_on(error, folder) from error
+        _fail(error, folder)
     return _finished(folder)
 
 
@@ -242,19 +242,27 @@ def _holds_results(folder: Path) -> bool:
     return False
 
 
-def _how_to_go_on(error: RunError, folder: Path | None) -> RunError:
-    """Return the error with what is kept of the run, and how it goes on."""
+def _fail(error: RunError, folder: Path | None) -> NoReturn:
+    """Raise the error, with how the run goes on where anything of it is kept."""
+    hint = _how_to_go_on(error, folder)
+    if hint is None:
+        raise error
+    raise RunError(f"{error}; {hint}") from error
+
+
+def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
+    """Return what is kept of a run that failed, and how it goes on."""
     if folder is None or not is_run(folder):
-        return error
+        return None
     done = 0
     with suppress(InputError):
         done = len(StoreReader(folder).history())
     if done:
         kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
-        return RunError(f"{error}; {kept} `swarmwright resume {folder}` goes on from there")
+        return f"{kept} `swarmwright resume {folder}` goes on from there"
     if isinstance(error.__cause__, sqlite3.Error | OSError):
-        return RunError(f"{error}; no generation was finished: `swarmwright resume {folder}` begins again")
-    return error
+        return f"no generation was finished: `swarmwright resume {folder}` begins again"
+    return None
 
 
 def _run(

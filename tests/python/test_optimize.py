@@ -101,6 +101,19 @@ def test_interrupted_before_the_first_generation_it_leaves_nothing(tmp_path: Pat
     assert not (tmp_path / "run").exists()
 
 
+def test_a_failure_before_the_first_generation_is_told_as_it_is(tmp_path: Path) -> None:
+    """It is not its own cause: whoever looks for what it came of would look for ever."""
+    failure = RunError("no server can do this work")
+
+    def fail(*_: object) -> None:
+        raise failure
+
+    with pytest.raises(RunError) as caught:
+        optimize(small(), on_progress=fail, servers="local", out=tmp_path / "run")
+    assert caught.value is failure
+    assert caught.value.__cause__ is None
+
+
 def test_a_target_ends_it(tmp_path: Path) -> None:
     experiment = small(method={"population": 12, "generations": 3, "target": -1000.0})
     assert optimize(experiment, servers="local", out=tmp_path / "run").generations == 1
