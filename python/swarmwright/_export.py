@@ -16,7 +16,10 @@ FORMATS = (".csv", ".parquet")
 
 
 def write_table(store: StoreReader, path: Path) -> None:
-    """Write a store's record to a file of one of the formats. Raises InputError when that is not possible."""
+    """Write a store's record to a file of one of the formats.
+
+    Raises InputError when that is not possible, or the store is damaged; then no file is left.
+    """
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise InputError(f"{path}: tables end with {' or '.join(FORMATS)}")
@@ -28,6 +31,10 @@ def write_table(store: StoreReader, path: Path) -> None:
                 file.writelines(csv_lines(store))
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    except InputError:
+        if path.is_file():  # and no pipe
+            path.unlink()  # half a record would look like one
+        raise
 
 
 def csv_lines(store: StoreReader) -> Iterator[str]:

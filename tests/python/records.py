@@ -1,6 +1,10 @@
 """A small run to look at, and comparing what runs left behind."""
 
+import sqlite3
+from pathlib import Path
+
 from swarmwright import Experiment, Run
+from swarmwright._store import FILE
 
 EXPERIMENT = Experiment.from_mapping(
     {
@@ -18,3 +22,13 @@ def same_record(run: Run, expected: Run) -> None:
     assert run.digest == expected.digest
     assert run.history == expected.history
     assert (run.path / "best.json").read_bytes() == (expected.path / "best.json").read_bytes()
+
+
+def without_digests(folder: Path) -> None:
+    """Make of a run what versions before there were digests have written."""
+    store = sqlite3.connect(folder / FILE)
+    with store:
+        store.execute("DELETE FROM fact WHERE name = 'digest'")
+        for column in ("digest", "evaluations_digest"):
+            store.execute(f"ALTER TABLE generation DROP COLUMN {column}")
+    store.close()

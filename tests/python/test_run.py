@@ -12,7 +12,7 @@ from pyarrow import parquet
 from swarmwright import Experiment, InputError, Run, optimize, repeat
 from swarmwright._folders import default_folder
 from swarmwright._statistics import quantile
-from tests.python.records import EXPERIMENT
+from tests.python.records import EXPERIMENT, without_digests
 
 
 def test_all_files_are_there(finished: Run) -> None:
@@ -163,6 +163,7 @@ def test_any_evaluation_can_be_repeated(finished: Run, copy: Path) -> None:
         again = repeat(finished, number, servers=1)
         assert again.same
         assert again.recorded.tolist() == again.repeated.tolist() == finished.record.episodes[number].tolist()
+    without_digests(copy)
     with sqlite3.connect(copy / "run.sqlite") as store:
         store.execute("UPDATE evaluation SET episodes = zeroblob(16) WHERE number = 17")
     store.close()

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from swarmwright._errors import InputError, RunError
+from swarmwright._store import _digest
 
 FILE = "run.sqlite"
 """Name of the store in a run folder."""
@@ -20,7 +21,8 @@ CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE generation (
     generation INTEGER PRIMARY KEY, first INTEGER NOT NULL, seeds TEXT NOT NULL, evaluations INTEGER NOT NULL,
     best REAL, mean REAL, best_so_far REAL, lower_quartile REAL, median REAL, upper_quartile REAL,
-    failed INTEGER NOT NULL, leader INTEGER NOT NULL, session INTEGER NOT NULL, seconds REAL NOT NULL);
+    failed INTEGER NOT NULL, leader INTEGER NOT NULL, session INTEGER NOT NULL, seconds REAL NOT NULL,
+    evaluations_digest TEXT, digest TEXT);
 CREATE TABLE evaluation (
     number INTEGER PRIMARY KEY, generation INTEGER NOT NULL, candidate INTEGER NOT NULL, fitness REAL,
     episodes BLOB NOT NULL, metrics BLOB NOT NULL, genome BLOB NOT NULL);
@@ -36,7 +38,12 @@ CREATE TABLE attempt (
 CREATE TABLE event (
     session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
 """
-_LATER = (("attempt", "stack", "TEXT"), ("session", "code", "INTEGER"))
+_LATER = (
+    ("attempt", "stack", "TEXT"),
+    ("session", "code", "INTEGER"),
+    ("generation", "evaluations_digest", "TEXT"),
+    ("generation", "digest", "TEXT"),
+)
 """Columns that stores of this format may lack: table, column, type."""
 
 
@@ -57,6 +64,7 @@ def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
                 f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT};{_TABLES}"
             )
             connection.executemany("INSERT INTO fact VALUES (?, ?)", facts.items())
+            seal_facts(connection)
             connection.execute("COMMIT")
         finally:
             connection.close()
@@ -91,6 +99,40 @@ def reopen(file: Path) -> sqlite3.Connection:
             connection.close()
             raise
     return connection
+
+
+def seal_facts(connection: sqlite3.Connection) -> None:
+    """Write the digest of the facts, within the transaction that has changed them."""
+    facts = dict(connection.execute("SELECT name, value FROM fact"))
+    connection.execute("INSERT OR REPLACE INTO fact VALUES (?, ?)", (_digest.FACT, _digest.of_facts(facts)))
+
+
+def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
+    """Return the facts of a store, compared with their digest if there is one.
+
+    Raises InputError when they are not what was written.
+    """
+    facts = dict(connection.execute("SELECT name, value FROM fact"))
+    sealed = facts.get(_digest.FACT)
+    if sealed is None and _has_digests(connection):
+        raise InputError(f"{file}: is damaged: the digest of the table fact is missing")
+    if sealed is not None and sealed != _digest.of_facts(facts):
+        raise InputError(
+            f"{file}: is damaged: the table fact, with the experiment, is not what was written: it disagrees "
+            "with its digest"
+        )
+    missing = {"experiment", "metrics", "name", "created"} - facts.keys()
+    if missing:
+        raise InputError(f"{file}: is damaged: {min(missing)} is missing")
+    return facts
+
+
+def _has_digests(connection: sqlite3.Connection) -> bool:
+    columns = {name for _, name, *_ in connection.execute("PRAGMA table_info(generation)")}
+    if "digest" not in columns:
+        return False
+    count = "SELECT count(digest) FROM generation"
+    return bool(connection.execute(count).fetchone()[0])
 
 
 @contextmanager
@@ -191,7 +233,9 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
         sqlite3.SQLITE_READONLY: "may not be written by this user",
         sqlite3.SQLITE_CANTOPEN: "cannot be opened; is the folder there, and may this user write in it?",
         sqlite3.SQLITE_BUSY: "is being used by another program",
-        sqlite3.SQLITE_CORRUPT: f"is damaged: {error}",
+        sqlite3.SQLITE_CORRUPT: (
+            f"is damaged: {error}; what is still good says: swarmwright runs verify {file.parent}"
+        ),
         sqlite3.SQLITE_NOTADB: "is damaged, or no store of a run: it is no SQLite file",
     }
     return reasons.get(code, f"cannot be used: {error}")

@@ -4,9 +4,10 @@ import json
 import math
 import sqlite3
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,12 @@ from numpy.typing import NDArray
 
 from swarmwright._errors import InputError, RunError
 from swarmwright._statistics import Summary
-from swarmwright._store._database import FILE, reading
-from swarmwright._store._rows import Attempt, Evaluated, Event, Session
+from swarmwright._store import _digest
+from swarmwright._store._database import FILE, checked_facts, reading
+from swarmwright._store._generations import Generations, Row
+from swarmwright._store._rows import Attempt, Evaluated, Event, Session, journal_line
 from swarmwright.representations._base import Genome
 
-_CHUNK = 256  # generations' rows are fetched so many evaluations at a time
-_HISTORY = (
-    "SELECT generation, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, failed "
-    "FROM generation ORDER BY generation"
-)
-_EVALUATIONS = (
-    "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation ORDER BY number"
-)
 _LEADER = "SELECT leader FROM generation ORDER BY generation DESC LIMIT 1"
 
 
@@ -92,14 +87,24 @@ class StoreReader:
     def _reading(self) -> AbstractContextManager[sqlite3.Connection]:
         return reading(self.file)
 
+    @contextmanager
+    def _generations(self) -> Iterator[Generations]:
+        digests = _digest.FACT in self._facts
+        with self._reading() as connection:
+            yield Generations(connection, self.file, digests=digests)
+
     @cached_property
     def _facts(self) -> dict[str, str]:
+        return self._facts_now()
+
+    def _facts_now(self) -> dict[str, str]:
         with self._reading() as connection:
-            facts = dict(connection.execute("SELECT name, value FROM fact"))
-        missing = {"experiment", "metrics", "name", "created"} - facts.keys()
-        if missing:
-            raise InputError(f"{self.file}: is damaged: {min(missing)} is missing")
-        return facts
+            return checked_facts(connection, self.file)
+
+    @property
+    def has_digests(self) -> bool:
+        """Whether what it holds can be compared with digests: not what versions before them have written."""
+        return _digest.FACT in self._facts
 
     @property
     def created(self) -> str:
@@ -119,9 +124,7 @@ class StoreReader:
 
     def experiment(self) -> dict[str, Any]:
         """Return the experiment as plain values."""
-        with self._reading() as connection:
-            (text,) = connection.execute("SELECT value FROM fact WHERE name = 'experiment'").fetchone()
-        values: dict[str, Any] = self._parsed(text)
+        values: dict[str, Any] = self._parsed(self._facts_now()["experiment"])
         return values
 
     def _parsed(self, text: str) -> Any:  # noqa: ANN401 - JSON
@@ -132,153 +135,134 @@ class StoreReader:
 
     def history(self) -> list[Summary]:
         """Return the figures of each finished generation."""
-        with self._reading() as connection:
-            return [_summary(row) for row in connection.execute(_HISTORY)]
+        with self._generations() as generations:
+            return [row.summary for row in generations.rows()]
 
     def generations(self) -> Iterator[Evaluated]:
         """Yield the generations in order, one in memory at a time."""
-        for index, summary in enumerate(self.history()):
-            if summary.generation != index:
-                raise InputError(f"{self.file}: is damaged: generation {index} is missing")
-            yield self._evaluated(summary)
+        with self._generations() as generations:
+            rows = generations.rows()
+        for row in rows:
+            yield self._evaluated(row)
 
-    def _evaluated(self, summary: Summary) -> Evaluated:
-        with self._reading() as connection:
-            first, leader, seeds = connection.execute(
-                "SELECT first, leader, seeds FROM generation WHERE generation = ?", (summary.generation,)
-            ).fetchone()
-            rows = connection.execute(
-                "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation "
-                "WHERE number BETWEEN ? AND ? ORDER BY number",
-                (first, summary.evaluations - 1),
-            ).fetchall()
-            first, leader = int(first), int(leader)
-        if len(rows) != summary.evaluations - first:
-            missing = summary.evaluations - first - len(rows)
-            raise InputError(
-                f"{self.file}: is damaged: {missing} evaluations of generation {summary.generation} "
-                "are missing"
-            )
-        record = self._record(rows)
+    def _evaluated(self, row: Row) -> Evaluated:
+        with self._generations() as generations:
+            record = self._record(list(chain.from_iterable(generations.evaluations(row))))
         return Evaluated(
-            generation=summary.generation,
-            seeds=self._parsed(seeds),
+            generation=row.generation,
+            seeds=self._parsed(row.seeds),
             genomes=record.genomes,
             episodes=record.episodes,
             metrics=record.metrics,
             fitness=record.fitness,
-            summary=summary,
-            leader=leader,
+            summary=row.summary,
+            leader=row.leader,
         )
 
     def one_generation(self, generation: int) -> Iterator[Evaluated]:
         """Yield a generation, if it is there."""
-        for summary in self.history():
-            if summary.generation == generation:
-                yield self._evaluated(summary)
+        with self._generations() as generations:
+            row = generations.row(generation)
+        if row is not None:
+            yield self._evaluated(row)
 
     def used_seeds(self) -> set[int]:
         """Return every simulation seed of the finished generations."""
-        with self._reading() as connection:
-            rows = connection.execute("SELECT DISTINCT seeds FROM generation").fetchall()
-        return {seed for (text,) in rows for seed in self._parsed(text)}
+        with self._generations() as generations:
+            texts = {row.seeds for row in generations.rows()}
+        return {seed for text in texts for seed in self._parsed(text)}
 
     def ended(self) -> str:
         """Return what ended a run that is done; empty where that was not written."""
-        with self._reading() as connection:
-            row = connection.execute("SELECT value FROM fact WHERE name = 'ended'").fetchone()
-        return "" if row is None else str(row[0])
+        return self._facts_now().get("ended", "")
 
     def unseen(self) -> dict[str, Any] | None:
         """Return how the best did on seeds that the run did not use; None when that was not evaluated."""
-        with self._reading() as connection:
-            row = connection.execute("SELECT value FROM fact WHERE name = 'unseen'").fetchone()
-        return None if row is None else self._parsed(row[0])
+        text = self._facts_now().get("unseen")
+        return None if text is None else self._parsed(text)
 
     def record(self) -> Record:
         """Return every evaluation of the finished generations."""
-        with self._reading() as connection:
-            rows = connection.execute(_EVALUATIONS).fetchall()
-        return self._record(rows)
+        with self._generations() as generations:
+            parts = [part for row in generations.rows() for part in generations.evaluations(row)]
+        return self._record(list(chain.from_iterable(parts)))
 
     def rows(self) -> Iterator[Record]:
-        """Yield every evaluation, some hundred at a time, so that memory stays flat."""
-        with self._reading() as connection:
-            cursor = connection.execute(_EVALUATIONS)
-            while rows := cursor.fetchmany(_CHUNK):
-                yield self._record(rows)
+        """Yield every evaluation, some hundred at a time, so that memory stays flat.
+
+        None of a generation is yielded before all of it has been compared with its digest.
+        """
+        with self._generations() as generations:
+            for row in generations.rows():
+                for part in generations.checked_evaluations(row):
+                    yield self._record(part)
 
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
-        with self._reading() as connection:
-            seeds: list[int] = self._parsed(self._generation(connection, generation)[0])
+        with self._generations() as generations:
+            seeds: list[int] = self._parsed(self._row(generations, generation).seeds)
         return seeds
 
     def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
         """Return one evaluation; what None means, `Run.evaluation` says."""
-        with self._reading() as connection:
-            number = self._number(connection, candidate, generation)
-            row = connection.execute(
-                "SELECT generation, candidate, fitness, episodes, metrics, genome FROM evaluation "
-                "WHERE number = ?",
-                (number,),
-            ).fetchone()
-            if row is None:
-                (count,) = connection.execute("SELECT count(*) FROM evaluation").fetchone()
-                there = _range(count, "evaluation")
-                raise InputError(f"{self._folder}: holds {there}, not {number}")
-            seeds = self._parsed(self._generation(connection, row[0])[0])
-        one = self._record([row])
+        with self._generations() as generations:
+            row, number = self._place(generations, candidate, generation)
+            rows = list(chain.from_iterable(generations.evaluations(row)))
+        if number is None:
+            # NULL, of a failed evaluation, comes last.
+            number = max(rows, key=lambda one: (one[3] is not None, one[3] or 0.0, -one[0]))[0]
+        one = self._record([rows[number - row.first]])
         return Evaluation(
             number,
             int(one.generation[0]),
             int(one.candidate[0]),
             float(one.fitness[0]),
-            seeds,
+            self._parsed(row.seeds),
             one.episodes[0],
             one.metrics[0],
             one.genomes[0],
         )
 
-    def _number(self, connection: sqlite3.Connection, candidate: int | None, generation: int | None) -> int:
-        """Return the number, in the whole run, of the evaluation that is meant."""
+    def _place(
+        self, generations: Generations, candidate: int | None, generation: int | None
+    ) -> tuple[Row, int | None]:
+        """Return the generation of the evaluation that is meant, and its number; None for the best there."""
         if generation is None:
-            if candidate is not None:
-                return candidate
-            leader = connection.execute(_LEADER).fetchone()
-            if leader is None:
-                raise RunError(nothing(self._folder))
-            return int(leader[0])
-        _, first, count = self._generation(connection, generation)
+            if candidate is None:
+                last = generations.last()
+                if last is None:
+                    raise RunError(nothing(self._folder))
+                candidate = last.leader
+            row = generations.of_evaluation(candidate)
+            if row is None:
+                last = generations.last()
+                there = _range(0 if last is None else last.summary.evaluations, "evaluation")
+                raise InputError(f"{self._folder}: holds {there}, not {candidate}")
+            return row, candidate
+        row = self._row(generations, generation)
         if candidate is None:
-            # NULL, of a failed evaluation, comes last.
-            (number,) = connection.execute(
-                "SELECT number FROM evaluation WHERE number >= ? AND number < ? "
-                "ORDER BY fitness DESC, number LIMIT 1",
-                (first, first + count),
-            ).fetchone() or (first,)
-            return int(number)
-        if not 0 <= candidate < count:
-            there = _range(count, "candidate")
+            return row, None
+        if not 0 <= candidate < row.count:
+            there = _range(row.count, "candidate")
             raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
-        return first + candidate
+        return row, row.first + candidate
 
-    def _generation(self, connection: sqlite3.Connection, generation: int) -> tuple[str, int, int]:
-        """Return seeds, number of the first evaluation, and number of evaluations of a generation."""
-        row = connection.execute(
-            "SELECT seeds, first, evaluations - first FROM generation WHERE generation = ?", (generation,)
-        ).fetchone()
+    def _row(self, generations: Generations, generation: int) -> Row:
+        """Return a generation. Raises InputError without that one."""
+        row = generations.row(generation)
         if row is None:
-            (count,) = connection.execute("SELECT count(*) FROM generation").fetchone()
-            there = _range(count, "generation")
+            last = generations.last()
+            there = _range(0 if last is None else last.generation + 1, "generation")
             raise InputError(f"{self._folder}: holds {there}, not {generation}")
-        seeds, first, count = row
-        return seeds, first, count
+        return row
 
     def best(self) -> Best | None:
         """Return the best evaluation; None when there is none."""
-        with self._reading() as connection:
-            return best_of(connection)
+        with self._generations() as generations:
+            if generations.last() is None:
+                return None
+        one = self.evaluation(None, None)
+        return Best(one.fitness, one.generation, one.candidate, one.genome)
 
     def sessions(self) -> list[Session]:
         """Return who worked on the run, in order."""
@@ -288,14 +272,13 @@ class StoreReader:
             )
             cursor = connection.execute("SELECT * FROM session ORDER BY session")
             names = [column[0] for column in cursor.description]
-            rows = cursor.fetchall()
-        sessions = []
-        for row in rows:
-            values = dict(zip(names, row, strict=True))
-            values["versions"] = self._parsed(values["versions"])
-            if values["seconds"] is None:  # killed: known up to its last generation
-                values["seconds"] = reached.get(values["session"])
-            sessions.append(Session(**values))
+            sessions = []
+            for row in cursor:
+                values = dict(zip(names, row, strict=True))
+                values["versions"] = self._parsed(values["versions"])
+                if values["seconds"] is None:  # killed: known up to its last generation
+                    values["seconds"] = reached.get(values["session"])
+                sessions.append(journal_line(Session, values))
         return sessions
 
     def session_of(self, generation: int) -> int:
@@ -304,16 +287,15 @@ class StoreReader:
             row = connection.execute(
                 "SELECT session FROM generation WHERE generation = ?", (generation,)
             ).fetchone()
-            if row is None:
-                self._generation(connection, generation)  # says which there are
-                raise AssertionError
+        if row is None:
+            self.seeds(generation)  # says which there are
+            raise AssertionError
         return int(row[0])
 
     def code(self) -> dict[int, str]:
         """Return the SHA-256 of each version of the source that was copied, from 1 on."""
-        with self._reading() as connection:
-            rows = connection.execute("SELECT name, value FROM fact WHERE name GLOB 'code.[0-9]*'").fetchall()
-        return {int(name.partition(".")[2]): digest for name, digest in sorted(rows)}
+        numbered = {name.partition(".")[2]: digest for name, digest in self._facts_now().items()}
+        return {int(number): digest for number, digest in sorted(numbered.items()) if number.isdecimal()}
 
     def attempts(self) -> Iterator[Attempt]:
         """Yield every attempt at evaluations, in the order in which they ended."""
@@ -328,12 +310,12 @@ class StoreReader:
             cursor = connection.execute(f"SELECT * FROM {table} ORDER BY rowid")  # noqa: S608 - our own names
             names = [column[0] for column in cursor.description]
             for row in cursor:
-                yield kind(**dict(zip(names, row, strict=True)))
+                yield journal_line(kind, dict(zip(names, row, strict=True)))
 
     def _record(self, rows: list[tuple[Any, ...]]) -> Record:
         count, metrics = len(rows), len(self.metrics)
         try:
-            columns = list(zip(*rows, strict=True)) if rows else [()] * 6
+            columns = list(zip(*rows, strict=True))[1:] if rows else [()] * 6
             episodes = _numbers(columns[3], "<f8", count)
             return Record(
                 np.array(columns[0], dtype=np.int64),
@@ -373,21 +355,3 @@ def _numbers(blobs: tuple[bytes, ...], kind: str, count: int) -> NDArray[Any]:
     values = np.frombuffer(b"".join(blobs), dtype=kind)
     # Without rows, the width is not known and does not matter.
     return values.astype(kind[1:]).reshape(count, -1 if count else 0)
-
-
-def _summary(row: tuple[Any, ...]) -> Summary:
-    generation, evaluations, *figures, failed = row
-    best, mean, best_so_far, lower, median, upper = (
-        math.nan if value is None else float(value) for value in figures
-    )
-    return Summary(
-        generation=int(generation),
-        evaluations=int(evaluations),
-        best=best,
-        mean=mean,
-        best_so_far=best_so_far,
-        lower_quartile=lower,
-        median=median,
-        upper_quartile=upper,
-        failed=int(failed),
-    )

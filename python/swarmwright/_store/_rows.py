@@ -1,6 +1,8 @@
 """What stands in the tables of a store."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import UnionType
 from typing import Any
 
 import numpy as np
@@ -92,6 +94,19 @@ class Event:
     """ISO 8601, UTC."""
     kind: str
     text: str
+
+
+def journal_line(kind: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of the kinds above
+    """Return a line of the journal. Raises TypeError for values that none was written with: it is damaged."""
+    for field in fields(kind):
+        value = values.get(field.name)
+        if (
+            field.name in values
+            and isinstance(field.type, type | UnionType)
+            and not isinstance(value, field.type)
+        ):
+            raise TypeError(f"{kind.__name__.lower()}: {field.name} is {value!r}")
+    return kind(**values)
 
 
 def attempt_row(session: int, generation: int, entry: dict[str, Any]) -> tuple[Any, ...]:

@@ -24,8 +24,19 @@ from swarmwright._code._part import Part
 from swarmwright._errors import InputError, RunError
 from swarmwright._experiment import Experiment
 from swarmwright._files import write_text
-from swarmwright._store._database import FILE, NEW, code_of, create, errors, reopen, transaction
+from swarmwright._store import _digest
+from swarmwright._store._database import (
+    FILE,
+    NEW,
+    code_of,
+    create,
+    errors,
+    reopen,
+    seal_facts,
+    transaction,
+)
 from swarmwright._store._folder import EXPERIMENT, check_folder, without_store
+from swarmwright._store._generations import Row, add_digests, digest_before
 from swarmwright._store._lock import Lock
 from swarmwright._store._reader import StoreReader, best_of
 from swarmwright._store._rows import Evaluated, attempt_row
@@ -34,7 +45,7 @@ from swarmwright.adapters._name import is_adapted
 from swarmwright.representations import Representation
 
 _EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
-_GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 
@@ -130,6 +141,7 @@ class StoreWriter:
             self._connection.execute(
                 "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)
             )
+            self._seal()
         write_text(self.folder / EXPERIMENT, dump(values))
 
     def keep_code(self, version: int, code: Sequence[Part]) -> Copy:
@@ -143,6 +155,7 @@ class StoreWriter:
             self._connection.execute(
                 "INSERT OR REPLACE INTO fact VALUES (?, ?)", (f"{CODE}.{version}", copy.digest)
             )
+            self._seal()
         return copy
 
     def begin(
@@ -177,15 +190,17 @@ class StoreWriter:
         """
         summary, number = evaluated.summary, evaluated.generation
         first = summary.evaluations - len(evaluated.genomes)
+        seeds, total = json.dumps(evaluated.seeds), _digest.EvaluationsDigest()
         with self._writing():
             self._note(number, journal)
-            self._connection.executemany(_EVALUATION, _evaluations(evaluated, first))
+            self._connection.executemany(_EVALUATION, total.taking(_evaluations(evaluated, first)))
+            row = Row(number, first, seeds, summary, evaluated.leader, total.hexdigest(), None)
             self._connection.execute(
                 _GENERATION,
                 (
                     number,
                     first,
-                    json.dumps(evaluated.seeds),
+                    seeds,
                     summary.evaluations,
                     *(summary.best, summary.mean, summary.best_so_far),
                     *(summary.lower_quartile, summary.median, summary.upper_quartile),
@@ -193,8 +208,17 @@ class StoreWriter:
                     evaluated.leader,
                     self._session,
                     time.monotonic() - self._started,
+                    row.evaluations_digest,
+                    row.digest_after(digest_before(self._connection, number)),
                 ),
             )
+
+    def add_digests(self) -> None:
+        """Write digests of what a version before there were any has stored; nothing where they are there."""
+        if not StoreReader(self.folder).has_digests:
+            with self._writing():
+                add_digests(self._connection, self.file)
+                seal_facts(self._connection)
 
     def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
         """Write how evaluations went that do not count: those of a generation that was broken off."""
@@ -239,11 +263,19 @@ class StoreWriter:
         text = json.dumps(dict(values), allow_nan=False)
         with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
+            self._seal()
 
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
         with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
+            self._seal()
+
+    def _seal(self) -> None:
+        """Write the digest of the facts anew, unless this is a store without digests."""
+        there = "SELECT count(*) FROM fact WHERE name = ?"
+        if self._connection.execute(there, (_digest.FACT,)).fetchone()[0]:
+            seal_facts(self._connection)
 
     def conclude(self, outcome: str) -> None:
         """Say how this session ended: done, interrupted, stopped, or why it failed."""

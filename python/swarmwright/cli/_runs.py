@@ -12,7 +12,10 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._unseen import unseen_facts, unseen_words
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from swarmwright import Run
+    from swarmwright._store._verify import Verified
 
 _WARNINGS = 10  # shown at most
 
@@ -38,7 +41,10 @@ def facts_of(run: "Run") -> dict[str, Any]:
 
 def local_time(stamp: str) -> str:
     """Return a time in UTC, ISO 8601, as the clock here shows it: 2026-01-31 14:05:09."""
-    return datetime.fromisoformat(stamp).astimezone().isoformat(sep=" ", timespec="seconds")[:19]
+    try:
+        return datetime.fromisoformat(stamp).astimezone().isoformat(sep=" ", timespec="seconds")[:19]
+    except (ValueError, OverflowError):  # the journal has no digest: a time that is damaged is shown as it is
+        return stamp
 
 
 def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
@@ -183,3 +189,39 @@ def _servers(run: "Run") -> list[dict[str, Any]]:
         }
         for server in sorted(seconds)
     ]
+
+
+def verified_line(output: Output, run: "Path", found: "Verified") -> None:
+    """Print whether a run is what was written."""
+    good = _numbers(found.good)
+    output.json(
+        {
+            "run": str(run),
+            "ok": not found.problems,
+            "digests": found.digests,
+            "problems": [vars(problem) for problem in found.problems],
+            "good_generations": found.good,
+            "evaluations": found.evaluations,
+        }
+    )
+    if not found.problems:
+        whole = f"{len(found.good)} generations, {found.evaluations} evaluations"
+        none = "" if found.digests else "; it has no digests, so that only its structure could be looked at"
+        output.text(f"{run}: {'ok' if found.digests else 'nothing found'}, {whole}{none}")
+        return
+    for problem in found.problems:
+        several = "s" if len(problem.generations) > 1 else ""
+        where = f"generation{several} {_numbers(problem.generations)}: " if problem.generations else ""
+        output.text(f"{run}: damaged: {where}{problem.what}")
+    output.text(f"{run}: {f'good are the generations {good}' if good else 'no generation is good'}")
+
+
+def _numbers(numbers: list[int]) -> str:
+    """Return numbers in order, those in a row as one: 0 to 4, 6."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and parts[-1][-1] == number - 1:
+            parts[-1][1:] = [number]
+        else:
+            parts.append([number])
+    return ", ".join(" to ".join(map(str, part)) for part in parts)

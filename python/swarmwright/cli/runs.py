@@ -14,7 +14,7 @@ from swarmwright.cli._runs import describe, facts_of, list_table
     "runs", cls=Group, modules={}, example="swarmwright runs list\nswarmwright runs show runs/minisim-1"
 )
 def command() -> None:
-    """List, show, compare, export and delete runs."""
+    """List, show, compare, export, verify and delete runs."""
 
 
 @command.command("list", cls=Command, example="swarmwright runs list\nswarmwright runs list results --json")
@@ -127,6 +127,33 @@ def export(run: Path, file: Path, as_json: bool) -> None:
     output = Output(as_json=as_json)
     output.text(f"The record is in {file}")
     output.json({"run": str(run), "file": str(file)})
+
+
+@command.command(
+    "verify",
+    cls=Command,
+    example="swarmwright runs verify runs/minisim-1\nswarmwright runs verify runs/* --json",
+)
+@click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
+@json_option
+def verify(runs: tuple[Path, ...], as_json: bool) -> int:
+    """Say of each RUN whether everything in it is what was written, by its SHA-256.
+
+    Where something is damaged, it is named with its generation and table, and which generations are good; the
+    exit status is then 1. Runs of versions before there were digests are looked through as far as that goes
+    without them. Files beside runs, which a pattern such as results/* names as well, are left out.
+    """
+    from swarmwright._store._verify import verify as verified
+    from swarmwright.cli._comparison import run_folders
+    from swarmwright.cli._runs import verified_line
+
+    output = Output(as_json=as_json)
+    damaged = False
+    for run in run_folders(runs):
+        found = verified(run)
+        damaged = damaged or bool(found.problems)
+        verified_line(output, run, found)
+    return 1 if damaged else 0
 
 
 @command.command("delete", cls=Command, example="swarmwright runs delete runs/minisim-1 --yes")

@@ -14,8 +14,9 @@ from swarmwright import Experiment, InputError, Run, evaluate, optimize, repeat,
 from swarmwright._own._names import files
 from swarmwright._results.replay import Replay
 from swarmwright._run_code import remarks
+from swarmwright._store._verify import verify
 from tests.python.code.conftest import edit
-from tests.python.records import same_record
+from tests.python.records import same_record, without_digests
 
 FACTOR = ("return -self", "return -100 * self")
 COPY = "code/1/simulation"
@@ -33,6 +34,15 @@ def test_a_copy_of_the_source_is_kept(run: Run, project: Path) -> None:
     assert [one.code for one in run.sessions] == [1]
     assert list(run.code) == [1]
     assert remarks(run) == []
+
+
+def test_runs_verify_finds_an_edited_copy(run: Run) -> None:
+    assert verify(run.path).problems == []
+    edit(run.path / COPY / "gather.py", *FACTOR)
+    (problem,) = verify(run.path).problems
+    assert "gather.py: was edited" in problem.what
+    shutil.rmtree(run.path / "code")
+    assert verify(run.path).problems == [], "the store is whole without it"
 
 
 @pytest.mark.parametrize("name", ["gather.py", "helper.py"])
@@ -241,6 +251,7 @@ def older(run: Run, project: Path) -> Path:
             ("code/1/simulation/gather.py", str(project / "gather.py")),
         )
     store.close()
+    without_digests(run.path)
     return run.path
 
 

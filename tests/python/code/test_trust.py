@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, Run, _trust, optimize, post_evaluate, repeat, resume, simulate
 from swarmwright._code._allowed import require_named
+from swarmwright._store._database import seal_facts
 from swarmwright._trust import digest_of
 from tests.conftest import PROGRAM, environment
 from tests.python.code.conftest import EXPERIMENT, GATHER
@@ -151,6 +152,7 @@ def test_modules_and_files_beside_it(
         (kept,) = store.execute("SELECT value FROM fact WHERE name = 'experiment'").fetchone()
         values = json.loads(kept) | {"simulation": named}
         store.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values),))
+        seal_facts(store)  # whoever writes a store can write its digests
     Path("run/experiment.yaml").unlink()
     for use in ("repeat", "resume"):
         with pytest.raises(InputError, match="so it is not executed"):

@@ -1,0 +1,82 @@
+"""SHA-256 of what a store holds, by which damage is noticed.
+
+docs/reference/run-folder.md says of which bytes. They stand in the store itself, and so protect against what
+disks and copies do to files, not against people.
+"""
+
+import hashlib
+import json
+import math
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
+from typing import Any
+
+FACT = "digest"
+"""Name of the fact that holds the digest of all others; only stores with digests have it."""
+_EVALUATION = struct.Struct("<3qd3q")
+_GENERATION = struct.Struct("<5q6d")
+_CHUNK = 256  # rows at a time
+
+WRONG_TYPES = (struct.error, TypeError, OverflowError)
+"""What the functions here raise for values that no store was given."""
+
+
+def of_facts(facts: Mapping[str, str]) -> str:
+    """Return the digest of all facts but itself."""
+    others = sorted([name, value] for name, value in facts.items() if name != FACT)
+    return hashlib.sha256(json.dumps(others).encode()).hexdigest()
+
+
+class EvaluationsDigest:
+    """Of the evaluations of a generation, in order."""
+
+    def __init__(self) -> None:
+        self._sum = hashlib.sha256()
+
+    def add(self, rows: Iterable[tuple[Any, ...]]) -> None:
+        """Take in rows: number, generation, candidate, fitness (or None), episodes, metrics and genome."""
+        pieces: list[bytes] = []
+        for number, generation, candidate, fitness, episodes, metrics, genome in rows:
+            sizes = len(episodes), len(metrics), len(genome)
+            pieces += (
+                _EVALUATION.pack(number, generation, candidate, _number(fitness), *sizes),
+                episodes,
+                metrics,
+                genome,
+            )
+        self._sum.update(b"".join(pieces))
+
+    def taking(self, rows: Iterable[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
+        """Yield rows that are taken in on their way."""
+        source = iter(rows)
+        while part := list(islice(source, _CHUNK)):
+            self.add(part)
+            yield from part
+
+    def hexdigest(self) -> str:
+        """Return the digest of all that was taken in."""
+        return self._sum.hexdigest()
+
+
+def of_generation(
+    previous: str, whole: tuple[int, ...], figures: Iterable[float | None], seeds: str, evaluations: str
+) -> str:
+    """Return the digest of a generation, and so of all before it.
+
+    Args:
+        previous: digest of the generation before; empty for the first.
+        whole: generation, first, evaluations, failed, leader, as in the table.
+        figures: best, mean, best_so_far, lower_quartile, median, upper_quartile.
+        seeds: JSON, as in the table.
+        evaluations: digest of its evaluations.
+    """
+    numbers = _GENERATION.pack(*whole, *(_number(figure) for figure in figures))
+    return hashlib.sha256(
+        b"".join((previous.encode(), numbers, seeds.encode(), evaluations.encode()))
+    ).hexdigest()
+
+
+def _number(value: float | None) -> float:
+    # SQLite keeps neither NaN nor the sign of zero.
+    return math.nan if value is None or value != value else value + 0.0
