@@ -20,8 +20,16 @@ final class Guard {
     /** What the simulation threw, with the frames of its code; null if it threw nothing. */
     final String stack;
 
+    /** Whether it would be so another time, too, whoever computes it with this server. */
+    final boolean invalid;
+
     Broken(String reason) {
+      this(reason, false);
+    }
+
+    Broken(String reason, boolean invalid) {
       super(reason, null, false, false);
+      this.invalid = invalid;
       stack = null;
     }
 
@@ -31,6 +39,7 @@ final class Guard {
           null,
           false,
           false);
+      invalid = false;
       stack = shortened(describe(cause), MOST_STACK);
     }
   }

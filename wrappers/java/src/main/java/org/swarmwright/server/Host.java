@@ -251,7 +251,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
 
   @Override
   public void publish(Topic topic, byte[] payload) {
-    link.publish(topics.name(topic), payload);
+    link.publish("a " + topic.text() + " message", topics.name(topic), payload);
   }
 
   @Override

@@ -6,6 +6,7 @@ import java.util.List;
 import java.util.logging.Level;
 import java.util.logging.Logger;
 import org.eclipse.paho.mqttv5.client.IMqttToken;
+import org.eclipse.paho.mqttv5.client.MqttActionListener;
 import org.eclipse.paho.mqttv5.client.MqttAsyncClient;
 import org.eclipse.paho.mqttv5.client.MqttCallback;
 import org.eclipse.paho.mqttv5.client.MqttConnectionOptions;
@@ -27,8 +28,14 @@ final class Link {
   /** For how long the broker keeps the news that a server was lost, seconds. */
   private static final long LOST_EXPIRY = 3600;
 
+  /** Bytes of a packet beside topic, payload and properties: type, lengths of all of these. */
+  private static final int HEADER = 8;
+
+  /** Bytes of an answer's properties, content type and correlation data. */
+  private static final int ANSWER_PROPERTIES = 33;
+
   private final BrokerAddress address;
-  private final MqttAsyncClient client;
+  private final Client client;
   private final List<MqttSubscription> subscriptions;
   private final Listener listener;
 
@@ -75,7 +82,7 @@ final class Link {
     options.setWill(willTopic, new MqttMessage(will, 1, true, expiry));
     options.setWillMessageProperties(expiry);
     try {
-      client = new MqttAsyncClient(address.uri(), name, new MemoryPersistence());
+      client = new Client(address.uri(), name);
       client.setCallback(new Callback());
       client.connect(options).waitForCompletion(TIMEOUT_MILLIS);
       subscribe().waitForCompletion(TIMEOUT_MILLIS);
@@ -99,8 +106,13 @@ final class Link {
     return cause.getMessage() == null ? cause.toString() : cause.getMessage();
   }
 
-  /** Publishes with QoS 0. */
-  void publish(String topic, byte[] payload) {
+  /**
+   * Publishes with QoS 0; {@code what} names it for people.
+   *
+   * @throws TooLarge if the broker would not take it
+   */
+  void publish(String what, String topic, byte[] payload) {
+    check(what, topic, payload.length);
     send(topic, new MqttMessage(payload, 0, false, null));
   }
 
@@ -109,14 +121,28 @@ final class Link {
     send(topic, new MqttMessage(payload, 1, true, null));
   }
 
-  /** Publishes the answer to a request, or to none: null; QoS 0. */
+  /**
+   * Publishes the answer to a request, or to none: null; QoS 0.
+   *
+   * @throws TooLarge if the broker would not take it
+   */
   void reply(String topic, Long request, byte[] payload) {
+    check("its answer", topic, payload.length + ANSWER_PROPERTIES);
     MqttProperties properties = new MqttProperties();
     properties.setContentType("application/msgpack");
     if (request != null) {
       properties.setCorrelationData(ByteBuffer.allocate(Long.BYTES).putLong(request).array());
     }
     send(topic, new MqttMessage(payload, 0, false, properties));
+  }
+
+  /** A broker breaks the connection on a packet that is larger than it announced. */
+  private void check(String what, String topic, long payload) {
+    long bytes = HEADER + topic.getBytes(StandardCharsets.UTF_8).length + payload;
+    long most = client.largestPacket();
+    if (bytes > most) {
+      throw new TooLarge(what, bytes, most);
+    }
   }
 
   /** Without a connection the message is lost, as the run is to which it belongs. */
@@ -147,6 +173,35 @@ final class Link {
       action.run();
     } catch (MqttException error) {
       LOG.log(Level.FINE, "closing the connection", error);
+    }
+  }
+
+  /** Paho's client, asked for what the broker announced when it accepted the connection. */
+  private static final class Client extends MqttAsyncClient {
+    private volatile IMqttToken accepted;
+
+    Client(String uri, String name) throws MqttException {
+      super(uri, name, new MemoryPersistence());
+    }
+
+    /** Called for every connection, also for those that Paho makes again by itself. */
+    @Override
+    public IMqttToken connect(
+        MqttConnectionOptions options, Object context, MqttActionListener listener)
+        throws MqttException {
+      accepted = super.connect(options, context, listener);
+      return accepted;
+    }
+
+    /**
+     * Bytes of the largest packet that the broker takes, as far as it says. Paho has a method for
+     * it that tells what this client takes.
+     */
+    long largestPacket() {
+      IMqttToken token = accepted;
+      MqttProperties announced = token == null ? null : token.getResponseProperties();
+      Long most = announced == null ? null : announced.getMaximumPacketSize();
+      return most == null ? Long.MAX_VALUE : most;
     }
   }
 

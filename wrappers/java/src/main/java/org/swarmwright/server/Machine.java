@@ -67,6 +67,8 @@ final class Machine extends Requests {
     }
     try {
       dispatch(topic, payload, now);
+    } catch (TooLarge error) {
+      complain(error.getMessage());
     } catch (MessageException error) {
       if (topic == Topic.TO_SERVER) {
         replies.refuseUnread(payload, error.getMessage());
@@ -209,7 +211,7 @@ final class Machine extends Requests {
       begin(new Run(offer.first(), values, control), now);
       proceed(now);
     } catch (Guard.Broken broken) {
-      cannotStart(control, broken.getMessage(), broken.stack, false, now);
+      cannotStart(control, broken.getMessage(), broken.stack, broken.invalid, now);
     } catch (IllegalArgumentException error) {
       cannotStart(control, String.valueOf(error.getMessage()), null, true, now);
     }
@@ -301,7 +303,16 @@ final class Machine extends Requests {
     return picture != null;
   }
 
+  /** Makes a step, which breaks the run where the broker does not take what it sends. */
   private void sense(long now) throws Guard.Broken {
+    try {
+      makeStep(now);
+    } catch (TooLarge error) {
+      throw new Guard.Broken(error.getMessage(), true);
+    }
+  }
+
+  private void makeStep(long now) throws Guard.Broken {
     switch (run.sense(now, payload -> outbox.publish(Topic.SENSOR, payload))) {
       case STEP:
         // In between, the server looks at its messages.
@@ -320,7 +331,7 @@ final class Machine extends Requests {
   /** D6.1 has no message for it: a tool that does not say where to report it misses the fitness. */
   private void fail(Guard.Broken broken, long now) {
     outbox.notice("warning: " + broken.getMessage());
-    replies.failed(run.reply, run.hash, broken.getMessage(), broken.stack, false);
+    replies.failed(run.reply, run.hash, broken.getMessage(), broken.stack, broken.invalid);
     leave(now);
   }
 

@@ -4,13 +4,21 @@ import org.swarmwright.messages.Topics.Topic;
 
 /** What a server's machine wants done. */
 interface Outbox {
-  /** Publishes on one of the seven topics. */
+  /**
+   * Publishes on one of the seven topics.
+   *
+   * @throws TooLarge if the broker would not take it
+   */
   void publish(Topic topic, byte[] payload);
 
   /** Publishes the server's presence, retained. */
   void presence(byte[] payload);
 
-  /** Publishes the answer to a request, or to none: null; {@code topic} is without prefix. */
+  /**
+   * Publishes the answer to a request, or to none: null; {@code topic} is without prefix.
+   *
+   * @throws TooLarge if the broker would not take it
+   */
   void reply(String topic, Long request, byte[] payload);
 
   /** Computes, in a thread of its own, and gives the job to {@link Machine#finished}. */

@@ -3,6 +3,7 @@ package org.swarmwright.server;
 import com.google.gson.JsonObject;
 import java.util.List;
 import java.util.Map;
+import java.util.function.Function;
 import java.util.regex.Pattern;
 import org.swarmwright.Description;
 import org.swarmwright.controllers.Architecture;
@@ -196,7 +197,18 @@ final class Replies {
               + " bytes; send fewer candidates at once";
       payload = refused(job.request.request, new Refusal(Refusal.Kind.FAILED, reason));
     }
-    outbox.reply(job.request.reply, job.request.request, payload);
+    reply(job.request, payload, refusal -> refused(job.request.request, refusal));
+  }
+
+  /** Answers; with a refusal where the broker does not take the answer. */
+  private void reply(Request request, byte[] payload, Function<Refusal, byte[]> instead) {
+    try {
+      outbox.reply(request.reply, request.request, payload);
+    } catch (TooLarge error) {
+      outbox.notice("warning: " + error.getMessage());
+      Refusal refusal = new Refusal(Refusal.Kind.FAILED, error.getMessage());
+      outbox.reply(request.reply, request.request, instead.apply(refusal));
+    }
   }
 
   void send(BatchStart start, BatchSensors message) {
@@ -209,7 +221,11 @@ final class Replies {
                   + " bytes; start fewer episodes at once");
       payload = Answers.sensors(new BatchSensors(message.request, server, message.step, refusal));
     }
-    outbox.reply(start.reply, start.request, payload);
+    reply(
+        start,
+        payload,
+        refusal ->
+            Answers.sensors(new BatchSensors(message.request, server, message.step, refusal)));
   }
 
   /** Answers that a request is not served. */

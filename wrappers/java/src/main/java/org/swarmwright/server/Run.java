@@ -23,6 +23,9 @@ import org.swarmwright.messages.MessageException;
  * An episode that is being stepped by single messages: who has to act, whose actuators are there.
  */
 final class Run {
+  /** Bytes of a sensor message, at most. */
+  private static final int MOST_SENSOR = 64 << 20;
+
   final String hash;
   final String tool;
 
@@ -101,7 +104,19 @@ final class Run {
       for (int i = 0; i < sensors.length; i++) {
         text.append(i == 0 ? "" : ",").append(Decimals.shortest(sensors[i]));
       }
-      send.accept(text.append("]}").toString().getBytes(StandardCharsets.UTF_8));
+      byte[] message = text.append("]}").toString().getBytes(StandardCharsets.UTF_8);
+      if (message.length > MOST_SENSOR) {
+        throw new Guard.Broken(
+            "the sensor message of agent "
+                + agent
+                + " has "
+                + message.length
+                + " bytes, more than the "
+                + MOST_SENSOR
+                + " that one may have",
+            true);
+      }
+      send.accept(message);
     }
     return Next.ACTUATORS;
   }

@@ -28,8 +28,20 @@ abstract class MachineFixture {
     final List<Job> jobs = new ArrayList<>();
     final List<String> notices = new ArrayList<>();
 
+    /** Bytes of messages and of answers that the broker takes. */
+    int most = Integer.MAX_VALUE;
+
+    int mostOfAnswers = Integer.MAX_VALUE;
+
+    private static void check(String what, byte[] payload, int most) {
+      if (payload.length > most) {
+        throw new TooLarge(what, payload.length, most);
+      }
+    }
+
     @Override
     public void publish(Topic topic, byte[] payload) {
+      check("a " + topic.text() + " message", payload, most);
       published.add(topic.text() + " " + new String(payload, StandardCharsets.UTF_8));
     }
 
@@ -41,6 +53,7 @@ abstract class MachineFixture {
     @Override
     public void reply(String topic, Long request, byte[] payload) {
       assertEquals("swarmwright/v1/tool/t", topic);
+      check("its answer", payload, mostOfAnswers);
       try {
         replies.add(MessagePack.newDefaultUnpacker(payload).unpackValue().asMapValue());
       } catch (IOException error) {

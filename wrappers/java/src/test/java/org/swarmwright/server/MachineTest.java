@@ -187,6 +187,35 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
+  void whatTheBrokerDoesNotTakeEndsTheRunAndItsToolIsTold() {
+    out.most = 60;
+    say("parameters", "'server': 7, 'simulation_hash': 'h'");
+    say(
+        "control",
+        "'server': 7, 'simulation_hash': 'h', 'tool': 'ada', 'reply': 'swarmwright/v1/tool/t'");
+    assertEquals(
+        "a sensor message of 66 bytes is larger than the 60 that the broker takes",
+        out.last("reason").toString());
+    assertEquals("true", out.last("invalid").toString());
+    out.most = Integer.MAX_VALUE;
+    assertTrue(isFree(", 'tool': 'ada'"), "held for ada");
+  }
+
+  @Test
+  void anAnswerThatTheBrokerDoesNotTakeBecomesARefusal() throws IOException {
+    out.mostOfAnswers = 300;
+    evaluate(1, "ada", 0, new long[40]);
+    work();
+    assertEquals(1, out.replies.size());
+    assertTrue(out.error().contains("its answer of "), out.error());
+    assertTrue(out.error().contains(" is larger than the 300 that the broker takes"), out.error());
+    out.mostOfAnswers = Integer.MAX_VALUE;
+    evaluate(2, "ada", 0, 1);
+    work();
+    assertEquals("null", out.error());
+  }
+
+  @Test
   void aParameterThatIsRefusedFreesTheServer() {
     say("parameters", "'server': 7, 'simulation_hash': 'h', 'start': 'far'");
     say("control", "'server': 7, 'simulation_hash': 'h'");
