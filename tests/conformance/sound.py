@@ -118,7 +118,6 @@ class SoundServer:
         self.actuators: dict[int, list[float]] = {}
         self.parameters: dict[str, Json] = {}
         self.newest: str | None = None
-        self.last: str | None = None
         self.told: tuple[str, str | None] | None = None
         self.changed = 0.0
         self.over = False
@@ -197,7 +196,6 @@ class SoundServer:
         self.state, self.holder = state, holder
         self.until = time.monotonic() + self.patience()
         if state in {"free", "held"}:
-            self.last = self.hash
             self.hash, self.world = None, None
         if not self.changed:
             self.changed = time.monotonic() + 0.15
@@ -281,8 +279,11 @@ class SoundServer:
         tool = content.get("tool")
         if not run:
             self.end(hash_, tool)
-        elif hash_ in self.parameters and self.may_start(tool):
+        elif self.offers(content) and hash_ in self.parameters and self.may_start(tool):
             self.start(hash_, tool)
+
+    def offers(self, content: Json) -> bool:
+        return bool(content.get("simulation", self.title) == self.title)
 
     def may_start(self, tool: str | None) -> bool:
         return self.state in {"free", "configured"} or (self.state == "held" and tool == self.holder)
@@ -297,13 +298,16 @@ class SoundServer:
 
     def end(self, hash_: str, tool: str | None) -> None:
         ours = {
-            "running": hash_ == self.hash,
+            "running": hash_ == self.hash and self.is_of(tool),
             "configured": hash_ == self.newest,
-            "held": hash_ == self.last or tool == self.holder,
+            "held": self.is_of(tool),
             "working": tool is not None and tool == self.holder,
         }
         if ours.get(self.state):
             self.enter("free")
+
+    def is_of(self, tool: str | None) -> bool:
+        return tool == self.holder
 
     # Steps.
 

@@ -116,6 +116,24 @@ class StaysTaken(Broken):
         self.send_fitness(self.hash, world)
 
 
+class EndsForAnybody(Broken):
+    """Looks at the hash alone where an episode is to end."""
+
+    breaks: ClassVar = {"S6.11"}
+
+    def is_of(self, tool: str | None) -> bool:
+        return self.state == "running" or super().is_of(tool)
+
+
+class BeginsAnything(Broken):
+    """Does not look at the title in control."""
+
+    breaks: ClassVar = {"S2.15"}
+
+    def offers(self, content: Json) -> bool:  # noqa: ARG002
+        return True
+
+
 class IgnoresTheEnd(Broken):
     """Does not know run: false."""
 

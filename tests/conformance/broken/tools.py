@@ -76,9 +76,12 @@ class SoundTool:
             content = json.loads(message.payload)
         except (ValueError, RecursionError):
             raise Refused from None
-        if not isinstance(content, dict) or message.retain:
+        if not isinstance(content, dict) or message.retain or not self.is_right(content):
             raise Refused
         return content
+
+    def is_right(self, content: Json) -> bool:
+        return bool(content.get("simulation", TITLE) == TITLE)
 
     def send(self, topic: str, **fields: Any) -> None:
         self.client.publish(topic, json.dumps(fields))
@@ -397,6 +400,15 @@ class ReliesOnSimulation(SoundTool):
         if content["simulation"] != TITLE:
             raise Refused
         return super().checked(content, running)
+
+
+class TakesAnyTitle(SoundTool):
+    """Tells episodes apart by the hash alone."""
+
+    breaks: ClassVar = {"O4.8"}
+
+    def is_right(self, content: Json) -> bool:  # noqa: ARG002
+        return True
 
 
 class ConfiguresOnce(SoundTool):

@@ -214,25 +214,51 @@ def beyond_numbers(tool: Tool) -> None:
 
 
 class Untitled(Actor):
-    """Leaves simulation out, or sends another."""
+    """Leaves simulation out."""
 
     def says(self, topic: str, **fields: object) -> None:
-        """One of both."""
+        """Without it."""
         fields.pop("simulation", None)
-        if topic != "server" and self.server == 2:
-            fields["simulation"] = "anything"
         super().says(topic, **fields)
 
 
 @rule(
     "O4.7",
-    "simulation is not relied on in sensor and fitness messages.",
+    "simulation may be left out of sensor and fitness messages.",
     where=READING,
     mend="tell episodes apart by the hash alone: D6.1's schemas have simulation, its examples do not",
     needs=["O3.1"],
     seconds=600,
 )
 def untitled(tool: Tool) -> None:
-    """One server that leaves it out, one that sends another title."""
-    sent = 'sensor and fitness messages without "simulation", and with "simulation": "anything"'
+    """Two servers that leave it out."""
+    sent = 'sensor and fitness messages without "simulation"'
     must_go_on(tool, "untitled", [Untitled(1), Untitled(2)], sent)
+
+
+class AnotherTitle(Trying):
+    """Speaks under its hash for another simulation, which senses something else, and ends soon."""
+
+    def kinds(self, topic: str, right: Json) -> list[str | bytes]:
+        """The same with another title."""
+        if topic == "server":
+            return []
+        wrong = {**right, "simulation": "another simulation"}
+        if topic == "sensor":
+            wrong["sensor"] = sensed(7, self.stage.sensors)
+        return [json.dumps(wrong)]
+
+
+@rule(
+    "O4.8",
+    "Sensor and fitness messages that name another simulation are refused; the right ones count.",
+    where=READING,
+    mend="compare simulation, where it is there, with the one that you asked for: another server may have "
+    "the same ID",
+    needs=["O4.7"],
+    seconds=600,
+)
+def another_title(tool: Tool) -> None:
+    """A sensor and a fitness message with another title before right ones."""
+    sent = 'sensor and fitness messages with "simulation": "another simulation" before right ones'
+    must_go_on(tool, "another title", both(AnotherTitle), sent)

@@ -329,3 +329,20 @@ def bare_control(server: Server) -> None:
         sent = server.client.send("actuator", simulation_hash=episode.hash, **fields)
     episode.pending.clear()
     episode.hear(sent)
+
+
+@rule(
+    "S2.15",
+    "Control that names a simulation which the server does not offer starts nothing.",
+    where="protocol.md, Who is taken, and when",
+    mend="compare simulation of control, where it is there, with the titles that you offer: the tool may "
+    "have taken you for another server with your ID",
+    needs=["S2.3"],
+)
+def another_title(server: Server) -> None:
+    """Parameters, then control with another title."""
+    episode = server.episode()
+    episode.configure()
+    sent = episode.start(simulation=f"{server.settings.title} of another server")
+    server.must_be_silent("it does not offer this simulation", sent)
+    episode.stop()

@@ -253,6 +253,35 @@ def is_let_go(server: Server) -> None:
 
 
 @rule(
+    "S6.11",
+    "Control with run: false and the hash of an episode, without a name or in another tool's, does not "
+    "end what a tool that named itself has begun.",
+    where=TAKEN,
+    mend="compare tool of control with that of the one that began the episode, before you end it",
+    needs=["S2.9", "S6.7"],
+)
+def not_ended_by_others(server: Server) -> None:
+    """run: false without a name and with another one, in the middle of an episode."""
+    server.announces()
+    if server.course is not None and not server.course.messages:
+        raise Skip("the simulation steers its agents itself, it may be over before it could be ended")
+    episode = server.episode(tool="conformance/a")
+    episode.configure()
+    episode.hear(episode.start())
+    fields = {"server": server.id, "simulation_hash": episode.hash, "run": False}
+    sent = server.client.send("control", **fields)
+    sent += f", then {server.client.send('control', **fields, tool='conformance/b')}"
+    try:
+        course = episode.play()
+    except Failure as failure:
+        raise Failure(failure.came, "the episode of conformance/a goes on", sent) from None
+    difference = server.reference.difference(course) if server.deterministic else ""
+    if difference:
+        raise Failure(difference, "the episode of conformance/a", sent)
+    episode.stop()
+
+
+@rule(
     "S6.9",
     "Held for a tool that does not come back, it is free for everybody after 5 s.",
     where=TAKEN,
