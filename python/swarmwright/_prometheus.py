@@ -28,6 +28,7 @@ COUNTS = {
     "backups": "Copies of work under way that were given to another server.",
     "late": "Results that came for something that nobody waited for any more; they were refused.",
     "double": "Results for evaluations that had one already; they were refused.",
+    "foreign": "Messages of an episode that named another simulation; they were refused.",
     "audits": "Evaluations that were repeated on another server to see whether it finds the same.",
     "disagreements": "Of these, those in which two servers did not agree.",
     "recomputed": "Evaluations that were made again because their server turned out to be wrong.",

@@ -36,8 +36,8 @@ ARRAYS = {
 }
 # What is left out means this.
 DEFAULTS: dict[str, Json] = {
-    "evaluate": {"metrics": []},
-    "start": {"metrics": []},
+    "evaluate": {"metrics": [], "instance": None},
+    "start": {"metrics": [], "instance": None},
     "evaluated": {"fitness": b"", "metrics": {}, "failed": [], "error": None},
     "sensors": {"metrics": {}, "failed": [], "error": None},
     "failed": {"stack": None, "invalid": False},

@@ -87,7 +87,7 @@ def parse(raw: bytes, real: Callable[[str], Any] = finite) -> Value:
 def lenient(value: Json) -> Json:
     """The message without another peer's own use of the extensions' keys."""
     value = dict(value)
-    for key in ("tool", "reply"):
+    for key in ("tool", "reply", "instance"):
         if not isinstance(value.get(key, ""), str):
             del value[key]
     capabilities = value.get("capabilities")
@@ -148,7 +148,7 @@ def reading(kind: str, value: Json) -> Json:
             return {**read, "server": value["server"], "simulations": value["simulations"], **offered}
         case "control":
             flags = {"run": value.get("run", True), "visual": value.get("visual", False)}
-            extensions = {key: value.get(key) for key in ("tool", "reply")}
+            extensions = {key: value.get(key) for key in ("tool", "reply", "instance")}
             return {**read, "server": value["server"], **flags, **extensions}
         case "fitness":
             return {**read, "fitness": value["fitness"], "metrics": value.get("metrics") or None}

@@ -35,6 +35,7 @@ class FaultProxy:
         """How often each kind of fault has been made."""
         self._port, self._draw = port, random.Random(seed)
         self._delayed, self._delay, self._doubled, self._lifetime = delayed, delay, doubled, lifetime
+        self._writers: set[asyncio.StreamWriter] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever)
 
@@ -53,6 +54,15 @@ class FaultProxy:
         self._thread.join(10)
         self._loop.close()
 
+    def cut(self) -> None:
+        """End all connections; new ones can be made."""
+
+        def abort() -> None:
+            for one in list(self._writers):
+                one.transport.abort()
+
+        self._loop.call_soon_threadsafe(abort)
+
     async def _stop(self) -> None:
         self._server.close()
         others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
@@ -65,6 +75,7 @@ class FaultProxy:
         try:
             there, onwards = await asyncio.open_connection("127.0.0.1", self._port)
             writers.append(onwards)
+            self._writers.update(writers)
             ways = (self._pass(reader, onwards), self._pass(there, writer))
             tasks = [asyncio.ensure_future(way) for way in ways]
             lasts = self._draw.expovariate(1 / self._lifetime)
@@ -76,6 +87,7 @@ class FaultProxy:
         except (OSError, asyncio.CancelledError):
             pass  # The broker is away, or the test is over.
         finally:
+            self._writers.difference_update(writers)
             for each in writers:
                 each.transport.abort()
 

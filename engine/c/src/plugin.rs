@@ -8,12 +8,12 @@ mod tests;
 
 use std::ffi::c_char;
 use std::ptr::null;
-use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, TryLockError};
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
 use swarmwright_worlds::{Description, ParameterError, Parameters};
-use swarmwright_wrapper::SimulationServer;
+use swarmwright_wrapper::{Notice, SimulationServer};
 
 use crate::description::{self, RawDescription};
 use crate::error::{Trouble, shield};
@@ -61,6 +61,8 @@ pub struct Plugin {
     told: Mutex<Told>,
     description: Description,
     listener: Listener,
+    /// Why the server has left the broker by itself, if it has.
+    left: Arc<OnceLock<String>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -78,7 +80,17 @@ impl Plugin {
         let server =
             SimulationServer::connect(vec![Box::new(simulation)], options).map_err(trouble)?;
         let shared = Arc::clone(&relay);
-        let serve = move || server.run(|notice| shared.tell(notice), || !shared.is_closed());
+        let left = Arc::new(OnceLock::new());
+        let leaves = Arc::clone(&left);
+        let serve = move || {
+            let served = server.run(|notice| shared.tell(notice), || !shared.is_closed());
+            if let Err(error) = served {
+                let text = error.to_string();
+                let _ = leaves.set(text.clone());
+                // Whoever polls wakes up, and finds it.
+                shared.tell(&Notice::Warning(text));
+            }
+        };
         let thread = thread::Builder::new()
             .name("simulation-server".to_owned())
             .spawn(serve)
@@ -88,6 +100,7 @@ impl Plugin {
             told: Mutex::default(),
             description,
             listener,
+            left,
             thread: Some(thread),
         })
     }
@@ -108,6 +121,9 @@ impl Plugin {
         let (news, notices) = self.relay.look(until);
         for notice in &notices {
             inside(|| self.listener.tell(notice));
+        }
+        if let Some(text) = self.left.get() {
+            return Err(Trouble::Failed(text.clone()));
         }
         *event = RawEvent {
             size: event.size,

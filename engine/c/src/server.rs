@@ -50,8 +50,9 @@ impl Server {
         let Some(server) = server.as_mut() else {
             return Err(Trouble::invalid("the server has left the broker"));
         };
-        server.poll(patience, |notice| self.listener.tell(notice));
-        Ok(())
+        server
+            .poll(patience, |notice| self.listener.tell(notice))
+            .map_err(trouble)
     }
 
     /// Leaves the broker, and waits until the simulations are gone.
@@ -68,7 +69,9 @@ impl Server {
 pub(crate) fn trouble(error: ServeError) -> Trouble {
     match error {
         ServeError::Topic(_) | ServeError::NoSimulation => Trouble::Invalid(error.to_string()),
-        ServeError::Connect(_) | ServeError::IdTaken { .. } => Trouble::Failed(error.to_string()),
+        ServeError::Connect(_) | ServeError::IdTaken { .. } | ServeError::IdLost { .. } => {
+            Trouble::Failed(error.to_string())
+        }
     }
 }
 
@@ -117,10 +120,12 @@ pub unsafe extern "C" fn swarmwright_server_run(server: *const Server) -> i32 {
     shield(|| {
         // SAFETY: as the caller promises.
         let server = unsafe { input::object("the server", server)? };
-        while !server.stop.load(Ordering::Relaxed) {
-            server.poll(TURN)?;
+        let mut served = Ok(());
+        while served.is_ok() && !server.stop.load(Ordering::Relaxed) {
+            served = server.poll(TURN);
         }
-        server.leave()
+        server.leave()?;
+        served
     })
 }
 

@@ -223,8 +223,7 @@ impl Machine {
         );
         self.let_go(server);
         let jobs = self.offers.distrust(server, &reason);
-        let (reopened, lost) = self.ledger.reopen(server);
-        self.counts.recomputed += reopened as u64;
+        let (reopened, lost) = self.redo(server, now);
         let handed = match lost {
             0 => String::new(),
             _ => format!("; {lost} evaluations of it had been used before and stay as they are"),
@@ -232,6 +231,14 @@ impl Machine {
         self.warn(format!(
             "{reason}; {reopened} evaluations of it are done again{handed}"
         ));
+        self.fail_jobs(jobs, &reason, Blame::Nobody, now);
+    }
+
+    /// What a server did, which is not used any more, is done again. Returns how many evaluations are, and how many
+    /// cannot be, since they have been handed out.
+    pub(crate) fn redo(&mut self, server: u64, now: Instant) -> (usize, usize) {
+        let (reopened, lost) = self.ledger.reopen(server);
+        self.counts.recomputed += reopened as u64;
         let checks = std::mem::take(&mut self.checks);
         for (evaluation, check) in checks {
             let kept: Vec<Found> = std::iter::once(check.first)
@@ -258,7 +265,7 @@ impl Machine {
                 }
             }
         }
-        self.fail_jobs(jobs, &reason, Blame::Nobody, now);
+        (reopened, lost)
     }
 
     /// An audit brought no result: it is tried again, or left out.

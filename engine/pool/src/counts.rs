@@ -25,6 +25,8 @@ pub struct Counts {
     pub late: u64,
     /// Results for evaluations that had one already; they were refused.
     pub double: u64,
+    /// Messages of an episode that named another simulation; they were refused.
+    pub foreign: u64,
     /// Evaluations that were repeated on another server to see whether it finds the same.
     pub audits: u64,
     /// Of these, those in which two servers did not agree.

@@ -9,7 +9,6 @@ use crate::machine::Machine;
 use crate::offers::Answer;
 use crate::run::Run;
 use crate::slot::Job;
-
 /// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
 pub(crate) const FIRST_ROUND: Duration = Duration::from_millis(100);
 pub(crate) const LATER_ROUND: Duration = Duration::from_secs(2);
@@ -35,21 +34,13 @@ impl Machine {
         match self.offers.answered(message, round, &self.config.demand) {
             // Were there another server with this id, its answer would come now: two that step one episode spoil it.
             Answer::Welcome => self.offers.introduce(id, now + self.config.probation, now),
-            Answer::Known => self.vacant(id, round, now),
+            Answer::Known => {
+                self.proven(id);
+                self.vacant(id, round, now);
+            }
             Answer::Unfit(None) => {}
             Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
-            Answer::Twins(jobs, news) => {
-                if news {
-                    self.warn(format!("two servers answer to the id {id}, so neither is used; give one another --id"));
-                }
-                for job in &jobs {
-                    if let Job::Episode(hash) = job {
-                        self.end_run(id, hash);
-                    }
-                }
-                let reason = format!("two servers answer to the id {id}");
-                self.fail_jobs(jobs, &reason, Blame::Nobody, now);
-            }
+            Answer::Twins(jobs, news) => self.are_two(id, jobs, news, now),
         }
     }
 

@@ -225,6 +225,16 @@ impl Ledger {
         }
     }
 
+    /// The server of each result of the candidates that have ended since `take_settled`.
+    pub fn authors(&self) -> Vec<u64> {
+        let episodes = self.episodes();
+        let base = self.forgotten / episodes;
+        let rows = self.fresh.iter().map(|candidate| candidate - base);
+        let places = rows.flat_map(|row| row * episodes..(row + 1) * episodes);
+        let places = places.filter(|place| !self.results.fitness[*place].is_nan());
+        places.map(|place| self.by[place]).collect()
+    }
+
     /// The candidates that have ended since the last call. What they need is forgotten by and by.
     pub fn take_settled(&mut self) -> Settled {
         let (episodes, metrics) = (self.episodes(), self.episodes() * self.metrics);

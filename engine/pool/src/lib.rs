@@ -30,6 +30,7 @@ mod slot;
 mod status;
 mod stepwise;
 mod supervision;
+mod twins;
 mod watch;
 mod work;
 

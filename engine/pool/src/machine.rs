@@ -102,6 +102,8 @@ pub struct Machine {
     pub(crate) ended_pids: BTreeMap<u64, u64>,
     /// Two servers do not agree, and nobody can tell which one is wrong.
     pub(crate) disagreement: Option<String>,
+    /// By id: results handed out since it was sure that one server alone has it, before and since its last answer.
+    pub(crate) unproven: BTreeMap<u64, (usize, usize)>,
 }
 
 /// The number of agents that the parameters tell.
@@ -162,6 +164,7 @@ impl Machine {
             watched: BTreeSet::new(),
             ended_pids: BTreeMap::new(),
             disagreement: None,
+            unproven: BTreeMap::new(),
             config,
         }
     }
@@ -217,6 +220,7 @@ impl Machine {
 
     /// The candidates of which all episodes have ended since the last call.
     pub fn take_settled(&mut self) -> Settled {
+        self.hands_out();
         self.ledger.take_settled()
     }
 
@@ -240,6 +244,7 @@ impl Machine {
 
     /// What came out for every candidate in every episode, once all have ended.
     pub fn take_results(&mut self) -> Results {
+        self.hands_out();
         self.ledger.take_results()
     }
 
@@ -319,6 +324,12 @@ impl Machine {
     pub(crate) fn control(&self, server: u64, hash: String, run: bool) -> Control {
         Control {
             server,
+            // Of two servers with one id it is this one that is meant.
+            instance: if run {
+                self.offers.instance(server)
+            } else {
+                None
+            },
             simulation: Some(self.config.demand.simulation.clone()),
             simulation_hash: hash,
             run,

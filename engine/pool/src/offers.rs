@@ -116,12 +116,8 @@ impl Offers {
             // A server answers a round once; a second answer comes from a second server, unless it says that it does not.
             let same = instance.is_some() && slot.instance == instance;
             if (slot.round == round && !same) || rival {
-                let news = self
-                    .unfit
-                    .insert(id, TWINS.to_owned())
-                    .is_none_or(|reason| reason != TWINS);
-                self.twins.insert(id, (round, 2));
-                return Answer::Twins(self.remove(id), news);
+                let (jobs, news) = self.are_two(id, round);
+                return Answer::Twins(jobs, news);
             }
             slot.round = slot.round.max(round);
             if slot.instance == instance {
@@ -157,6 +153,14 @@ impl Offers {
             },
         );
         Answer::Welcome
+    }
+
+    /// Two servers have an id, as was seen in a round: it is not used until one is left. Returns the jobs that they had,
+    /// and whether that is news.
+    pub(crate) fn are_two(&mut self, id: u64, round: u64) -> (Vec<Job>, bool) {
+        let before = self.unfit.insert(id, TWINS.to_owned());
+        self.twins.insert(id, (round, 2));
+        (self.remove(id), before.is_none_or(|reason| reason != TWINS))
     }
 
     /// A server answered with a hash that this tool has not asked with: another tool's, mostly. One that knows D6.1 alone
@@ -329,6 +333,11 @@ impl Offers {
         self.slots
             .remove(&id)
             .map_or_else(Vec::new, |slot| slot.jobs)
+    }
+
+    /// Which start of a server is used, if it says.
+    pub(crate) fn instance(&self, id: u64) -> Option<String> {
+        self.slots.get(&id)?.instance.clone()
     }
 
     /// A server has done a job, or is not to do it any more.

@@ -130,6 +130,7 @@ impl Machine {
             } else {
                 lease * 2.0
             },
+            instance: self.offers.instance(server),
         });
         let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.step_timeout);
         self.request(&message, piece, server, lease, None, now);
@@ -167,6 +168,7 @@ impl Machine {
                     .collect(),
             ),
             metrics: self.config.demand.metrics.clone(),
+            instance: self.offers.instance(server),
         });
         let metrics = self.config.demand.metrics.clone();
         // Agents that steer themselves are not heard of before all episodes are over.

@@ -21,6 +21,11 @@ pub(crate) struct Run {
     pub refused: Option<(Instant, String)>,
     /// Its server said that it is free, though it had not begun: until when it may still begin.
     pub vacant: Option<Instant>,
+    /// The last round of discovery before its first sensors came.
+    pub begun_in: Option<u64>,
+    /// Its server, which is to be at it, answered a later round: until when messages of before may still come, and which
+    /// round it was.
+    pub deserted: Option<(Instant, u64)>,
     /// Whether it takes so long that another server has it, too.
     pub doubted: bool,
     /// Whether whoever watches the server's process was asked what became of it.
@@ -58,6 +63,8 @@ impl Run {
             heard: now,
             refused: None,
             vacant: None,
+            begun_in: None,
+            deserted: None,
             doubted: false,
             overdue: false,
             agents,

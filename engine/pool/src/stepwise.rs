@@ -22,6 +22,8 @@ use crate::work::Attempt;
 const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 /// By how much a message may come later than one that was published after it, on another topic.
 const OVERTAKEN: Duration = Duration::from_millis(250);
+/// Characters of a foreign title that are told, at most.
+const MOST_TITLE: usize = 200;
 /// Where the hash is looked for in a message that is too large, bytes.
 const AROUND: usize = 4096;
 /// Bytes of a packet beside its topic and payload, at most.
@@ -73,10 +75,19 @@ impl Machine {
     }
 
     pub(crate) fn sensor(&mut self, sensor: &SensorReading, now: Instant) {
+        let title = sensor.simulation.as_deref();
+        if self.is_of_another(Topic::Sensor, title, &sensor.simulation_hash) {
+            return;
+        }
         let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
             return self.end_late_run(&sensor.simulation_hash);
         };
+        if let Some((_, round)) = run.deserted.filter(|(until, _)| *until < now) {
+            let server = run.server;
+            return self.found_two(server, round, now);
+        }
         let since = now.saturating_duration_since(run.heard);
+        run.begun_in.get_or_insert(self.round);
         match run.answer(sensor, now) {
             Ok(actuator) => {
                 let (server, bytes) = (run.server, actuator.len());
@@ -107,6 +118,26 @@ impl Machine {
         }
     }
 
+    /// Whether a message for an episode under way is of another simulation, and so not of the server that was asked:
+    /// another one with its id takes part. What the right one says counts all the same.
+    fn is_of_another(&mut self, topic: Topic, title: Option<&str>, hash: &str) -> bool {
+        let wanted = &self.config.demand.simulation;
+        let Some(title) = title.filter(|title| title != wanted) else {
+            return false;
+        };
+        let Some(run) = self.runs.get(hash) else {
+            return false;
+        };
+        let (server, name) = (run.server, topic.name());
+        let title = shortened(title.to_owned(), MOST_TITLE);
+        let reason = format!("a {name} message is of simulation {title:?}, not {wanted:?}");
+        self.counts.foreign += 1;
+        self.warn_alike(format!(
+            "refusing what comes under the id of server {server}: {reason}; is there another server with this id?"
+        ));
+        true
+    }
+
     /// Sensors came of an episode that is none under way: if it is over, its server began it late, or a second time, and
     /// waits for nothing.
     fn end_late_run(&mut self, hash: &str) {
@@ -125,6 +156,10 @@ impl Machine {
     }
 
     pub(crate) fn fitness(&mut self, message: &Fitness, now: Instant) {
+        let title = message.simulation.as_deref();
+        if self.is_of_another(Topic::Fitness, title, &message.simulation_hash) {
+            return;
+        }
         let Some(run) = self.runs.remove(&message.simulation_hash) else {
             return self.unwanted(&message.simulation_hash);
         };
@@ -254,9 +289,13 @@ impl Machine {
     /// tool's control came first, and its episode is over by now. Or the broker delivered one before the other: what
     /// shows that it has begun then comes in a moment.
     pub(crate) fn vacant(&mut self, id: u64, round: u64, now: Instant) {
-        let waiting = |run: &&mut Run| run.server == id && !run.begun() && run.round < round;
-        for run in self.runs.values_mut().filter(waiting) {
-            run.vacant.get_or_insert(now + OVERTAKEN);
+        for run in self.runs.values_mut().filter(|run| run.server == id) {
+            if !run.begun() && run.round < round {
+                run.vacant.get_or_insert(now + OVERTAKEN);
+            } else if run.begun_in.is_some_and(|begun| begun < round) {
+                // It is at that episode, or it was: whoever goes on with it is another one.
+                run.deserted.get_or_insert((now + OVERTAKEN, round));
+            }
         }
     }
 

@@ -112,6 +112,9 @@ pub struct Evaluate {
     pub attempt: u32,
     /// Seconds after which the tool gives the work to somebody else.
     pub lease: f64,
+    /// Which start of the server is meant, as it announced it: another one with its id is not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
 }
 
 /// Reply to [`Evaluate`].
@@ -194,6 +197,9 @@ pub struct BatchStart {
     /// Names of the metrics that are to come with the fitness of each episode.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<String>,
+    /// Which start of the server is meant, as it announced it: another one with its id is not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
 }
 
 /// Tool to server: the actuators for the last [`BatchSensors`].

@@ -154,6 +154,8 @@ pub struct Control {
     pub tool: Option<String>,
     /// Extension: topic, without prefix, on which the server says that the episode failed.
     pub reply: Option<String>,
+    /// Extension: which start of the server is meant, as it announced it; another one with its id is not.
+    pub instance: Option<String>,
 }
 
 /// An object whose keys are taken out one by one.
@@ -412,6 +414,7 @@ impl Control {
             visual: keys.optional("visual")?.unwrap_or(false),
             tool: keys.lenient("tool"),
             reply: keys.lenient("reply"),
+            instance: keys.lenient("instance"),
         })
     }
 
@@ -427,6 +430,7 @@ impl Control {
         insert(&mut object, "simulation", self.simulation.clone());
         insert(&mut object, "tool", self.tool.clone());
         insert(&mut object, "reply", self.reply.clone());
+        insert(&mut object, "instance", self.instance.clone());
         bytes(&object)
     }
 }

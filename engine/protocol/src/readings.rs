@@ -8,11 +8,14 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Serialize;
-use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
 use crate::numbers::{Id, Real32, Real64};
 use crate::{DecodeError, MAX_PAYLOAD, MAX_SENSOR};
+
+/// Levels of a message, its own object included: as many as `serde_json` reads of a tree.
+const MAX_NESTING: usize = 127;
 
 /// Sensor readings of one agent (D6.1, Schema 5).
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -162,10 +165,10 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
                         fields.fitness = Some(map.next_value::<Real64>()?.0)
                     }
                     Key::Metrics if self.0 == Kind::Fitness => {
-                        fields.metrics = Some(map.next_value()?)
+                        fields.metrics = Some(sound(map.next_value()?)?);
                     }
                     _ => {
-                        map.next_value::<IgnoredAny>()?;
+                        sound::<A::Error>(map.next_value()?)?;
                     }
                 }
             }
@@ -184,6 +187,29 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
     let fields = deserializer.deserialize_map(FieldsVisitor(kind))?;
     deserializer.end()?;
     Ok(fields)
+}
+
+/// A value that is read later or not at all, in UTF-8 by now: refused where it is nested more deeply than a message may be.
+fn sound<E: Error>(value: &RawValue) -> Result<&RawValue, E> {
+    let (mut depth, mut text, mut escaped) = (1, false, false);
+    for byte in value.get().bytes() {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = text,
+            b'"' => text = !text,
+            b'[' | b'{' if !text => {
+                depth += 1;
+                if depth > MAX_NESTING {
+                    return Err(E::custom(format_args!(
+                        "more than {MAX_NESTING} levels of nesting"
+                    )));
+                }
+            }
+            b']' | b'}' if !text => depth -= 1,
+            _ => {}
+        }
+    }
+    Ok(value)
 }
 
 /// What are metrics among the values of an extension's key: a peer's own use of the name is not an error.
@@ -271,6 +297,8 @@ fn append<T: Serialize>(payload: &mut Vec<u8>, value: &T) {
 /// What an optimization tool needs of a sensor message, without copies of its strings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorReading<'a> {
+    /// Title of the simulation, where the server says it.
+    pub simulation: Option<Cow<'a, str>>,
     /// Tells the episode.
     pub simulation_hash: Cow<'a, str>,
     /// Index of the agent.
@@ -287,6 +315,7 @@ impl<'a> SensorReading<'a> {
     pub fn decode(payload: &'a [u8]) -> Result<Self, DecodeError> {
         let fields = read(payload, Kind::Sensor)?;
         Ok(Self {
+            simulation: fields.simulation,
             simulation_hash: fields
                 .simulation_hash
                 .ok_or(DecodeError::Missing("simulation_hash"))?,

@@ -66,12 +66,12 @@ fn request(message: &ToServer) -> Value {
             "kind": "evaluate", "version": m.version, "request": m.request, "tool": m.tool, "reply": m.reply,
             "simulation": m.simulation, "parameters": m.parameters, "controller": m.controller,
             "genomes": f32s(&m.genomes.0), "seeds": u64s(&m.seeds.0), "metrics": m.metrics,
-            "attempt": m.attempt, "lease": m.lease,
+            "attempt": m.attempt, "lease": m.lease, "instance": m.instance,
         }),
         ToServer::Start(m) => json!({
             "kind": "start", "version": m.version, "request": m.request, "tool": m.tool, "reply": m.reply,
             "simulation": m.simulation, "parameters": m.parameters, "seeds": u64s(&m.seeds.0),
-            "metrics": m.metrics,
+            "metrics": m.metrics, "instance": m.instance,
         }),
         ToServer::Actuators(m) => json!({
             "kind": "actuators", "version": m.version, "request": m.request, "step": m.step,

@@ -84,7 +84,7 @@ fn reading(message: &Message) -> Value {
         }
         Message::Control(m) => json!({
             "server": m.server, "simulation": m.simulation, "simulation_hash": m.simulation_hash,
-            "run": m.run, "visual": m.visual, "tool": m.tool, "reply": m.reply,
+            "run": m.run, "visual": m.visual, "tool": m.tool, "reply": m.reply, "instance": m.instance,
         }),
         Message::Sensor(m) => json!({
             "simulation": m.simulation, "simulation_hash": m.simulation_hash, "agent": m.agent, "sensor": m.sensor,

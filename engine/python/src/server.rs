@@ -52,7 +52,7 @@ pub fn serve(
             })?;
         // Both callbacks run in turn on this thread; the cell lets both report the first error.
         let failed = std::cell::RefCell::new(&mut failure);
-        server.run(
+        let served = server.run(
             |notice| {
                 let Some(on_event) = &on_event else { return };
                 if let Err(error) =
@@ -74,7 +74,7 @@ pub fn serve(
                 }
             },
         );
-        Ok::<(), PyErr>(())
+        served.map_err(engine)
     })?;
     failure.map_or(Ok(()), Err)
 }

@@ -68,7 +68,8 @@ impl Simulator<'_> {
         let incarnation = client.incarnation;
         if let Some(server) = self.server_of(who) {
             let plan = &self.schedule.servers[server];
-            self.servers[server] = Some(Server::new(plan, server as u64 + 1, incarnation));
+            let id = self.schedule.id(server);
+            self.servers[server] = Some(Server::new(plan, server, id, incarnation));
         }
         self.note(|| format!("{} starts", self.schedule.name(who)));
         self.plan(self.now, Event::Connect { who, incarnation });
@@ -246,7 +247,7 @@ impl Simulator<'_> {
                 );
                 if let Some(server) = server {
                     if let Some(process) = &mut self.servers[server] {
-                        process.machine.connected(String::new());
+                        process.machine.connected(String::new(), now);
                     }
                 } else if let Some(machine) = &mut self.tools[who].machine {
                     machine.connected(now);
@@ -456,6 +457,9 @@ impl Simulator<'_> {
                 self.idle.retain(|(_, busy, _), _| *busy != index);
             }
             let (messages, begins) = server.act(slowness);
+            if server.gives_way {
+                return self.give_way(who);
+            }
             let (took, job, next) = (
                 server.time(slowness),
                 server.jobs,
@@ -542,6 +546,15 @@ impl Simulator<'_> {
         client.frozen.push(THINKS);
         let pause = tool.pause();
         self.plan(self.now + pause, Event::Submit { who, incarnation });
+    }
+
+    /// A server whose id another one has leaves for good, and says nothing.
+    fn give_way(&mut self, who: usize) {
+        self.note(|| format!("{} gives way", self.schedule.name(who)));
+        if let Some(connection) = self.clients[who].connection {
+            self.send(connection, true, &Packet::Goodbye, 0);
+        }
+        self.kill(who, false, 0);
     }
 
     /// A tool that has all results frees the servers and leaves in good order.

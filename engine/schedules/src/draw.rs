@@ -1,9 +1,9 @@
 //! A schedule from a seed.
 
-use crate::random::Random;
+use crate::random::{Random, mix};
 use crate::schedule::{
-    BROKER_PATIENCE, Disturbance, Kind, MILLI, Memory, SECOND, Schedule, Server, Time, Tool, What,
-    Who, Work,
+    BROKER_PATIENCE, Disturbance, Kind, MILLI, Memory, SECOND, Schedule, Server, Time, Tool, Twin,
+    What, Who, Work,
 };
 
 /// Steps of an episode, about.
@@ -31,6 +31,7 @@ pub fn draw(seed: u64) -> Schedule {
             pace: pace * random.magnitude(1, 11),
             patience: [5, 20, 60][random.index(3)] * SECOND,
             plain: plain && random.chance(60),
+            twin: None,
         })
         .collect();
     let mut schedule = Schedule {
@@ -54,7 +55,41 @@ pub fn draw(seed: u64) -> Schedule {
         let disturbance = disturbance(&schedule, length, &mut random);
         schedule.disturbances.push(disturbance);
     }
+    // Numbers of its own, so that the rest stays what it is for a seed.
+    let mut random = Random::new(mix(&[seed, 2]));
+    if random.chance(15) {
+        twins(&mut schedule, length, &mut random);
+    }
     schedule
+}
+
+/// A server is away for so long that the broker gives it up, and another one gets its id meanwhile.
+fn twins(schedule: &mut Schedule, length: Time, random: &mut Random) {
+    let server = random.index(schedule.servers.len());
+    let others = schedule.servers.len() > 1;
+    if schedule.servers[server].plain {
+        return;
+    }
+    let joins = schedule.servers[server].joins;
+    let at = joins + random.below(length + length / 4);
+    let who = Who::Server(server);
+    let away = random.magnitude(BROKER_PATIENCE / 2, 3 * BROKER_PATIENCE);
+    let (what, lasts) = [
+        (What::Freeze(who), away),
+        (What::Partition(who), away),
+        (What::Cut(who), 0),
+    ][random.index(3)];
+    schedule.disturbances.push(Disturbance { at, lasts, what });
+    let twin = Server {
+        joins: at + random.magnitude(MILLI, 2 * BROKER_PATIENCE),
+        twin: Some(Twin {
+            id: server as u64 + 1,
+            // Somebody must be left who offers what the tools need.
+            foreign: others && random.chance(50),
+        }),
+        ..schedule.servers[server].clone()
+    };
+    schedule.servers.push(twin);
 }
 
 fn tool(plain: bool, random: &mut Random) -> Tool {

@@ -89,6 +89,18 @@ pub struct Server {
     pub patience: Time,
     /// Whether it knows only the seven topics of D6.1.
     pub plain: bool,
+    /// Another server's id that it has, on another machine; none for its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub twin: Option<Twin>,
+}
+
+/// A server that is given the id of another one, and starts if that one seems to be gone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Twin {
+    /// The id.
+    pub id: u64,
+    /// Whether it offers another simulation.
+    pub foreign: bool,
 }
 
 /// A party, by its index.
@@ -272,6 +284,22 @@ impl Disturbance {
 }
 
 impl Schedule {
+    /// The id of a server.
+    #[must_use]
+    pub fn id(&self, server: usize) -> u64 {
+        let twin = self.servers.get(server).and_then(|server| server.twin);
+        twin.map_or(server as u64 + 1, |twin| twin.id)
+    }
+
+    /// Whether another server may have the id of this one.
+    #[must_use]
+    pub fn has_twin(&self, server: usize) -> bool {
+        let others = (0..self.servers.len()).filter(|other| *other != server);
+        others
+            .into_iter()
+            .any(|other| self.id(other) == self.id(server))
+    }
+
     /// How many attempts at one evaluation of a tool the disturbances may use up, the other tools included.
     #[must_use]
     pub fn budget(&self, tool: &Tool) -> u64 {
@@ -424,9 +452,16 @@ impl fmt::Display for Schedule {
     fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
         for (index, server) in self.servers.iter().enumerate() {
             let plain = if server.plain {
-                ", seven topics only"
+                ", seven topics only".to_owned()
+            } else if let Some(Twin { id, foreign }) = server.twin {
+                let what = if foreign {
+                    ", of another simulation"
+                } else {
+                    ""
+                };
+                format!(", with the id {id}{what}")
             } else {
-                ""
+                String::new()
             };
             writeln!(
                 formatter,

@@ -13,7 +13,7 @@ use swarmwright_wrapper::{Action, Identity, Job, Machine};
 use crate::network::{Filter, Will};
 use crate::schedule;
 use crate::schedule::Time;
-use crate::trail::Trail;
+use crate::trail::{TITLE, Trail};
 
 /// Steps that an episode has on average.
 const STEPS: u64 = 3;
@@ -38,6 +38,7 @@ pub struct Server {
     /// The decisions.
     pub machine: Machine,
     instance: String,
+    host: String,
     died: Arc<AtomicBool>,
     /// What is computed.
     pub job: Option<Job>,
@@ -45,21 +46,29 @@ pub struct Server {
     pub jobs: u64,
     /// Whether what is to be sent has been computed already.
     computed: bool,
+    /// Whether another server has its id, so that it is to go.
+    pub gives_way: bool,
 }
 
 impl Server {
     /// A process that has just been started.
     #[must_use]
-    pub fn new(plan: &schedule::Server, id: u64, incarnation: u64) -> Self {
+    pub fn new(plan: &schedule::Server, index: usize, id: u64, incarnation: u64) -> Self {
         let died = Arc::new(AtomicBool::new(false));
-        let instance = format!("{id}-{incarnation}");
+        // Of two with one id it is not always the same that has the greater one.
+        let instance = format!("{}-{index}-{incarnation}", (index as u64 + incarnation) % 3);
+        let host = format!("host-{index}");
         let identity = Identity {
             id,
             instance: instance.clone(),
-            host: format!("host-{id}"),
+            host: host.clone(),
             pid: incarnation,
         };
-        let trail = Box::new(Trail::new(Arc::clone(&died)));
+        let title = match plan.twin {
+            Some(twin) if twin.foreign => "another",
+            _ => TITLE,
+        };
+        let trail = Box::new(Trail::new(title, Arc::clone(&died)));
         Self {
             machine: Machine::new(
                 identity,
@@ -70,10 +79,12 @@ impl Server {
             plan: plan.clone(),
             id,
             instance,
+            host,
             died,
             job: None,
             jobs: 0,
             computed: false,
+            gives_way: false,
         }
     }
 
@@ -187,6 +198,11 @@ impl Server {
                     self.job = Some(job);
                     self.jobs += 1;
                     begins = true;
+                    continue;
+                }
+                Action::GiveWay(rival) => {
+                    // Of a start on the same machine it is known that it is dead.
+                    self.gives_way |= rival.host.as_ref() != Some(&self.host);
                     continue;
                 }
                 Action::Notice(_) | Action::Frame(_) => continue,

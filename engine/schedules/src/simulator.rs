@@ -340,7 +340,8 @@ impl<'a> Simulator<'a> {
                 .map_or(0, |machine| machine.holdings().queued);
             for server in 0..self.servers.len() {
                 let well = self.is_well(tool) && self.is_well(self.tools.len() + server);
-                let asked = queued > 0 && !harsh && well && self.could_use(tool, server);
+                let alone = !self.schedule.has_twin(server);
+                let asked = queued > 0 && !harsh && well && alone && self.could_use(tool, server);
                 for (free, bound) in [(true, IDLE), (false, IDLE + HELD)] {
                     let idle = asked && self.is_vacant(server, free);
                     self.watch((tool, server, free), idle, bound + self.allowance(server));
@@ -401,7 +402,7 @@ impl<'a> Simulator<'a> {
         let mode = self.schedule.tools[tool].mode.as_str();
         let machine = self.tools[tool].machine.as_ref();
         (!plain || matches!(mode, "auto" | "stepwise"))
-            && machine.is_some_and(|machine| machine.is_idle(server as u64 + 1))
+            && machine.is_some_and(|machine| machine.is_idle(self.schedule.id(server)))
     }
 
     /// Whether a server has nothing to do. `free`: because nobody has it, else because a tool has it that lives and has no
@@ -423,10 +424,21 @@ impl<'a> Simulator<'a> {
         process.job.is_none() && self.tools.iter().any(lets_down)
     }
 
+    /// Whether a server is gone since another one has its id.
+    fn has_given_way(&self, server: usize) -> bool {
+        let id = self.schedule.id(server);
+        let others = (0..self.servers.len()).filter(|other| *other != server);
+        let mut others = others.filter(|other| self.schedule.id(*other) == id);
+        others.any(|other| self.is_well(self.tools.len() + other))
+    }
+
     /// When all is over: everybody is free, and says so.
     fn check_rest(&mut self) {
         for index in 0..self.servers.len() {
             let who = self.tools.len() + index;
+            if !self.clients[who].alive && self.has_given_way(index) {
+                continue;
+            }
             let Some(server) = self.servers[index].as_ref().filter(|_| self.is_well(who)) else {
                 let client = &self.clients[who];
                 return self.violate(format!(
@@ -440,7 +452,7 @@ impl<'a> Simulator<'a> {
             if server.is_plain() {
                 continue;
             }
-            let topic: Rc<str> = Topics::default().presence(index as u64 + 1).into();
+            let topic: Rc<str> = Topics::default().presence(server.id).into();
             let retained = self.network.retained.get(&topic);
             let presence = retained.map(|payload| Message::decode(Topic::Presence, payload));
             let right = match &presence {

@@ -28,6 +28,7 @@ const EXTREME_SPEED: f32 = 1000.0;
 /// Agents on a line. They start at 0, each moves by its actuator or, steered by parameters, by `speed`, and stops after
 /// a number of steps of its own. The fitness weighs the places by agent.
 pub struct Trail {
+    title: &'static str,
     seed: f32,
     speed: Option<f32>,
     places: [f32; AGENTS],
@@ -40,8 +41,9 @@ pub struct Trail {
 impl Trail {
     /// A trail that tells with `died` that its process would have died.
     #[must_use]
-    pub fn new(died: Arc<AtomicBool>) -> Self {
+    pub fn new(title: &'static str, died: Arc<AtomicBool>) -> Self {
         Self {
+            title,
             seed: 0.0,
             speed: None,
             places: [0.0; AGENTS],
@@ -60,7 +62,7 @@ impl Trail {
 impl Simulation for Trail {
     fn description(&self) -> Description {
         Description {
-            title: TITLE.into(),
+            title: self.title.into(),
             dimensions: 2,
             max_agents: Some(100),
             sensors: 2,
@@ -139,7 +141,7 @@ impl Simulation for Trail {
     }
 
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {
-        Some(Box::new(Self::new(Arc::clone(&self.died))))
+        Some(Box::new(Self::new(self.title, Arc::clone(&self.died))))
     }
 }
 
@@ -229,7 +231,7 @@ pub fn parameters() -> Map<String, Value> {
 pub fn expected(plan: &schedule::Work, salt: u64) -> Result<Vec<Option<f64>>, WorkError> {
     let all: Vec<usize> = (0..plan.candidates).collect();
     let work = work(plan, salt, &all)?;
-    let mut trail = Trail::new(Arc::default());
+    let mut trail = Trail::new(TITLE, Arc::default());
     let mut results = Vec::new();
     for candidate in all {
         let genome = work.genomes_of(candidate..candidate + 1);

@@ -63,6 +63,7 @@ fn request(candidates: usize) -> Vec<u8> {
         metrics: Vec::new(),
         attempt: 1,
         lease: 60.0,
+        instance: None,
     })
     .encode()
 }

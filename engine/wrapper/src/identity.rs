@@ -23,7 +23,7 @@ impl Identity {
         Self {
             id,
             instance: format!("{:016x}", fastrand::u64(..)),
-            host: gethostname::gethostname().to_string_lossy().into_owned(),
+            host: host(),
             pid: u64::from(std::process::id()),
         }
     }
@@ -61,6 +61,17 @@ impl Identity {
             }),
         }
     }
+}
+
+fn host() -> String {
+    gethostname::gethostname().to_string_lossy().into_owned()
+}
+
+/// Whether a process is known to be dead, as one on this machine is that is not there: a broker that was killed keeps the
+/// presence of servers that died with it.
+pub fn is_dead(other: Option<&str>, pid: Option<u64>) -> bool {
+    let process = |pid: u64| std::path::PathBuf::from(format!("/proc/{pid}"));
+    other == Some(&*host()) && !pid.is_some_and(|pid| process(pid).exists())
 }
 
 fn texts(texts: &[&str]) -> Vec<String> {

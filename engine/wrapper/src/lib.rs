@@ -26,6 +26,7 @@ pub use guard::guarded;
 pub use identity::Identity;
 pub use job::{Done, Job};
 pub use machine::{Action, Machine, Notice};
+pub use notice::Rival;
 pub use progress::Progress;
 pub use server::{Options, ServeError, SimulationServer};
 pub use swarmwright_worlds::{

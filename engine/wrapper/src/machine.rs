@@ -8,6 +8,7 @@ mod batched;
 mod early;
 mod offloaded;
 mod presence;
+mod rival;
 mod stepwise;
 mod turns;
 
@@ -30,6 +31,7 @@ use crate::job::Setup;
 use crate::run::Run;
 use early::Early;
 use offloaded::Work;
+use rival::Listening;
 use turns::{Tool, Turns};
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
@@ -121,6 +123,10 @@ pub struct Machine {
     changed_at: Option<Instant>,
     /// The connection is broken: what would be published now is lost.
     offline: bool,
+    /// The connection has come back: another server may have this one's id by now.
+    listening: Option<Listening>,
+    /// Whether no other server can have this id.
+    alone: bool,
     turns: Turns,
     actions: Vec<Action>,
 }
@@ -152,6 +158,8 @@ impl Machine {
             since: None,
             changed_at: None,
             offline: false,
+            listening: None,
+            alone: false,
             turns: Turns::default(),
             actions: Vec::new(),
         }
@@ -169,6 +177,9 @@ impl Machine {
             return;
         };
         if topic == Topic::ToServer && name != self.inbox {
+            return;
+        }
+        if self.hears_later(topic, name, payload, retained) {
             return;
         }
         if topic == Topic::Presence && payload.is_empty() {
@@ -198,7 +209,11 @@ impl Machine {
                 self.other_configured(&message.simulation_hash, now)
             }
             Ok(Message::Control(control)) if control.server == self.identity.id => {
-                self.control(control, now)
+                if self.is_meant(control.instance.as_ref()) {
+                    self.control(control, now);
+                } else {
+                    self.turn_away_from_another(&control, now);
+                }
             }
             Ok(Message::Actuator(actuator)) => self.actuate(&actuator, now),
             Ok(Message::ToServer(ToServer::Evaluate(message))) => self.evaluate(message, now),
@@ -287,19 +302,24 @@ impl Machine {
     }
 
     fn end(&mut self, control: &Control, now: Instant) {
-        self.forget_early(&control.simulation_hash);
+        self.forget_early(&control.simulation_hash, &control.tool);
         let last = self
             .last
             .as_ref()
-            .is_some_and(|(hash, _)| *hash == control.simulation_hash);
+            .is_some_and(|(hash, tool)| (hash, tool) == (&control.simulation_hash, &control.tool));
         let ours = match &self.state {
-            State::Running(run) => run.hash == control.simulation_hash,
+            State::Running(run) => {
+                (&run.hash, &run.tool) == (&control.simulation_hash, &control.tool)
+            }
             State::Configured { .. } => self
                 .parameters
                 .back()
                 .is_some_and(|(hash, _)| *hash == control.simulation_hash),
-            State::Held { tool: None, .. } => last || self.has_parameters(&control.simulation_hash),
-            State::Held { tool, .. } => last || control.tool == *tool,
+            State::Held { tool: None, .. } => {
+                let configured = self.has_parameters(&control.simulation_hash);
+                control.tool.is_none() && (last || configured)
+            }
+            State::Held { tool, .. } => control.tool == *tool,
             State::Stepping(batch) => control.tool.as_ref() == Some(&batch.tool),
             State::Working(work) => control.tool == work.holder(),
             State::Free => return,
@@ -332,9 +352,13 @@ impl Machine {
         };
         let settle = self
             .changed_at
-            .filter(|_| !self.offline)
+            .filter(|_| !self.offline && self.listening.is_none())
             .map(|at| at + SETTLE);
-        [own, settle, self.next_early()].into_iter().flatten().min()
+        let listened = self.listening.as_ref().map(Listening::until);
+        [own, settle, self.next_early(), listened]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// When somebody is told that actuators are missing, or the run is given up.
@@ -350,6 +374,10 @@ impl Machine {
     /// Time has passed. `stamp` is now in RFC 3339, for presence.
     pub fn tick(&mut self, now: Instant, stamp: impl FnOnce() -> String) {
         self.refuse_early(now);
+        if self.has_listened(now) {
+            self.publish_presence(stamp());
+            return self.catch_up(now);
+        }
         match &mut self.state {
             State::Configured { until } if *until <= now => {
                 self.warn(
@@ -390,7 +418,8 @@ impl Machine {
             }
             _ => {}
         }
-        if !self.offline && self.changed_at.is_some_and(|at| at + SETTLE <= now) {
+        let silent = self.offline || self.listening.is_some();
+        if !silent && self.changed_at.is_some_and(|at| at + SETTLE <= now) {
             self.publish_presence(stamp());
         }
     }
@@ -406,12 +435,7 @@ impl Machine {
         self.free(now);
         self.published = None;
         self.offline = true;
-    }
-
-    /// The connection is there again. `stamp` is now in RFC 3339, for presence, in whose place the last will stands.
-    pub fn connected(&mut self, stamp: String) {
-        self.offline = false;
-        self.publish_presence(stamp);
+        self.listening = None;
     }
 
     /// Gives up whatever is under way; what is being computed, as soon as it can be stopped.

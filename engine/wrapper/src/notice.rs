@@ -23,10 +23,34 @@ pub enum Action {
     },
     /// Compute, here or on another thread, and give the result to [`Machine::finished`](crate::Machine::finished).
     Evaluate(Job),
+    /// Leave the broker for good, and do not say that this id left: another server has it. Unless that one is known to
+    /// be dead: a broker that was killed keeps the presence of servers that died with it.
+    GiveWay(Rival),
     /// Tell the operator.
     Notice(Notice),
     /// Show the run.
     Frame(Scene),
+}
+
+/// Another server with the same id, where that is known.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rival {
+    /// The id.
+    pub id: u64,
+    /// Name of its machine.
+    pub host: Option<String>,
+    /// Its process id there.
+    pub pid: Option<u64>,
+}
+
+impl fmt::Display for Rival {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        formatter.write_str(self.host.as_deref().unwrap_or("an unknown host"))?;
+        match self.pid {
+            Some(pid) => write!(formatter, ", process {pid}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Something that the operator of a server wants to know.

@@ -14,11 +14,12 @@ use swarmwright_protocol::{
 };
 use swarmwright_worlds::{Scene, Simulation};
 
-use crate::Identity;
 use crate::evaluator::{Evaluator, SHORT};
 use crate::job::Job;
 use crate::machine::{Action, Machine, Notice};
+use crate::notice::Rival;
 use crate::progress::Progress;
+use crate::{Identity, identity};
 
 /// For how long the broker keeps the news that a server was lost.
 const LOST_EXPIRY: u32 = 3600;
@@ -95,6 +96,15 @@ pub enum ServeError {
         /// Its presence topic.
         topic: String,
     },
+    /// Another server got the id while this one was away.
+    #[error(
+        "another server has the id {} too ({rival}): this one, which was away, leaves; start it again with another --id",
+        rival.id
+    )]
+    IdLost {
+        /// The other server.
+        rival: Rival,
+    },
     /// There is nothing to offer.
     #[error("a server needs at least one simulation")]
     NoSimulation,
@@ -113,6 +123,8 @@ pub struct SimulationServer {
     pending: Option<Job>,
     /// Whether it was said that the server is ready.
     ready: bool,
+    /// Another server has the id: this one has left.
+    rival: Option<Rival>,
 }
 
 impl SimulationServer {
@@ -171,6 +183,9 @@ impl SimulationServer {
                 }
             };
         }
+        if options.alone {
+            machine.set_alone();
+        }
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,
@@ -182,15 +197,24 @@ impl SimulationServer {
             id: options.id,
             on_frame: options.on_frame,
             events: early,
+            rival: None,
         };
         server.act(&mut |_| {});
         Ok(server)
     }
 
     /// Serves until `keep_going`, asked at least every 0.1 s, says no; then leaves the broker in good order.
-    pub fn run(mut self, mut on_notice: impl FnMut(&Notice), mut keep_going: impl FnMut() -> bool) {
+    ///
+    /// # Errors
+    /// Another server got the id while this one was away: this one has left.
+    pub fn run(
+        mut self,
+        mut on_notice: impl FnMut(&Notice),
+        mut keep_going: impl FnMut() -> bool,
+    ) -> Result<(), ServeError> {
         let mut asked = Instant::now();
-        loop {
+        let mut served = Ok(());
+        while served.is_ok() {
             let now = Instant::now();
             if now.duration_since(asked) >= ASKED_EVERY {
                 asked = now;
@@ -198,31 +222,54 @@ impl SimulationServer {
                     break;
                 }
             }
-            self.poll_until(asked + ASKED_EVERY, &mut on_notice);
+            served = self.poll_until(asked + ASKED_EVERY, &mut on_notice);
         }
         self.close();
+        served
     }
 
     /// One turn, for those who have a loop of their own: waits at most `patience` for something to happen, and does what
     /// is due. A server that is not polled does not answer.
-    pub fn poll(&mut self, patience: Duration, mut on_notice: impl FnMut(&Notice)) {
-        self.poll_until(Instant::now() + patience, &mut on_notice);
+    ///
+    /// # Errors
+    /// Another server got the id while this one was away: this one is of no use any more, and is to be closed.
+    pub fn poll(
+        &mut self,
+        patience: Duration,
+        mut on_notice: impl FnMut(&Notice),
+    ) -> Result<(), ServeError> {
+        self.poll_until(Instant::now() + patience, &mut on_notice)
     }
 
     /// Gives up what is under way and leaves the broker in good order.
     pub fn close(mut self) {
         self.machine.free(Instant::now());
-        self.connection.publish(
-            &self.topics.presence(self.id),
-            &[],
-            QoS::AtLeastOnce,
-            true,
-            None,
-        );
+        // The presence of another server with the id is not this one's to remove.
+        if self.rival.is_none() {
+            self.connection.publish(
+                &self.topics.presence(self.id),
+                &[],
+                QoS::AtLeastOnce,
+                true,
+                None,
+            );
+        }
         self.connection.close(Duration::from_secs(1));
     }
 
-    fn poll_until(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
+    fn poll_until(
+        &mut self,
+        until: Instant,
+        on_notice: &mut impl FnMut(&Notice),
+    ) -> Result<(), ServeError> {
+        self.turn(until, on_notice);
+        match self.rival.clone() {
+            Some(rival) => Err(ServeError::IdLost { rival }),
+            None => Ok(()),
+        }
+    }
+
+    fn turn(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
         if !std::mem::replace(&mut self.ready, true) {
             on_notice(&Notice::Ready);
         }
@@ -243,7 +290,7 @@ impl SimulationServer {
                         now,
                     );
                 }
-                Event::Connected => self.machine.connected(stamp()),
+                Event::Connected => self.machine.connected(stamp(), now),
                 Event::Disconnected { reason } => self.machine.disconnected(&reason, now),
             }
         }
@@ -275,7 +322,16 @@ impl SimulationServer {
     fn act(&mut self, on_notice: &mut impl FnMut(&Notice)) {
         let mut unsent = None;
         for action in self.machine.actions() {
+            if self.rival.is_some() {
+                // What this server has to say is the other one's to say.
+                continue;
+            }
             match action {
+                Action::GiveWay(rival) => {
+                    if !identity::is_dead(rival.host.as_deref(), rival.pid) {
+                        self.rival = Some(rival);
+                    }
+                }
                 Action::Publish(Topic::Presence, payload) => {
                     self.connection.publish(
                         &self.topics.presence(self.id),
@@ -390,11 +446,9 @@ fn find_rival(
                 continue;
             };
             let other = presence.capabilities.swarmwright.unwrap_or_default();
+            let gone = identity::is_dead(other.host.as_deref(), other.pid);
             let host = other.host.unwrap_or_else(|| "an unknown host".to_owned());
             let pid = other.pid.unwrap_or_default();
-            // A broker that was killed keeps the presence of servers that died with it; on this host that can be seen.
-            let gone =
-                host == identity.host && !std::path::Path::new(&format!("/proc/{pid}")).exists();
             if presence.server == identity.id && presence.state != State::Lost && !gone {
                 return Err(ServeError::IdTaken {
                     id: identity.id,

@@ -62,7 +62,7 @@ fn said(machine: &mut Machine) -> Vec<(String, Value)> {
             },
             // Nobody asks for it.
             action @ Action::Evaluate(_) => panic!("{action:?}"),
-            Action::Notice(_) | Action::Frame(_) => None,
+            Action::Notice(_) | Action::Frame(_) | Action::GiveWay(_) => None,
         })
         .collect()
 }

@@ -437,8 +437,15 @@ fn presence_waits_for_the_connection_to_come_back() {
     assert_eq!(server.machine.next_tick(), None);
     server.pass(Duration::from_secs(1));
     assert!(server.published.is_empty(), "nobody would hear it");
-    server.machine.connected("2026-01-31T12:00:01Z".to_owned());
+    server
+        .machine
+        .connected("2026-01-31T12:00:01Z".to_owned(), server.now);
     server.collect();
+    assert!(
+        server.published.is_empty(),
+        "another server may have the id by now"
+    );
+    server.pass(Duration::from_millis(100));
     let (topic, payload) = server.published.pop().unwrap();
     let Message::Presence(presence) = Message::decode(topic, &payload).unwrap() else {
         panic!("{topic:?}")

@@ -106,7 +106,7 @@ fn with_server(simulation: Box<dyn Simulation>, test: impl FnOnce(&Broker)) {
     };
     test(&broker);
     going.store(false, Ordering::Relaxed);
-    serving.join().unwrap();
+    serving.join().unwrap().unwrap();
 }
 
 #[test]

@@ -160,8 +160,7 @@ fn a_control_message_waits_for_its_parameters() {
         assert_eq!(server.said(Topic::Sensor), 0);
         server.say(Topic::Parameters, &parameters(&hash));
         assert_eq!(server.said(Topic::Sensor), 1, "{hash}");
-        let end = json!({"server": ID, "simulation_hash": hash, "run": false});
-        server.say(Topic::Control, &end);
+        server.say(Topic::Control, &ends(&hash, tool));
         assert!(server.machine.is_free() && server.warnings.is_empty());
     }
 }
@@ -222,4 +221,77 @@ fn what_the_broker_does_not_take_ends_the_run_and_its_tool_is_told() {
         failed.reason,
         "a sensor message of 1900000 bytes is larger than the 20000 that the broker takes"
     );
+}
+
+fn ends(hash: &str, tool: Option<&str>) -> Value {
+    let mut message = control(hash, tool);
+    message["run"] = false.into();
+    message
+}
+
+#[test]
+fn nobody_elses_control_ends_an_episode() {
+    for tool in [None, Some("ada")] {
+        let others = [None, Some("ada"), Some("eve")].map(|other| (other, other == tool));
+        for (other, own) in others {
+            let mut server = Server::of_walks();
+            server.say(Topic::Parameters, &parameters(HASH));
+            server.say(Topic::Control, &control(HASH, tool));
+            server.say(Topic::Control, &ends(HASH, other));
+            assert_eq!(
+                server.machine.is_free(),
+                own,
+                "{tool:?}'s, ended by {other:?}"
+            );
+            assert_eq!(server.warnings.is_empty(), own);
+        }
+    }
+}
+
+#[test]
+fn nobody_elses_control_gives_a_server_back_that_is_held() {
+    let mut server = Server::of_walks();
+    assert!(server.busy_for("ada", SECOND) > 0);
+    server.say(Topic::Parameters, &parameters(HASH));
+    for other in [None, Some("eve")] {
+        server.say(Topic::Control, &ends(HASH, other));
+        assert!(!server.answers(Some("eve")));
+    }
+    server.say(Topic::Control, &ends("any", Some("ada")));
+    assert!(server.answers(Some("eve")));
+}
+
+#[test]
+fn nobody_elses_control_ends_what_waits_for_its_parameters() {
+    let mut server = Server::of_walks();
+    server.say(Topic::Control, &control(HASH, Some("ada")));
+    server.say(Topic::Control, &ends(HASH, None));
+    server.say(Topic::Control, &ends(HASH, Some("eve")));
+    server.say(Topic::Control, &control(HASH, Some("eve")));
+    server.say(Topic::Parameters, &parameters(HASH));
+    assert_eq!(server.machine.holder().as_deref(), Some("ada"));
+}
+
+#[test]
+fn an_episode_of_what_is_not_offered_does_not_begin() {
+    let mut server = Server::of_walks();
+    server.say(Topic::Parameters, &parameters(HASH));
+    let mut wrong = control(HASH, Some("ada"));
+    wrong["simulation"] = "swim".into();
+    server.say(Topic::Control, &wrong);
+    assert_eq!(server.said(Topic::Sensor), 0);
+    assert!(server.replies.is_empty(), "it does not say where to");
+    wrong["reply"] = "swarmwright/v1/tool/ada1".into();
+    server.say(Topic::Control, &wrong);
+    let [(_, ToTool::Failed(failed))] = &server.replies[..] else {
+        panic!("{:?}", server.replies);
+    };
+    assert!(failed.invalid && failed.simulation_hash == HASH);
+    assert_eq!(
+        failed.reason,
+        "simulation: \"swim\" is not offered here, only walk"
+    );
+    // One that names none means the only one.
+    server.say(Topic::Control, &control(HASH, Some("ada")));
+    assert_eq!(server.said(Topic::Sensor), 1);
 }

@@ -84,6 +84,8 @@ class _Place:
     last: Death | None = None
     given_up: bool = False
     """Whether it will not be started again."""
+    left: bool = False
+    """Whether it was ready and left by itself for a reason that lasts: another server has its id."""
 
 
 class Supervisor:
@@ -188,6 +190,9 @@ class Supervisor:
                 place = self._places[process.identifier]
                 place.was_ready, place.failed_starts = True, 0
                 self._count()
+        elif report.get("event") == "error" and process.ready:
+            with self._lock:
+                self._places[process.identifier].left = True
         self._tell(Event(process.identifier, process.pid, report))
 
     def _count(self) -> None:
@@ -298,7 +303,7 @@ class Supervisor:
 
     def _pause(self, place: _Place, process: Process, death: Death, sample: Sample) -> float | None:
         """How long to wait before it is started again; None: not at all."""
-        if not self._restart or not place.was_ready:
+        if not self._restart or not place.was_ready or place.left:
             return None  # of one that never was ready: what is wrong now will be wrong again
         place.failed_starts = 0 if process.ready else place.failed_starts + 1
         place.ends = 0 if sample.ended else place.ends + 1

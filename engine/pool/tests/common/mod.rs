@@ -383,7 +383,8 @@ impl Net {
                             self.warnings.push(text)
                         }
                         swarmwright_wrapper::Action::Notice(_)
-                        | swarmwright_wrapper::Action::Frame(_) => {}
+                        | swarmwright_wrapper::Action::Frame(_)
+                        | swarmwright_wrapper::Action::GiveWay(_) => {}
                     }
                 }
                 for job in jobs {

@@ -115,10 +115,11 @@ fn conversation() -> impl Strategy<Value = Message> {
             text(),
             any::<(bool, bool)>(),
             optional(),
+            optional(),
             optional()
         )
             .prop_map(
-                |(server, simulation, simulation_hash, (run, visual), tool, reply)| {
+                |(server, simulation, simulation_hash, (run, visual), tool, reply, instance)| {
                     Message::Control(Control {
                         server,
                         simulation,
@@ -127,6 +128,7 @@ fn conversation() -> impl Strategy<Value = Message> {
                         visual,
                         tool,
                         reply,
+                        instance,
                     })
                 }
             ),
@@ -202,16 +204,20 @@ fn block() -> impl Strategy<Value = Message> {
             any::<u32>(),
             real()
         )
+            .prop_flat_map(|all| (Just(all), prop::option::of(text())))
             .prop_map(
                 |(
-                    (request, tool, reply, simulation),
-                    parameters,
-                    controller,
-                    genomes,
-                    seeds,
-                    metrics,
-                    attempt,
-                    lease,
+                    (
+                        (request, tool, reply, simulation),
+                        parameters,
+                        controller,
+                        genomes,
+                        seeds,
+                        metrics,
+                        attempt,
+                        lease,
+                    ),
+                    instance,
                 )| {
                     Message::ToServer(ToServer::Evaluate(Evaluate {
                         version: 1,
@@ -226,11 +232,12 @@ fn block() -> impl Strategy<Value = Message> {
                         metrics,
                         attempt,
                         lease,
+                        instance,
                     }))
                 }
             ),
-        (who(), object(), seeds(), names()).prop_map(
-            |((request, tool, reply, simulation), parameters, seeds, metrics)| {
+        (who(), object(), seeds(), names(), prop::option::of(text())).prop_map(
+            |((request, tool, reply, simulation), parameters, seeds, metrics, instance)| {
                 Message::ToServer(ToServer::Start(BatchStart {
                     version: 1,
                     request,
@@ -240,6 +247,7 @@ fn block() -> impl Strategy<Value = Message> {
                     parameters,
                     seeds,
                     metrics,
+                    instance,
                 }))
             }
         ),

@@ -18,6 +18,16 @@ impl Machine {
             return;
         }
         let (request, reply) = (message.request, message.reply.clone());
+        if !self.is_meant(message.instance.as_ref()) {
+            if let Some(refusal) = self.refuse_for_another(&message.simulation) {
+                let message = BatchSensors {
+                    error: Some(refusal),
+                    ..answer(request, self.identity.id, 0)
+                };
+                self.send_sensors(reply, message);
+            }
+            return;
+        }
         let tool = message.tool.clone();
         if let State::Stepping(batch) = &self.state
             && (&batch.tool, batch.request) == (&tool, request)

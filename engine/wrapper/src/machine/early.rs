@@ -18,16 +18,18 @@ pub(super) type Early = (Control, Instant);
 impl Machine {
     /// Keeps a control message for the parameters that are still to come.
     pub(super) fn keep_early(&mut self, control: Control, now: Instant) {
-        self.forget_early(&control.simulation_hash);
+        self.forget_early(&control.simulation_hash, &control.tool);
         if self.early.len() >= KEPT {
             self.early.pop_front();
         }
         self.early.push_back((control, now + OVERTAKEN));
     }
 
-    pub(super) fn forget_early(&mut self, hash: &str) {
-        self.early
-            .retain(|(control, _)| control.simulation_hash != hash);
+    /// Forgets what a tool has sent for an episode; what another one has sent for it waits on.
+    pub(super) fn forget_early(&mut self, hash: &str, tool: &Option<String>) {
+        self.early.retain(|(control, _)| {
+            (control.simulation_hash.as_str(), &control.tool) != (hash, tool)
+        });
     }
 
     /// Parameters came: starts the run that waits for them, if there is one.

@@ -86,6 +86,12 @@ impl Machine {
             return;
         }
         let (number, reply) = (message.request, message.reply.clone());
+        if !self.is_meant(message.instance.as_ref()) {
+            if let Some(refusal) = self.refuse_for_another(&message.simulation) {
+                self.send_result(number, reply, &[], Err(refusal), 0.0);
+            }
+            return;
+        }
         let tool = message.tool.clone();
         if let State::Working(work) = &self.state
             && work.has(&tool, number)

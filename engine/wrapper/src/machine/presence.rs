@@ -1,10 +1,8 @@
-//! What a server says of itself: capabilities, presence, and who else has its id.
-
-use std::time::Instant;
+//! What a server says of itself: capabilities, presence.
 
 use swarmwright_protocol::{Capabilities, Presence, State as PresenceState, Topic};
 
-use super::{Machine, Offer, SETTLE, State};
+use super::{Machine, Offer, State};
 use crate::notice::{Action, Notice};
 
 impl Machine {
@@ -50,30 +48,6 @@ impl Machine {
             State::Working(work) => work.holder(),
             State::Held { tool, .. } => tool.clone(),
             State::Free | State::Configured { .. } => None,
-        }
-    }
-
-    pub(super) fn other_presence(&mut self, presence: &Presence, now: Instant) {
-        let other = presence.capabilities.swarmwright.as_ref();
-        let instance = other.and_then(|other| other.instance.as_ref());
-        if presence.server != self.identity.id || instance == Some(&self.identity.instance) {
-            return;
-        }
-        if presence.state == PresenceState::Lost {
-            // Another server with this id is gone, and with its last will stands in the place of what is true.
-            self.published = None;
-            self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));
-        } else {
-            let host = other
-                .and_then(|other| other.host.clone())
-                .unwrap_or_else(|| "an unknown host".to_owned());
-            let pid = other
-                .and_then(|other| other.pid)
-                .map_or_else(String::new, |pid| format!(", process {pid}"));
-            self.complain(format!(
-                "another server has the id {} too ({host}{pid}); give one of them another --id",
-                self.identity.id
-            ));
         }
     }
 

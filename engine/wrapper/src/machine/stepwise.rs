@@ -11,6 +11,9 @@ use swarmwright_worlds::Failure;
 use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker, name};
 use crate::run::{NoStart, Outcome, Run};
 
+/// Characters of a foreign title that are quoted, at most.
+const MOST_TITLE: usize = 200;
+
 impl Machine {
     pub(super) fn control(&mut self, control: Control, now: Instant) {
         if !control.run {
@@ -32,6 +35,11 @@ impl Machine {
                 return self.turn_away(&control, &reason, now);
             }
             _ => {}
+        }
+        if let Some(title) = control.simulation.as_ref()
+            && self.offered(title).is_err()
+        {
+            return self.refuse_title(&control);
         }
         let hash = control.simulation_hash.clone();
         if control.reply.is_some() && self.begun.contains(&hash) {
@@ -105,6 +113,32 @@ impl Machine {
         self.changed_at.get_or_insert(now);
     }
 
+    /// A tool wants an episode of what is not offered here: it takes this server for another one.
+    fn refuse_title(&mut self, control: &Control) {
+        let title = shortened(control.simulation.clone().unwrap_or_default(), MOST_TITLE);
+        let reason = format!(
+            "simulation: {title:?} is not offered here, only {}",
+            self.titles().join(", ")
+        );
+        self.complain(format!(
+            "refusing to start a run for {}: {reason}",
+            asker(control)
+        ));
+        let hash = control.simulation_hash.clone();
+        self.report(control.reply.clone(), hash, reason.into(), true);
+    }
+
+    /// A control message for another start of a server with this id. If that one is gone, its tool hears of this one.
+    pub(super) fn turn_away_from_another(&mut self, control: &Control, now: Instant) {
+        let offered = control
+            .simulation
+            .as_ref()
+            .is_none_or(|title| self.offered(title).is_ok());
+        if control.run && self.is_free() && offered {
+            self.turn_away(control, "it is meant for another server with this id", now);
+        }
+    }
+
     /// Tells the tool that an episode has ended without fitness, if it said where.
     pub(super) fn report(
         &mut self,
@@ -131,7 +165,8 @@ impl Machine {
         });
     }
 
-    /// Which simulation a control message means: the one it names, the one its discovery named, or the only one.
+    /// Which simulation a control message means, which names none but those offered: the one it names, the one its
+    /// discovery named, or the only one.
     fn wanted(&self, control: &Control) -> Option<usize> {
         if self.offers.len() == 1 {
             return Some(0);

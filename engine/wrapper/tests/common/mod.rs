@@ -13,7 +13,7 @@ use swarmwright_worlds::{
     Description, Failure, Means, MetricInfo, ParameterError, Parameters, Simulation, Together,
     fail, measure,
 };
-use swarmwright_wrapper::{Action, Identity, Job, Machine, Notice};
+use swarmwright_wrapper::{Action, Identity, Job, Machine, Notice, Rival};
 
 pub const ID: u64 = 7;
 pub const STEP_TIMEOUT: Duration = Duration::from_secs(60);
@@ -175,6 +175,7 @@ pub fn request(number: u64) -> Evaluate {
         metrics: Vec::new(),
         attempt: 1,
         lease: 60.0,
+        instance: None,
     }
 }
 
@@ -299,6 +300,7 @@ pub fn batch(number: u64) -> BatchStart {
         parameters: Map::new(),
         seeds: U64s(vec![1, 2, 3]),
         metrics: Vec::new(),
+        instance: None,
     }
 }
 
@@ -315,6 +317,8 @@ pub struct Server {
     pub published: Vec<(Topic, Vec<u8>)>,
     /// Requests that were numbered.
     pub requests: u64,
+    /// Servers for which it gives way.
+    pub rivals: Vec<Rival>,
 }
 
 impl Server {
@@ -328,6 +332,7 @@ impl Server {
             replies: Vec::new(),
             published: Vec::new(),
             requests: 0,
+            rivals: Vec::new(),
         }
     }
 
@@ -374,6 +379,7 @@ impl Server {
                 }
                 Action::Evaluate(job) => self.jobs.push(job),
                 Action::Notice(Notice::Warning(text)) => self.warnings.push(text),
+                Action::GiveWay(rival) => self.rivals.push(rival),
                 Action::Notice(_) | Action::Frame(_) => {}
             }
         }

@@ -110,7 +110,11 @@ public final class CommandLine {
     // the same.
     Runtime.getRuntime().addShutdownHook(new Thread(() -> leave(started)));
     try {
-      started.complete(program.start(new CommandLine(List.of(arguments))));
+      AutoCloseable server = program.start(new CommandLine(List.of(arguments)));
+      started.complete(server);
+      if (server instanceof SimulationServer) {
+        ((SimulationServer) server).await();
+      }
       Thread.currentThread().join();
     } catch (InterruptedException error) {
       Thread.currentThread().interrupt();

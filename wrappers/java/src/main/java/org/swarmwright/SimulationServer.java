@@ -38,13 +38,18 @@ public final class SimulationServer implements AutoCloseable {
    * A whole program: reads {@code --broker}, {@code --id}, {@code --prefix} and {@code
    * --step-timeout}, serves until it is told to end.
    *
-   * <p>Exit status: 1 no broker or the ID is taken, 2 wrong arguments.
+   * <p>Exit status: 1 no broker or another server has the ID, 2 wrong arguments.
    */
   public static void main(String[] arguments, Supplier<? extends Simulation> maker) {
     CommandLine.serve(arguments, maker);
   }
 
-  /** Waits until the server is closed. */
+  /**
+   * Waits until the server is closed.
+   *
+   * @throws IllegalStateException if it has left by itself: another server got its ID while it was
+   *     away
+   */
   public void await() throws InterruptedException {
     host.await();
   }

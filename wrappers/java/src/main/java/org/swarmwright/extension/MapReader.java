@@ -96,6 +96,11 @@ public final class MapReader {
     }
   }
 
+  /** A text, null if the key is absent. */
+  public String optionalText(String key) {
+    return fields.containsKey(key) ? text(key) : null;
+  }
+
   /** Texts, none if the key is absent. */
   public List<String> texts(String key) {
     if (!fields.containsKey(key)) {

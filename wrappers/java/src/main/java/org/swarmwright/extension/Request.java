@@ -16,11 +16,15 @@ public abstract class Request implements ToServer {
   /** Title of the simulation. */
   public final String simulation;
 
+  /** Which start of the server is meant; null where the tool does not say. */
+  public final String instance;
+
   Request(MapReader map) {
     request = map.bits("request");
     tool = map.text("tool");
     reply = map.text("reply");
     simulation = map.text("simulation");
+    instance = map.optionalText("instance");
   }
 
   static long[] seeds(MapReader map) {

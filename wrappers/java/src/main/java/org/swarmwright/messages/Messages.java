@@ -94,7 +94,8 @@ public final class Messages {
         .withRun(run == null || run)
         .withVisual(visual != null && visual)
         .withTool(fields.lenient(() -> fields.optionalText("tool")))
-        .withReply(fields.lenient(() -> fields.optionalText("reply")));
+        .withReply(fields.lenient(() -> fields.optionalText("reply")))
+        .withInstance(fields.lenient(() -> fields.optionalText("instance")));
   }
 
   /**

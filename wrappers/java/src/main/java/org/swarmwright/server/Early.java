@@ -1,9 +1,11 @@
 package org.swarmwright.server;
 
+import java.util.ArrayDeque;
 import java.util.ArrayList;
-import java.util.LinkedHashMap;
+import java.util.Deque;
+import java.util.Iterator;
 import java.util.List;
-import java.util.Map;
+import java.util.Objects;
 import org.swarmwright.messages.Control;
 
 /**
@@ -27,21 +29,39 @@ final class Early {
     }
   }
 
-  /** By hash, the oldest first. */
-  private final Map<String, Waiting> waiting = new LinkedHashMap<>();
+  /** The oldest first. */
+  private final Deque<Waiting> waiting = new ArrayDeque<>();
 
   void keep(Control control, long now) {
-    take(control.getSimulationHash());
+    forget(control);
     if (waiting.size() >= KEPT) {
-      waiting.remove(waiting.keySet().iterator().next());
+      waiting.removeFirst();
     }
-    waiting.put(control.getSimulationHash(), new Waiting(control, now + OVERTAKEN));
+    waiting.addLast(new Waiting(control, now + OVERTAKEN));
+  }
+
+  /**
+   * Forgets what a tool has sent for an episode; what another one has sent for it waits on.
+   *
+   * @param control any message of that tool for that episode
+   */
+  void forget(Control control) {
+    waiting.removeIf(
+        one ->
+            one.control.getSimulationHash().equals(control.getSimulationHash())
+                && Objects.equals(one.control.getTool(), control.getTool()));
   }
 
   /** Takes out what waits for the parameters of a hash; null for nothing. */
   Control take(String hash) {
-    Waiting found = waiting.remove(hash);
-    return found == null ? null : found.control;
+    for (Iterator<Waiting> all = waiting.iterator(); all.hasNext(); ) {
+      Control control = all.next().control;
+      if (control.getSimulationHash().equals(hash)) {
+        all.remove();
+        return control;
+      }
+    }
+    return null;
   }
 
   void clear() {
@@ -50,16 +70,14 @@ final class Early {
 
   /** When the next one has waited for long enough; null for none. */
   Long next() {
-    return waiting.isEmpty() ? null : (Long) waiting.values().iterator().next().until;
+    return waiting.isEmpty() ? null : (Long) waiting.peekFirst().until;
   }
 
   /** Takes out those that have waited for long enough. */
   List<Control> late(long now) {
     List<Control> late = new ArrayList<>();
-    for (Waiting one : new ArrayList<>(waiting.values())) {
-      if (one.until <= now) {
-        late.add(take(one.control.getSimulationHash()));
-      }
+    while (!waiting.isEmpty() && waiting.peekFirst().until <= now) {
+      late.add(waiting.removeFirst().control);
     }
     return late;
   }

@@ -31,7 +31,7 @@ import org.swarmwright.mqtt.BrokerAddress;
  * <p>Part of the library's inside: {@link org.swarmwright.SimulationServer} is the way in.
  */
 public final class Host implements AutoCloseable, Link.Listener, Outbox {
-  /** For how long a server that starts listens for another with its ID. */
+  /** For how long a server that starts or comes back listens for another with its ID. */
   private static final long LISTEN_MILLIS = 100;
 
   private final Object lock = new Object();
@@ -48,8 +48,14 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   private ScheduledFuture<?> alarm;
   private Long alarmAt;
 
-  /** What came before it was sure that no other server has the ID; null afterwards. */
+  /** What came while it was not sure that no other server has the ID; null when it is. */
   private List<Runnable> early = new ArrayList<>();
+
+  /** How often the connection came or went: whoever waited for its end has to look. */
+  private int changes;
+
+  /** Why the server has left by itself; null if it has not. */
+  private String lost;
 
   private Presence rival;
   private boolean closed;
@@ -132,16 +138,11 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     if (other != null) {
       // A good-bye, or the last will would declare the rightful owner of the ID lost.
       link.close();
-      Swarmwright announced = other.getCapabilities().getSwarmwright();
-      String host =
-          announced == null
-              ? "an unknown host"
-              : announced.getHost() + ", process " + announced.getPid();
       throw new IllegalStateException(
           "the id "
               + identity.id
               + " is taken by a server on "
-              + host
+              + Identity.words(other.getCapabilities().getSwarmwright())
               + "; choose another with --id (or, if that server is gone"
               + " for good: mosquitto_pub -r -n -t "
               + presenceTopic()
@@ -151,17 +152,10 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
 
   private boolean isRival(Presence presence) {
     Swarmwright other = presence.getCapabilities().getSwarmwright();
-    if (presence.getServer() != identity.id || presence.getState() == Presence.State.LOST) {
-      return false;
-    }
-    // A broker that was killed keeps the presence of servers that died with it; on this host that
-    // can be seen.
-    boolean gone =
-        other != null
-            && identity.host.equals(other.getHost())
-            && other.getPid() != null
-            && ProcessHandle.of(other.getPid()).isEmpty();
-    return !gone;
+    return presence.getServer() == identity.id
+        && presence.getState() != Presence.State.LOST
+        && !(other != null && identity.instance.equals(other.getInstance()))
+        && !identity.isDead(other);
   }
 
   // What happens.
@@ -169,6 +163,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   @Override
   public void received(String topic, byte[] payload, boolean retained) {
     synchronized (lock) {
+      if (lost != null) {
+        return;
+      }
       if (early == null) {
         receive(topic, payload, retained);
       } else if (!topic.equals(presenceTopic())) {
@@ -208,7 +205,30 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   @Override
   public void connected() {
     synchronized (lock) {
+      if (closed) {
+        return;
+      }
+      early = new ArrayList<>();
+      rival = null;
+      int now = ++changes;
+      clock.schedule(() -> returned(now), LISTEN_MILLIS, TimeUnit.MILLISECONDS);
+    }
+  }
+
+  /** The connection has been there again for a moment: another server has the ID by now, or none. */
+  private void returned(int change) {
+    synchronized (lock) {
+      if (closed || change != changes) {
+        return;
+      }
+      if (rival != null) {
+        giveWay(Identity.words(rival.getCapabilities().getSwarmwright()));
+        return;
+      }
+      List<Runnable> waiting = early;
+      early = null;
       machine.connected(stamp());
+      waiting.forEach(Runnable::run);
       watch();
     }
   }
@@ -217,6 +237,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   public void disconnected(String reason) {
     synchronized (lock) {
       if (!closed) {
+        changes++;
         machine.disconnected(reason, System.nanoTime());
         watch();
       }
@@ -240,7 +261,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   private void tick() {
     synchronized (lock) {
       alarmAt = null;
-      if (!closed) {
+      if (!closed && lost == null) {
         machine.tick(System.nanoTime(), stamp());
         watch();
       }
@@ -282,13 +303,34 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   }
 
   @Override
+  public void giveWay(String other) {
+    if (lost == null) {
+      lost =
+          "another server has the id "
+              + identity.id
+              + " too ("
+              + other
+              + "): this one, which was away, leaves; start it again with another --id";
+      // Not here: this may be the connection's own thread.
+      clock.execute(this::close);
+    }
+  }
+
+  @Override
   public void show(String picture) {
     pictures.accept(picture);
   }
 
-  /** Waits until it is closed. */
+  /**
+   * Waits until it is closed.
+   *
+   * @throws IllegalStateException if it has left by itself, since another server has the ID
+   */
   public void await() throws InterruptedException {
     end.await();
+    if (lost != null) {
+      throw new IllegalStateException(lost);
+    }
   }
 
   /** Gives up what is under way and leaves the broker in good order. */
@@ -300,7 +342,10 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       }
       closed = true;
       machine.free(System.nanoTime());
-      link.retain(presenceTopic(), new byte[0]);
+      // The presence of another server with the ID is not this one's to remove.
+      if (lost == null) {
+        link.retain(presenceTopic(), new byte[0]);
+      }
     }
     link.close();
     clock.shutdownNow();

@@ -16,19 +16,44 @@ final class Identity {
   final String host;
   final int pid = (int) ProcessHandle.current().pid();
 
+  /** Name of this machine. */
+  private static String hostName() {
+    try {
+      return InetAddress.getLocalHost().getHostName();
+    } catch (UnknownHostException error) {
+      return "unknown";
+    }
+  }
+
   Identity(long id) {
     if (id < 0) {
       throw new IllegalArgumentException(
           "the ID " + id + " is negative; use a number from 0 to " + Long.MAX_VALUE);
     }
     this.id = id;
-    String name;
-    try {
-      name = InetAddress.getLocalHost().getHostName();
-    } catch (UnknownHostException error) {
-      name = "unknown";
-    }
-    host = name;
+    host = hostName();
+  }
+
+  /** Where another server runs, in words. */
+  static String words(Swarmwright other) {
+    String host = other == null || other.getHost() == null ? "an unknown host" : other.getHost();
+    return other == null || other.getPid() == null ? host : host + ", process " + other.getPid();
+  }
+
+  /**
+   * Whether another server's process is known to be dead, as one on this machine is that is not
+   * there: a broker that was killed keeps the presence of servers that died with it.
+   */
+  boolean isDead(Swarmwright other) {
+    return other != null
+        && host.equals(other.getHost())
+        && other.getPid() != null
+        && ProcessHandle.of(other.getPid()).isEmpty();
+  }
+
+  /** Whether a message for a start of this ID is for this one; null where its tool does not say. */
+  boolean isMeant(String which) {
+    return which == null || which.equals(instance);
   }
 
   /** What this server says of its ability to run a simulation. */

@@ -214,8 +214,9 @@ final class Link {
     @Override
     public void connectComplete(boolean again, String uri) {
       if (again) {
-        quietly(() -> subscribe());
+        // Before anything can come in.
         listener.connected();
+        quietly(() -> subscribe());
       }
     }
 

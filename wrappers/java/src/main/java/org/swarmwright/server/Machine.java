@@ -26,6 +26,9 @@ final class Machine extends Requests {
   /** Parameters messages kept for a control to come: of the tools on a broker, few ask at once. */
   private static final int KEPT = 8;
 
+  /** Characters of a foreign title that are quoted, at most. */
+  private static final int MOST_TITLE = 200;
+
   /** Hashes of runs that are remembered, so that each begins once. */
   private static final int BEGUN = 64;
 
@@ -92,7 +95,7 @@ final class Machine extends Requests {
         actuate(Messages.readActuator(payload), now);
         break;
       case PRESENCE:
-        otherPresence(Messages.readPresence(payload));
+        otherPresence(Messages.readPresence(payload), now);
         break;
       case TO_SERVER:
         request(ToServer.read(payload), now);
@@ -174,19 +177,30 @@ final class Machine extends Requests {
     if (control.getServer() != identity.id) {
       return;
     }
+    if (!identity.isMeant(control.getInstance())) {
+      // Where that one is gone, its tool hears of this one.
+      if (control.getRun() && state == State.FREE && offers(control.getSimulation())) {
+        complain(refusing(control) + "it is meant for another server with this id");
+        tellAgain(now);
+      }
+      return;
+    }
     if (!control.getRun()) {
       end(control, now);
       return;
     }
-    String asker = asker(control);
     if (state == State.RUNNING && run.hash.equals(control.getSimulationHash())) {
       complain("ignoring a control message that starts a run that is under way");
       return;
     }
     boolean held = state == State.HELD && !Objects.equals(holder, control.getTool());
     if (held || state == State.RUNNING || state == State.STEPPING || state == State.WORKING) {
-      complain("refusing to start a run for " + asker + ": taken by " + holderInWords());
+      complain(refusing(control) + "taken by " + holderInWords());
       tellAgain(now);
+      return;
+    }
+    if (!offers(control.getSimulation())) {
+      refuseTitle(control);
       return;
     }
     boolean once = control.getReply() != null;
@@ -217,6 +231,27 @@ final class Machine extends Requests {
     }
   }
 
+  /** Whether a simulation is offered; a tool that names none means the only one. */
+  private boolean offers(String title) {
+    return title == null || offer.description().title().equals(title);
+  }
+
+  /** A tool wants an episode of what is not offered here: it takes this server for another one. */
+  private void refuseTitle(Control control) {
+    String title = control.getSimulation();
+    String reason =
+        "simulation: \""
+            + title.substring(0, Math.min(title.length(), MOST_TITLE))
+            + "\" is not offered here, only "
+            + offer.description().title();
+    complain(refusing(control) + reason);
+    replies.failed(control.getReply(), control.getSimulationHash(), reason, null, true);
+  }
+
+  private static String refusing(Control control) {
+    return "refusing to start a run for " + asker(control) + ": ";
+  }
+
   private static String asker(Control control) {
     return control.getTool() == null ? "an optimization tool without a name" : control.getTool();
   }
@@ -234,23 +269,23 @@ final class Machine extends Requests {
 
   private void end(Control control, long now) {
     String hash = control.getSimulationHash();
-    early.take(hash);
+    early.forget(control);
     boolean ours = false;
     switch (state) {
       case FREE:
         return;
       case RUNNING:
-        ours = run.hash.equals(hash);
+        ours = run.hash.equals(hash) && Objects.equals(run.tool, control.getTool());
         break;
       case CONFIGURED:
         ours = hash.equals(newestHash);
         break;
       case HELD:
         ours =
-            hash.equals(lastHash)
-                || (holder == null
-                    ? parameters.containsKey(hash)
-                    : holder.equals(control.getTool()));
+            holder == null
+                ? control.getTool() == null
+                    && (hash.equals(lastHash) || parameters.containsKey(hash))
+                : holder.equals(control.getTool());
         break;
       default:
         ours = control.getTool() != null && control.getTool().equals(holder());
@@ -367,9 +402,8 @@ final class Machine extends Requests {
   void tick(long now, String stamp) {
     for (Control late : early.late(now)) {
       complain(
-          "refusing to start a run for "
-              + asker(late)
-              + ": no parameters came for its hash, "
+          refusing(late)
+              + "no parameters came for its hash, "
               + Early.OVERTAKEN / SECOND
               + " s after its control message");
     }
@@ -422,7 +456,7 @@ final class Machine extends Requests {
     offline = true;
   }
 
-  /** The connection is there again; the last will stands in the place of what is true. */
+  /** The connection is there again, and no other server has the ID. */
   void connected(String stamp) {
     offline = false;
     publishPresence(stamp);

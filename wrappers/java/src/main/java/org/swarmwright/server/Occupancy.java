@@ -30,13 +30,13 @@ abstract class Occupancy {
    */
   static final long PATIENCE = 5 * SECOND;
 
-  private static final int MOST_COMPLAINTS = 1000;
-
   /**
    * A change of presence is published when it has lasted this long: runs of a few milliseconds are
    * no news.
    */
   static final long SETTLE = 150_000_000L;
+
+  private static final int MOST_COMPLAINTS = 1000;
 
   /** See the class. */
   enum State {
@@ -242,8 +242,11 @@ abstract class Occupancy {
     publishedHolder = holder();
   }
 
-  /** A presence message came in under this server's ID. */
-  void otherPresence(Presence presence) {
+  /**
+   * A presence message came in under this server's ID. Of two servers with one ID that are at work
+   * the one whose instance is the greater text goes, and the other one says that it is there.
+   */
+  void otherPresence(Presence presence, long now) {
     if (presence.getServer() != identity.id) {
       return;
     }
@@ -258,11 +261,22 @@ abstract class Occupancy {
     if (other != null && identity.instance.equals(other.getInstance())) {
       return;
     }
-    String host = other == null || other.getHost() == null ? "an unknown host" : other.getHost();
+    String rival = Identity.words(other);
+    if (identity.isDead(other)) {
+      return;
+    }
+    if (other != null
+        && other.getInstance() != null
+        && other.getInstance().compareTo(identity.instance) < 0) {
+      outbox.giveWay(rival);
+      return;
+    }
     complain(
         String.format(
             "another server has the id %d too (%s); give one of them another --id",
-            identity.id, host));
+            identity.id, rival));
+    forgetPresence();
+    tellAtOnce(now);
   }
 
   /** A warning that is made only once, however often its cause comes back. */

@@ -27,6 +27,9 @@ interface Outbox {
   /** Tells the operator. */
   void notice(String text);
 
+  /** Leaves the broker for good: another server, described in words, has the ID. */
+  void giveWay(String rival);
+
   /** Shows a picture of a run. */
   void show(String picture);
 }

@@ -38,6 +38,13 @@ abstract class Requests extends Occupancy {
       return;
     }
     try {
+      if (!identity.isMeant(request.instance)) {
+        if (state == State.FREE && offer.description().title().equals(request.simulation)) {
+          throw new Refusal(
+              Refusal.Kind.TAKEN, "it is meant for another server with this id");
+        }
+        return;
+      }
       checkTaken(request);
       if (request instanceof Evaluate) {
         evaluate((Evaluate) request, now);

@@ -90,6 +90,7 @@ class ExtensionTest {
     reading.addProperty("tool", request.tool);
     reading.addProperty("reply", request.reply);
     reading.addProperty("simulation", request.simulation);
+    reading.addProperty("instance", request.instance);
     if (message instanceof Evaluate) {
       Evaluate evaluate = (Evaluate) message;
       reading.add("parameters", evaluate.parameters);

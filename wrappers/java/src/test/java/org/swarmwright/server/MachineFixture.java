@@ -27,6 +27,7 @@ abstract class MachineFixture {
     final List<MapValue> replies = new ArrayList<>();
     final List<Job> jobs = new ArrayList<>();
     final List<String> notices = new ArrayList<>();
+    final List<String> rivals = new ArrayList<>();
 
     /** Bytes of messages and of answers that the broker takes. */
     int most = Integer.MAX_VALUE;
@@ -72,6 +73,11 @@ abstract class MachineFixture {
     }
 
     @Override
+    public void giveWay(String rival) {
+      rivals.add(rival);
+    }
+
+    @Override
     public void show(String picture) {
       published.add("picture");
     }
@@ -86,8 +92,9 @@ abstract class MachineFixture {
   }
 
   final Recorder out = new Recorder();
+  final Identity identity = new Identity(7);
   final Machine machine =
-      new Machine(new Identity(7), Offer.of(Walk::new), new Topics(""), 60, out);
+      new Machine(identity, Offer.of(Walk::new), new Topics(""), 60, out);
   long now;
 
   void say(String topic, String fields) {

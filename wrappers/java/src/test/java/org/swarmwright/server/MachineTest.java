@@ -42,6 +42,73 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
+  void nobodyElsesControlEndsAnEpisode() {
+    String mine = "'server': 7, 'simulation_hash': 'e'";
+    String end = mine + ", 'run': false";
+    say("parameters", mine);
+    say("control", mine + ", 'tool': 'ada'");
+    say("control", end);
+    say("control", end + ", 'tool': 'eve'");
+    assertTrue(out.notices.toString().contains("ignoring the end of a run"));
+    assertTrue(!isFree(", 'tool': 'ada'"), "under way");
+    say("control", end + ", 'tool': 'ada'");
+    assertTrue(isFree(""));
+    // What waits for its parameters is its tool's, too.
+    say("control", mine + ", 'tool': 'ada'");
+    say("control", end + ", 'tool': 'eve'");
+    say("parameters", mine);
+    assertTrue(!isFree(""));
+    say("control", end + ", 'tool': 'ada'");
+    // A tool without a name ends its own.
+    say("parameters", mine);
+    say("control", mine);
+    say("control", end + ", 'tool': 'eve'");
+    assertTrue(!isFree(""));
+    say("control", end);
+    assertTrue(isFree(""));
+  }
+
+  @Test
+  void anEpisodeOfAnotherSimulationOrStartIsNotBegun() {
+    String mine = "'server': 7, 'simulation_hash': 'e'";
+    say("parameters", mine);
+    say("control", mine + ", 'instance': 'another'");
+    assertEquals(0, sensors());
+    say("control", mine + ", 'simulation': 'tumble', 'reply': 'swarmwright/v1/tool/t'");
+    assertEquals(0, sensors());
+    assertEquals(1, out.replies.size());
+    assertTrue(out.last("reason").toString().contains("not offered here, only walk"));
+    assertEquals("true", out.last("invalid").toString());
+    say("control", mine + ", 'instance': '" + identity.instance + "', 'simulation': 'walk'");
+    assertTrue(sensors() > 0);
+  }
+
+  private void hearOf(String instance) {
+    say(
+        "swarmwright/v1/presence/7",
+        "'version': 1, 'server': 7, 'state': 'ready', 'simulations': ['walk'], 'since': '',"
+            + " 'capabilities': {'dimensions': 2, 'swarmwright': {'version': 1, 'host': 'far',"
+            + " 'pid': 3, 'instance': '"
+            + instance
+            + "'}}");
+  }
+
+  @Test
+  void ofTwoServersWithOneIdTheOneWithTheGreaterInstanceGoes() {
+    machine.publishPresence("");
+    hearOf(identity.instance);
+    assertEquals(List.of(), out.rivals);
+    assertEquals(1, out.published.size());
+    // The other one is to go, and hears of this one.
+    hearOf("z");
+    assertEquals(List.of(), out.rivals);
+    machine.tick(now, "");
+    assertEquals(2, out.published.size());
+    hearOf("!");
+    assertEquals(List.of("far, process 3"), out.rivals);
+  }
+
+  @Test
   void candidatesAreEvaluatedInEveryEpisodeAndWhatFailsSaysWhy() throws IOException {
     evaluate(1, "ada", 0, 1, 13);
     work();

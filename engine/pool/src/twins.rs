@@ -1,0 +1,69 @@
+//! Two servers with one id.
+//!
+//! Servers that say which start of them answers are told apart by that, and what is meant for one is not done by the other.
+//! Of others two step one episode, and its result is wrong: so what came under the id is computed again, as far as it has
+//! not been handed out.
+
+use std::collections::BTreeSet;
+use std::time::Instant;
+
+use crate::failures::Blame;
+use crate::machine::Machine;
+use crate::slot::Job;
+
+impl Machine {
+    /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.
+    pub(crate) fn found_two(&mut self, id: u64, round: u64, now: Instant) {
+        let (jobs, news) = self.offers.are_two(id, round);
+        self.are_two(id, jobs, news, now);
+    }
+
+    /// Two servers have an id: it is not used until one is left, and what came under it counts no more.
+    pub(crate) fn are_two(&mut self, id: u64, jobs: Vec<Job>, news: bool, now: Instant) {
+        for job in &jobs {
+            if let Job::Episode(hash) = job {
+                self.end_run(id, hash);
+            }
+        }
+        let (redone, handed) = self.redo(id, now);
+        let (before, since) = self.unproven.remove(&id).unwrap_or_default();
+        let doubtful = handed.max(before + since);
+        if news || redone + doubtful > 0 {
+            let mut text = format!(
+                "two servers answer to the id {id}, so neither is used; give one another --id"
+            );
+            if redone > 0 {
+                text += &format!("; {redone} evaluations that came under it are done again");
+            }
+            if doubtful > 0 {
+                text += &format!(
+                    "; {doubtful} evaluations that came under it of late have been used before, stay as they are and may be wrong"
+                );
+            }
+            self.warn(text);
+        }
+        let reason = format!("two servers answer to the id {id}");
+        self.fail_jobs(jobs, &reason, Blame::Nobody, now);
+    }
+
+    /// Results are handed out. Of servers that say which start of them answers there is no doubt.
+    pub(crate) fn hands_out(&mut self) {
+        let slots = self.offers.slots.iter();
+        let doubtful = slots.filter(|(_, slot)| slot.instance.is_none());
+        let doubtful: BTreeSet<u64> = doubtful.map(|(id, _)| *id).collect();
+        if doubtful.is_empty() {
+            return;
+        }
+        let authors = self.ledger.authors().into_iter();
+        for id in authors.filter(|id| doubtful.contains(id)) {
+            self.unproven.entry(id).or_default().1 += 1;
+        }
+    }
+
+    /// One server alone answered to an id in a whole round: up to then nobody else had it.
+    pub(crate) fn proven(&mut self, id: u64) {
+        if let Some((before, since)) = self.unproven.get_mut(&id) {
+            (*before, *since) = (*since, 0);
+        }
+    }
+}

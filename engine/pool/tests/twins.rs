@@ -1,0 +1,148 @@
+//! Two servers with one id, one of which came back from somewhere: the results are those of one alone.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
+
+mod common;
+
+use std::time::Duration;
+
+use common::{Line, Net, Party, server, tool, tool_in_mode, work};
+use serde_json::{Value, json};
+use swarmwright_pool::Mode;
+use swarmwright_protocol::Topics;
+use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation};
+use swarmwright_wrapper::{Identity, Machine};
+
+const SEEDS: [u64; 2] = [3, 4];
+const MODES: [Mode; 3] = [Mode::Stepwise, Mode::Batched, Mode::Offloaded];
+
+/// A line by another name, which ends at once.
+struct Dot(Line);
+
+impl Simulation for Dot {
+    fn description(&self) -> Description {
+        Description {
+            title: "dot".to_owned(),
+            ..self.0.description()
+        }
+    }
+
+    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        self.0.reset(parameters)
+    }
+
+    fn acting(&self) -> &[u32] {
+        &[]
+    }
+
+    fn sense(&self, _: u32, _: &mut [f32]) {}
+
+    fn step(&mut self, _: &[f32]) {}
+
+    fn fitness(&self) -> f64 {
+        -1.0
+    }
+}
+
+fn party(id: u64) -> Party {
+    Party::Server(Box::new(server(id, Line::new())))
+}
+
+fn dot(id: u64) -> Party {
+    Party::Server(Box::new(Machine::new(
+        Identity::new(id),
+        vec![Box::new(Dot(Line::new()))],
+        Topics::default(),
+        Duration::from_secs(20),
+    )))
+}
+
+fn undisturbed(candidates: usize) -> Vec<f64> {
+    let mut net = Net::new(5);
+    let index = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
+    net.add(party(1));
+    net.submit(index, work(candidates, &SEEDS));
+    net.finish(index)
+}
+
+#[test]
+fn a_server_of_another_simulation_under_the_id_does_nothing_for_this_one() {
+    let expected = undisturbed(7);
+    for mode in MODES {
+        for random in 0..10 {
+            let mut net = Net::new(random);
+            let machine = tool_in_mode(mode, "a", 0, net.now);
+            let index = net.add(Party::Tool(Box::new(machine)));
+            net.add(party(1));
+            net.add(dot(1));
+            net.submit(index, work(7, &SEEDS));
+            assert_eq!(net.finish(index), expected, "{mode}");
+        }
+    }
+}
+
+/// A server of another simulation that begins whatever it is told to, as those before this version do.
+fn heedless() -> Party {
+    Party::Script(Box::new(|topic, payload| {
+        let message: Value = serde_json::from_slice(payload).unwrap_or_default();
+        if topic != "control" || message["run"] != true || message["server"] != 1 {
+            return Vec::new();
+        }
+        let (hash, title) = (&message["simulation_hash"], "dot");
+        let sensor =
+            json!({"simulation": title, "simulation_hash": hash, "agent": 0, "sensor": [9, 9]});
+        let fitness = json!({"simulation": title, "simulation_hash": hash, "fitness": -1});
+        vec![
+            ("sensor".to_owned(), sensor.to_string().into_bytes()),
+            ("fitness".to_owned(), fitness.to_string().into_bytes()),
+        ]
+    }))
+}
+
+#[test]
+fn what_names_another_simulation_is_refused_and_counted() {
+    let expected = undisturbed(7);
+    for random in 0..10 {
+        let mut net = Net::new(random);
+        let index = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
+        net.add(party(1));
+        net.add(heedless());
+        net.submit(index, work(7, &SEEDS));
+        assert_eq!(net.finish(index), expected);
+        let told = "a fitness message is of simulation \"dot\", not \"line\"";
+        let told = |text: &&String| text.contains(told);
+        assert_eq!(net.warnings.iter().filter(told).count(), 1, "said once");
+        assert!(net.tool(index).counts().foreign >= 14);
+    }
+}
+
+#[test]
+fn a_server_without_a_title_in_its_messages_is_used() {
+    // D6.1's printed examples leave it out.
+    let expected = undisturbed(3);
+    let mut net = Net::new(5);
+    let index = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
+    net.add_seed_only(1);
+    net.submit(index, work(3, &SEEDS));
+    assert_eq!(net.finish(index), expected);
+}
+
+#[test]
+fn one_of_the_same_simulation_that_comes_in_the_middle_changes_no_result() {
+    let expected = undisturbed(40);
+    for mode in MODES {
+        for random in 0..20 {
+            let mut net = Net::new(random);
+            net.presence = random % 2 == 0;
+            let machine = tool_in_mode(mode, "a", 0, net.now);
+            let index = net.add(Party::Tool(Box::new(machine)));
+            net.add(party(1));
+            net.add(party(2));
+            net.submit(index, work(40, &SEEDS));
+            for _ in 0..random * 20 {
+                net.turn();
+            }
+            net.add(party(1));
+            assert_eq!(net.finish(index), expected, "{mode}, {random}");
+        }
+    }
+}

@@ -1,0 +1,77 @@
+"""A server that was away comes back to an id that another one has: the record is an undisturbed run's."""
+
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.system.brokers import BrokerProcess
+from tests.system.conftest import Experiment, Launch, Serve
+from tests.system.fault_proxy import FaultProxy
+from tests.system.processes import Program, Servers
+from tests.system.runs import attempts, record
+
+LONG = """\
+simulation: minisim
+mode: {mode}
+parameters: {{maxSteps: 300, speedAgents: 0.02, numDefenders: 1, speedDefenders: 0.01}}
+method: {{kind: nnga, population: 10, generations: {generations}}}
+"""
+
+
+@pytest.fixture
+def way(broker: BrokerProcess) -> Iterator[FaultProxy]:
+    """To the broker, for the one that is to be cut off."""
+    with FaultProxy(broker.port, 1, delayed=0, doubled=0, lifetime=1e9) as proxy:
+        yield proxy
+
+
+def until_further(run: Program, count: int) -> None:
+    """Wait until a run has so many more generations."""
+
+    def generations() -> int:
+        return sum("best_so_far" in event for event in run.events())
+
+    before = generations()
+    run.until(lambda _: generations() >= before + count, "next generation", 60)
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("mode", ["stepwise", "batched"])
+@pytest.mark.parametrize("title", ["minisim", "emergency_exit"])
+def test_a_server_that_slept_finds_its_id_in_use(
+    broker: BrokerProcess,
+    way: FaultProxy,
+    serve: Serve,
+    launch: Launch,
+    experiment: Experiment,
+    mode: str,
+    title: str,
+) -> None:
+    path = experiment(LONG.format(mode=mode, generations=80 if mode == "stepwise" else 400))
+    assert launch("optimize", path, "--servers", "local", "--out", "quiet").wait(120) == 0
+    sleeper = Servers(way.url, cwd=path.parent)
+    serve(broker.url, first=2)
+    heir = None
+    try:
+        run = launch("optimize", path, "--broker", broker.url, "--out", "noisy", "--json")
+        until_further(run, 1)
+        sleeper.signal_server(1, signal.SIGSTOP)
+        way.cut()
+        # Until the broker has said the last will.
+        time.sleep(0.3)
+        heir = launch("serve", title, "--broker", broker.url, "--id", 1, "--json")
+        heir.until_event("ready")
+        until_further(run, 2)
+        sleeper.signal_server(1, signal.SIGCONT)
+        assert sleeper.wait(60) == 1, "the one that was away leaves, and is not started again"
+        assert "another server has the id 1 too" in sleeper.stderr
+        assert run.wait(120) == 0, run.stderr
+        assert heir.process.poll() is None
+        assert heir.events("ended") == []
+    finally:
+        sleeper.stop()
+    assert record(path.parent / "noisy") == record(path.parent / "quiet")
+    used = [entry for entry in attempts(path.parent / "noisy") if entry["error"] is None]
+    assert {entry["server"] for entry in used} == {1, 2}
