@@ -131,6 +131,9 @@ class Backend(Protocol):
     def log_to(self, folder: Path) -> None:
         """Write what started servers print to a file in a run's folder."""
 
+    def post_evaluates(self) -> None:
+        """Say that what follows belongs to no generation: the best, on other seeds."""
+
 
 @contextmanager
 def open_backend(
@@ -398,6 +401,9 @@ class LocalBackend:
     def log_to(self, folder: Path) -> None:
         """Nothing is printed that is not seen."""
 
+    def post_evaluates(self) -> None:
+        """Nobody is told."""
+
     def stream(self, crews: Crews, seeds: Sequence[int], feed: Feed, on_progress: Progress) -> None:
         """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
         first, weights = 0, crews.weights
@@ -421,6 +427,7 @@ class BrokerBackend:
         self._servers = servers
         self._restarts = 0 if servers is None else servers.restarts
         self._without_value = 0
+        self._run: str | None = None
         if _reports.wanted():
             pool.listen(lambda text: _reports.tell(json.loads(text)), warnings_only=_reports.only_warnings())
         self._expression = experiment.fitness_expression
@@ -445,6 +452,7 @@ class BrokerBackend:
         evaluations: tuple[int, int] | None = None,
     ) -> None:
         """Tell those who watch the broker."""
+        self._run = run
         self._pool.about(run, generation, generations, evaluations)
 
     def incidents(self) -> dict[str, int]:
@@ -459,6 +467,12 @@ class BrokerBackend:
         """Write what started servers print to a file in a run's folder."""
         if self._servers is not None:
             self._servers.log_to(folder / OUTPUT)
+
+    def post_evaluates(self) -> None:
+        """Say that what follows belongs to no generation, in servers.log and to those who watch."""
+        self._pool.about(self._run)
+        if self._servers is not None:
+            self._servers.work_for("post-evaluation")
 
     def _valued(self, results: Results, numbers: Sequence[int]) -> Results:
         """Apply the experiment's fitness, and count the episodes for which it has no value."""

@@ -108,7 +108,12 @@ class LocalServers:
 
     def log_to(self, file: Path) -> None:
         """Write what the servers print to a file, which is made when there is something."""
+        self.output.purpose = ""
         self.output.log_to(file)
+
+    def work_for(self, purpose: str) -> None:
+        """Say what is computed from now on, where that belongs to no generation."""
+        self.output.purpose = purpose
 
     def close(self) -> None:
         """End all servers: ask all, then wait for each, then kill."""

@@ -237,6 +237,7 @@ def _evaluated(
             f"{representation.genome_size}"
         )
     crews = Crews.of(representation, genome[np.newaxis])
+    backend.post_evaluates()
     results = backend.evaluate(crews, seeds, on_progress or (lambda *_: None))
     values: NDArray[np.float64] = results.fitness[0] + 0.0
     if not np.isfinite(values).any():

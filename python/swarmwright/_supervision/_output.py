@@ -54,6 +54,8 @@ class Output:
         self._second: dict[int, tuple[int, int]] = {}
         self.place: Place = lambda _request: None
         """What a request is about, where that is known."""
+        self.purpose = ""
+        """What is computed that belongs to no generation, such as `post-evaluation`."""
 
     def log_to(self, path: Path) -> None:
         """Write to a file, which is made with the first line; what came before is written, too."""
@@ -84,14 +86,28 @@ class Output:
         return text
 
     def _named(self, mark: bytes) -> str:
-        """What was computed, as `generation:candidate`."""
+        """What was computed, as `candidate generation:candidate`."""
         request, first, episode = mark.decode(errors="replace").split(" ")
         found = self.place(int(request))
         if found is None:
             return ""
-        candidate, first_episode, generation = found
-        name = f"{candidate + int(first)}" if generation is None else f"{generation}:{candidate + int(first)}"
-        return f"{name}, episode {first_episode + int(episode)}" if episode else name
+        return self.named(found, int(first), int(episode) if episode else None)
+
+    def named(self, place: tuple[int, int, int | None], first: int, episode: int | None) -> str:
+        """Return what was computed, as `candidate generation:candidate`, or for what it was.
+
+        Args:
+            place: of the request.
+            first: which of its candidates.
+            episode: which of its episodes; None for all of them.
+        """
+        candidate, first_episode, generation = place
+        number = candidate + first
+        if generation is None:
+            name = self.purpose or f"candidate {number}"
+        else:
+            name = f"candidate {generation}:{number}"
+        return name if episode is None else f"{name}, episode {first_episode + episode}"
 
     def say(self, server: int, text: str, place: str = "") -> None:
         """Take a line of text."""
@@ -108,7 +124,7 @@ class Output:
             if count > MOST:
                 return
             said = "".join(_foreign.lines(text))  # of one line; what it does to a terminal is not kept
-            self._keep(f"{who}, candidate {place}: {said}" if place else f"{who}: {said}")
+            self._keep(f"{who}, {place}: {said}" if place else f"{who}: {said}")
 
     def _keep(self, line: str) -> None:
         if self._file is None:

@@ -283,7 +283,10 @@ class Supervisor:
             pause = self._pause(place, process, death, sample)
             supervision = self._supervision
         place_of = None if supervision is None else supervision.place(sample.request)
-        self._output.say(death.server, f"[{death.how}]", _named(place_of, sample))
+        whose = ""
+        if place_of is not None and sample.candidates == 1:
+            whose = self._output.named(place_of, sample.first, sample.episode or 0)
+        self._output.say(death.server, f"[{death.how}]", whose)
         if supervision is not None:
             supervision.ended(
                 death.server,
@@ -328,12 +331,3 @@ class Supervisor:
             return
         assert process is not None
         self._tell(Restarted(process.identifier, process.pid))
-
-
-def _named(place: tuple[int, int, int | None] | None, sample: Sample) -> str:
-    """What was computed, as `generation:candidate`; empty where that is not known."""
-    if place is None or sample.candidates != 1:
-        return ""
-    candidate, episode, generation = place
-    name = f"{candidate + sample.first}" if generation is None else f"{generation}:{candidate + sample.first}"
-    return f"{name}, episode {episode + (sample.episode or 0)}"

@@ -85,3 +85,15 @@ class Unstartable(Sound):
     def poison(self) -> None:
         BROKEN.touch()
         os._exit(9)
+
+
+class Tell(Sound):
+    """Prints its seed, on which its fitness depends."""
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:
+        self.seed = seed
+        print("seed", seed, flush=True)
+        return super().reset(parameters, seed)
+
+    def fitness(self) -> float:
+        return self.sum + self.seed % 7

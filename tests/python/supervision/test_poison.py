@@ -156,3 +156,18 @@ def test_what_is_printed_is_in_the_log_with_its_candidate(tmp_path: Path, progra
     assert "printed" in done.stderr
     assert ": printed" not in done.stdout
     assert "servers.log" in done.stdout
+
+
+@pytest.mark.parametrize("operation", ["generational", "steady_state"])
+def test_what_is_printed_in_the_post_evaluation_is_no_generation_s(tmp_path: Path, operation: str) -> None:
+    method = {"kind": "random_search", "population": 4, "generations": 3, "operation": operation}
+    told = experiment("Tell", method=method, ranking={"unseen_episodes": 6})
+    run = optimize(told, servers=1, out=tmp_path / "run")
+    log = (run.path / "servers.log").read_text().splitlines()
+    of_it = [re.findall(r"server \d+, post-evaluation, episode (\d+): seed (\d+)$", line) for line in log]
+    assert run.unseen is not None
+    assert sorted((int(e), int(s)) for [(e, s)] in filter(None, of_it)) == list(enumerate(run.unseen.seeds))
+    others = [line for line, found in zip(log, of_it, strict=True) if not found]
+    number = r"\d+" if operation == "steady_state" else r"[012]:[0123]"
+    assert len(others) == 12
+    assert all(re.search(rf"candidate {number}, episode 0: seed \d+$", line) for line in others), others
