@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.java import JavaServer
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.fault_proxy import FaultProxy
@@ -75,3 +76,30 @@ def test_a_server_that_slept_finds_its_id_in_use(
     assert record(path.parent / "noisy") == record(path.parent / "quiet")
     used = [entry for entry in attempts(path.parent / "noisy") if entry["error"] is None]
     assert {entry["server"] for entry in used} == {1, 2}
+
+
+@pytest.mark.timeout(180)
+def test_a_java_server_that_slept_leaves(
+    embedded: BrokerProcess, launch: Launch, serve: Serve, experiment: Experiment
+) -> None:
+    """The same, once: its machine's decisions are tested beside it."""
+    path = experiment(LONG.format(mode="stepwise", generations=60))
+    assert launch("optimize", path, "--servers", "local", "--out", "quiet").wait(120) == 0
+    with FaultProxy(embedded.port, 1, delayed=0, doubled=0, lifetime=1e9) as way:
+        sleeper = JavaServer(way.url, cwd=path.parent)
+        try:
+            serve(embedded.url, first=2)
+            run = launch("optimize", path, "--broker", embedded.url, "--out", "noisy", "--json")
+            until_further(run, 1)
+            sleeper.signal(signal.SIGSTOP)
+            way.cut()
+            time.sleep(0.3)
+            heir = serve(embedded.url)
+            sleeper.signal(signal.SIGCONT)
+            assert sleeper.wait(60) == 1
+            assert "another server has the id 1 too" in sleeper.stderr
+            assert run.wait(120) == 0, run.stderr
+            assert heir.events("ended") == []
+        finally:
+            sleeper.stop()
+    assert record(path.parent / "noisy") == record(path.parent / "quiet")
