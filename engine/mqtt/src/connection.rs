@@ -28,6 +28,10 @@ pub enum Event {
     Disconnected {
         /// Why.
         reason: String,
+        /// Bytes of the largest packet that was sent and that the broker is not known to have read, where it is larger
+        /// than all that it read, and than 1024: perhaps the broker takes none of that size. 0 for none, and where the
+        /// broker says how much it takes.
+        unread: usize,
     },
     /// A message came in.
     Message(Incoming),
@@ -163,6 +167,13 @@ impl Connection {
         self.link
             .as_ref()
             .map_or(usize::MAX, |link| link.session.largest())
+    }
+
+    /// Bytes of the largest packet that this connection has sent since it was opened last and the broker has read,
+    /// where that is more than 1024 and the broker does not say how much it takes; otherwise 0.
+    #[must_use]
+    pub fn largest_read(&self) -> usize {
+        self.link.as_ref().map_or(0, |link| link.session.read().0)
     }
 
     /// Replaces the last will, from the next connection on.
@@ -438,7 +449,8 @@ impl Connection {
             let _ = self.poll.registry().deregister(link.transport.socket());
             self.out.clear();
             self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
-            events.push(Event::Disconnected { reason });
+            let (_, unread) = link.session.read();
+            events.push(Event::Disconnected { reason, unread });
         }
     }
 }

@@ -11,6 +11,7 @@ mod manner;
 mod plain;
 mod probe;
 mod publication;
+mod reading;
 mod session;
 mod settings;
 mod tls;

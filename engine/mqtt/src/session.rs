@@ -17,10 +17,14 @@ use mqtt_protocol_core::mqtt::{self, role};
 use crate::manner::{Manner, Remedy};
 use crate::plain::{self, Cut};
 use crate::publication::PublishOptions;
+use crate::reading::Reading;
 use crate::settings::Settings;
 
 /// The largest packet that a broker may send here (MQTT 5), bytes: the protocol's largest message, its topic and properties.
 const LARGEST_PACKET: u32 = (64 << 20) + (1 << 20);
+
+/// The packet that asks a broker whether it is there.
+const PINGREQ: [u8; 2] = [0xc0, 0];
 
 /// Quality of service of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -155,6 +159,8 @@ pub(crate) struct Session {
     most: QoS,
     /// Whether the broker takes messages that it is to keep.
     retains: bool,
+    /// What the broker has read; of use where it does not say how much it takes.
+    reading: Reading,
     /// The topic of the last plain message: most have the same one, which is then neither checked nor copied.
     last_topic: Arc<str>,
 }
@@ -178,6 +184,7 @@ impl Session {
             largest: usize::MAX,
             most: QoS::AtLeastOnce,
             retains: true,
+            reading: Reading::default(),
             last_topic: Arc::default(),
         }
     }
@@ -280,12 +287,25 @@ impl Session {
             retain: options.retain && self.retains,
             ..*options
         };
+        let before = out.len();
         // The keep-alive timer runs on meanwhile: a ping too many is harmless.
         let plain = self.accepted && options.qos == QoS::AtMostOnce && !options.retain;
-        if plain && plain::write(topic, payload, options, self.version, self.largest, out) {
-            return Ok(());
+        if !(plain && plain::write(topic, payload, options, self.version, self.largest, out)) {
+            self.publish_by_core(topic, payload, options, out)?;
         }
-        self.publish_by_core(topic, payload, options, out)
+        let bytes = out.len() - before;
+        if self.largest == usize::MAX && self.reading.sent(bytes) {
+            self.reading.asked(bytes);
+            // Not by the core, whose patience with the answer is that with an idle connection.
+            out.extend_from_slice(&PINGREQ);
+        }
+        Ok(())
+    }
+
+    /// Bytes of the largest packet that the broker has read and that was not small, 0 for none; and of the largest one
+    /// that it may not have read, 0 where none is larger. Both 0 where it says how much it takes.
+    pub fn read(&self) -> (usize, usize) {
+        (self.reading.read(), self.reading.unread())
     }
 
     /// What the broker takes of a quality of service.
@@ -464,6 +484,9 @@ impl Session {
     fn handle(&mut self, event: CoreEvent, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
         match event {
             CoreEvent::RequestSendPacket { packet, .. } => {
+                if matches!(packet, Packet::V5_0Pingreq(_) | Packet::V3_1_1Pingreq(_)) {
+                    self.reading.asked(0);
+                }
                 for buffer in packet.to_buffers() {
                     out.extend_from_slice(&buffer);
                 }
@@ -485,6 +508,7 @@ impl Session {
                 Packet::V3_1_1Publish(publish) => {
                     received(Received::Publish(Incoming(Publish::V3(Box::new(publish)))))
                 }
+                Packet::V5_0Pingresp(_) | Packet::V3_1_1Pingresp(_) => self.reading.answered(),
                 Packet::V5_0Connack(connack) => received(match connack.reason_code() {
                     ConnectReasonCode::Success => {
                         self.accepted = true;

@@ -437,3 +437,58 @@ fn it_is_found_out_whether_a_broker_holds_back_small_packets() {
     broker.stop();
     assert!(holds_back_small_packets(&settings(&broker.url())).is_err());
 }
+
+/// Bytes that the broker may not have read when the connection ended.
+fn unread(connection: &mut Connection) -> usize {
+    let deadline = Instant::now() + PATIENCE;
+    let mut events = Vec::new();
+    loop {
+        assert!(Instant::now() < deadline, "the connection did not end");
+        connection.poll(deadline, &mut events);
+        for event in events.drain(..) {
+            if let Event::Disconnected { unread, .. } = event {
+                return unread;
+            }
+        }
+    }
+}
+
+#[test]
+fn what_the_broker_has_read_is_known_where_it_announces_no_limit() {
+    let broker = Broker::start(&Config::default()).unwrap();
+    let url = format!("{}?mqtt=3", broker.url());
+    let mut connection = open(&url, "nothing");
+    for size in [5000, 3000, 9000] {
+        connection.publish("t", &vec![0; size], QoS::AtMostOnce, false, None);
+    }
+    let (deadline, mut events) = (Instant::now() + PATIENCE, Vec::new());
+    while connection.largest_read() < 9000 {
+        assert!(Instant::now() < deadline, "{}", connection.largest_read());
+        connection.poll(Instant::now() + Duration::from_millis(10), &mut events);
+    }
+    assert!(connection.largest_read() < 9020);
+    broker.stop();
+    assert_eq!(unread(&mut connection), 0);
+}
+
+#[test]
+fn what_a_broker_had_not_read_when_it_ended_the_connection_is_named() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("mqtt://{}?mqtt=3", listener.local_addr().unwrap());
+    let broker = thread::spawn(move || {
+        let (mut client, _) = listener.accept().unwrap();
+        let mut chunk = [0; 1024];
+        assert!(client.read(&mut chunk).unwrap() > 0);
+        client.write_all(&[0x20, 2, 0, 0]).unwrap();
+        assert!(client.read(&mut chunk).unwrap() > 0);
+        client.write_all(&[0x90, 3, chunk[2], chunk[3], 1]).unwrap();
+        // The header of the message, and no more.
+        assert!(client.read(&mut chunk[..8]).unwrap() > 0);
+    });
+    let mut connection = open(&url, "nothing");
+    connection.publish("t", &[0; 100], QoS::AtMostOnce, false, None);
+    connection.publish("t", &[0; 30_000], QoS::AtMostOnce, false, None);
+    let unread = unread(&mut connection);
+    assert!((30_000..30_020).contains(&unread), "{unread}");
+    broker.join().unwrap();
+}

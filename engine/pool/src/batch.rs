@@ -7,6 +7,9 @@ use swarmwright_protocol::BatchSensors;
 use crate::metrics::needed;
 use crate::run::MOST_AGENTS;
 
+/// Bytes of an index in a message.
+const INDEX: usize = size_of::<u32>();
+
 /// A batch under way.
 pub(crate) struct Batch {
     /// The step that comes next.
@@ -18,6 +21,8 @@ pub(crate) struct Batch {
     episodes: Vec<Episode>,
     actuators: usize,
     sensors: usize,
+    /// Bytes of the largest message of the server, about.
+    largest: usize,
 }
 
 struct Episode {
@@ -54,6 +59,7 @@ impl Batch {
             episodes: controllers.into_iter().map(episode).collect(),
             actuators,
             sensors,
+            largest: 0,
         }
     }
 
@@ -65,6 +71,31 @@ impl Batch {
     /// Steps that have been answered.
     pub fn steps(&self) -> u64 {
         self.step
+    }
+
+    /// Bytes of the server's next message, about, as far as it may be larger than those before; none where that is not
+    /// known. `results`: numbers that an episode ends with.
+    pub fn due(&self, results: usize) -> Option<usize> {
+        let open = self.episodes.iter().filter(|one| one.prototype.is_some());
+        let open = open.count();
+        let ends = open * (INDEX + 8 * results);
+        if !self.steers() {
+            return Some(ends);
+        }
+        if self.step > 0 {
+            return Some(if ends > self.largest { ends } else { 0 });
+        }
+        let agents = usize::try_from(self.agents?).ok()?;
+        Some(
+            open.saturating_mul(agents)
+                .saturating_mul(self.row())
+                .max(ends),
+        )
+    }
+
+    /// Bytes of an agent in a message.
+    fn row(&self) -> usize {
+        2 * INDEX + size_of::<f32>() * self.sensors
     }
 
     /// Takes a message of the server; none if it is a repetition of an older one.
@@ -79,6 +110,8 @@ impl Batch {
             let (found, expected) = (message.step, self.step);
             return Err(format!("step {found} came, expected {expected}"));
         }
+        let came = message.episodes.0.len() * self.row() + message.ended.0.len() * INDEX;
+        self.largest = self.largest.max(came);
         let mut progress = Progress::default();
         for (place, (&episode, &fitness)) in
             message.ended.0.iter().zip(&message.fitness.0).enumerate()

@@ -31,6 +31,8 @@ impl Machine {
         if self.has_ended(id, announced.and_then(|announced| announced.pid)) {
             return;
         }
+        let instance = announced.and_then(|announced| announced.instance.clone());
+        self.came_back(id, instance.as_deref(), now);
         match self.offers.answered(message, round, &self.config.demand) {
             // Were there another server with this id, its answer would come now: two that step one episode spoil it.
             Answer::Welcome => self.offers.introduce(id, now + self.config.probation, now),
@@ -53,6 +55,13 @@ impl Machine {
                 self.offers.fell_silent(presence.server);
             }
             return;
+        }
+        let announced = presence.capabilities.swarmwright.as_ref();
+        let instance = announced.and_then(|announced| announced.instance.clone());
+        if presence.state == State::Lost {
+            self.suspect(presence.server, instance.as_deref(), now);
+        } else {
+            self.came_back(presence.server, instance.as_deref(), now);
         }
         let (ended, discover) = self.offers.present(presence, &self.config.tool);
         if let Some(mut ended) = ended {

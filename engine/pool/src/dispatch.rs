@@ -18,8 +18,10 @@ const WHOLE: f64 = 0.004;
 /// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
 /// the speed of 4 MiB and more).
 const NUMBERS: usize = 1 << 17;
-/// Bytes of a message beside its numbers and the parameters.
-const ROOM: usize = 8192;
+/// Bytes of a packet beside its payload, and of a message beside what is counted, at most.
+const ROOM: usize = 512;
+/// Numbers that take the room of a seed.
+const SEED: usize = 2;
 /// Numbers of a batch's row beside its sensors: episode and agent.
 const ROW: usize = 2;
 /// Blocks in flight to one server: one is computed, one waits.
@@ -156,24 +158,33 @@ impl Machine {
             }
             _ => most,
         };
-        let candidates = (numbers / work.architecture().weight_count()).max(1);
-        most.min(candidates.saturating_mul(work.episodes()))
+        let (weights, episodes) = (work.architecture().weight_count(), work.episodes());
+        // All of a block's candidates have the same seeds.
+        let seeds = if numbers < NUMBERS {
+            SEED.saturating_mul(episodes)
+        } else {
+            0
+        };
+        let fitting = if numbers < NUMBERS && numbers < weights.saturating_add(seeds) {
+            (numbers.saturating_sub(weights) / SEED).max(1)
+        } else {
+            ((numbers - seeds) / weights)
+                .max(1)
+                .saturating_mul(episodes)
+        };
+        most.min(fitting)
+            .min(self.limits.at_once(slot.way))
             .min((numbers / 2 / (1 + self.config.demand.metrics.len())).max(1))
             .min(self.config.largest)
     }
 
     /// Numbers in a message, at most: what is fast, and what the broker takes.
     fn numbers(&self) -> usize {
-        if self.packet >= 2 * size_of::<f32>() * NUMBERS {
+        let packet = self.room();
+        if packet >= 2 * size_of::<f32>() * NUMBERS {
             return NUMBERS;
         }
-        let parameters: usize = self
-            .config
-            .parameters
-            .iter()
-            .map(|(name, value)| name.len() + value.to_string().len())
-            .sum();
-        let room = self.packet.saturating_sub(ROOM + parameters);
+        let room = packet.saturating_sub(ROOM + self.beside);
         (room / size_of::<f32>()).clamp(1, NUMBERS)
     }
 

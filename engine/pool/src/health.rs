@@ -43,6 +43,14 @@ impl Health {
         }
     }
 
+    /// What was held against it last was none of its fault.
+    pub fn forgive(&mut self, id: u64) {
+        if let Some(past) = self.0.get_mut(&id) {
+            past.failures = past.failures.saturating_sub(1);
+            past.until = None;
+        }
+    }
+
     /// Its results were wrong.
     pub fn distrust(&mut self, id: u64, reason: &str) {
         let past = self.0.entry(id).or_default();

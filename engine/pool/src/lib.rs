@@ -16,6 +16,8 @@ mod health;
 mod holdings;
 mod lag;
 mod ledger;
+mod limit;
+mod limits;
 pub mod machine;
 mod metrics;
 mod mode;

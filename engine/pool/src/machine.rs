@@ -18,6 +18,7 @@ use crate::discovery::{FIRST_ROUND, LATER_ROUND};
 use crate::failures::Blame;
 use crate::lag::Suspect;
 use crate::ledger::{Ledger, Results, Settled};
+use crate::limits::Limits;
 use crate::offers::Offers;
 use crate::requests::Request;
 use crate::run::Run;
@@ -82,8 +83,12 @@ pub struct Machine {
     pub(crate) actions: Vec<Action>,
     /// Since when there is work and no server for it.
     pub(crate) lonely_since: Option<Instant>,
-    /// Bytes of the largest packet that the broker takes.
+    /// Bytes of the largest packet that the broker takes, as far as it says so.
     pub(crate) packet: usize,
+    /// What was learnt of how much it takes.
+    pub(crate) limits: Limits,
+    /// Bytes of a request for blocks of the work beside genomes and seeds.
+    pub(crate) beside: usize,
     pub(crate) counts: Counts,
     /// The first server that looks as if the broker held messages to it back; the broker is asked then, once.
     pub(crate) suspect: Option<Suspect>,
@@ -154,6 +159,8 @@ impl Machine {
             actions: Vec::new(),
             lonely_since: None,
             packet: usize::MAX,
+            limits: Limits::default(),
+            beside: 0,
             counts: Counts::default(),
             suspect: None,
             ended: VecDeque::new(),
@@ -180,6 +187,9 @@ impl Machine {
     }
 
     pub(crate) fn publish(&mut self, topic: Topic, payload: Vec<u8>) {
+        if matches!(topic, Topic::Parameters | Topic::Actuator) {
+            self.limits.sent_whole(payload.len());
+        }
         self.actions.push(Action::Publish(topic, payload));
     }
 
@@ -203,6 +213,8 @@ impl Machine {
         self.refused_at = None;
         self.disagreement = None;
         self.work_number += 1;
+        self.beside = self.beside(&work);
+        self.limits.begin();
         self.ledger = Ledger::new(work, self.config.demand.metrics.len());
         self.next_round = self.next_round.min(now + LATER_ROUND);
         self.dispatch(now);
@@ -421,6 +433,7 @@ impl Machine {
         self.doubt(now);
         self.offers.unbench(now);
         self.settle_unchecked(now);
+        self.limits.tick(now);
         if self.next_round <= now {
             if self.wants_servers() {
                 self.discover(now);

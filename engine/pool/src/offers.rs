@@ -355,6 +355,11 @@ impl Offers {
         }
     }
 
+    /// What a server was benched for last was none of its fault.
+    pub(crate) fn forgive(&mut self, id: u64) {
+        self.health.forgive(id);
+    }
+
     /// Nothing came from a server in time: it gets no work before it says something, at least an answer to a question.
     pub(crate) fn fell_silent(&mut self, id: u64) {
         if let Some(slot) = self.slots.get_mut(&id) {

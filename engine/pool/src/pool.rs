@@ -116,6 +116,9 @@ pub enum PoolError {
     /// Genomes that do not fit.
     #[error(transparent)]
     Work(#[from] WorkError),
+    /// A part of the work is larger than the broker takes.
+    #[error("{0}")]
+    TooLarge(String),
     /// Two servers do not find the same, and nobody can tell which one is wrong.
     #[error("servers disagree: {0}")]
     Disagreement(String),
@@ -137,6 +140,8 @@ pub struct Pool {
     tell_at: Instant,
     /// When they were told last, and how often in a row the connection ended right after it.
     told_at: Option<Instant>,
+    /// Bytes of the largest packet that the broker has read of this connection.
+    read: usize,
     ended_at_once: u32,
     /// When the machine needs a tick, as it said when it was asked last, and when to ask again.
     tick_at: Instant,
@@ -228,6 +233,7 @@ impl Pool {
             about: About::default(),
             tell_at: now,
             told_at: None,
+            read: 0,
             ended_at_once: 0,
             tick_at: now,
             ask_at: now,
@@ -379,6 +385,9 @@ impl Pool {
                 if let Some(told) = self.machine.disagreement() {
                     break Err(PoolError::Disagreement(told.to_owned()));
                 }
+                if let Some(told) = self.machine.hopeless() {
+                    break Err(PoolError::TooLarge(told.to_owned()));
+                }
                 if let Some(reason) = self.machine.rejected(now) {
                     break Err(PoolError::Rejected(reason));
                 }
@@ -513,6 +522,17 @@ impl Pool {
         }
     }
 
+    /// The connection ended: perhaps on the large packet that the broker has not read, or for how this tool stands.
+    fn suspect(&mut self, unread: usize, now: Instant) {
+        let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
+        if unread == 0 {
+            self.suspect_status(now);
+        } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= AGAIN {
+            // Otherwise it may be either.
+            self.machine.ended_on(unread, now);
+        }
+    }
+
     /// The connection ended: perhaps since the broker does not let this tool say how it stands.
     fn suspect_status(&mut self, now: Instant) {
         let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
@@ -546,9 +566,16 @@ impl Pool {
         let now = Instant::now();
         self.looked = now;
         let came = !self.events.is_empty();
-        let is_lost = |event: &Event| matches!(event, Event::Disconnected { .. });
-        if self.events.iter().any(is_lost) {
-            self.suspect_status(now);
+        let read = self.connection.largest_read();
+        if std::mem::replace(&mut self.read, read) < read {
+            self.machine.was_read(read);
+        }
+        let unread = |event: &Event| match event {
+            Event::Disconnected { unread, .. } => Some(*unread),
+            _ => None,
+        };
+        if let Some(unread) = self.events.iter().find_map(unread) {
+            self.suspect(unread, now);
         }
         for event in self.events.drain(..) {
             match event {
@@ -569,7 +596,7 @@ impl Pool {
                         .set_largest_packet(self.connection.largest_packet());
                     self.machine.connected(now);
                 }
-                Event::Disconnected { reason } => {
+                Event::Disconnected { reason, .. } => {
                     self.reporter.tell(&Report::BrokerLost(&reason));
                     self.warnings
                         .push(format!("lost the broker ({reason}); trying again"));

@@ -16,7 +16,7 @@ use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::slot::Job;
 use crate::supervision::WORD;
-use crate::work::Attempt;
+use crate::work::{Attempt, Work};
 
 /// A block is given to somebody else when it takes this many times as long as expected.
 const LEASE: f64 = 10.0;
@@ -98,6 +98,26 @@ impl Request {
 }
 
 impl Machine {
+    /// Bytes of a request for a block of the work without genomes and seeds.
+    pub(crate) fn beside(&self, work: &Work) -> usize {
+        let nothing = Evaluate {
+            version: EXTENSION_VERSION,
+            request: u64::MAX,
+            tool: self.config.tool.clone(),
+            reply: self.reply.clone(),
+            simulation: self.config.demand.simulation.clone(),
+            parameters: self.config.parameters.clone(),
+            controller: work.specification().clone(),
+            genomes: F32s::default(),
+            seeds: U64s::default(),
+            metrics: self.config.demand.metrics.clone(),
+            attempt: u32::MAX,
+            lease: 0.5,
+            instance: None,
+        };
+        ToServer::Evaluate(nothing).encode().len()
+    }
+
     pub(crate) fn send_block(&mut self, piece: Piece, server: u64, now: Instant) {
         let (candidates, episodes) = self.ledger.extent(&piece);
         let Some(work) = &self.ledger.work else {
@@ -193,7 +213,6 @@ impl Machine {
     ) {
         let number = self.next_request;
         self.next_request += 1;
-        self.ask(server, number, message);
         let request = Request {
             server,
             piece,
@@ -206,6 +225,7 @@ impl Machine {
             batch,
         };
         self.requests.insert(number, request);
+        self.ask(server, number, message);
         if let Some(slot) = self.offers.slots.get_mut(&server) {
             slot.jobs.push(Job::Request(number));
             slot.held = true;
@@ -219,10 +239,18 @@ impl Machine {
     }
 
     fn ask(&mut self, server: u64, request: u64, message: &ToServer) {
+        let payload = message.encode();
+        let requests = &self.requests;
+        if requests
+            .get(&request)
+            .is_some_and(|request| request.piece.len() == 1)
+        {
+            self.limits.sent_whole(payload.len());
+        }
         self.actions.push(Action::Request {
             server,
             request,
-            payload: message.encode(),
+            payload,
         });
     }
 
@@ -232,6 +260,7 @@ impl Machine {
         self.answer(message, now);
         // Most steps end nothing, and thousands of them come each second.
         if self.changes() != before {
+            self.tell_of_limits();
             self.dispatch(now);
         }
     }
@@ -341,6 +370,7 @@ impl Machine {
             }
         }
         self.record_request(&request, None, now);
+        self.went_through(&request);
         for (offset, &fitness) in message.fitness.0.iter().enumerate() {
             if !fitness.is_finite() {
                 continue;
@@ -408,8 +438,8 @@ impl Machine {
                 step,
                 actuators: F32s(actuators),
             });
-            self.ask(server, number, &answer);
             self.requests.insert(number, request);
+            self.ask(server, number, &answer);
             return;
         }
         self.offers.finished(server, &Job::Request(number));
@@ -417,6 +447,7 @@ impl Machine {
         self.offers
             .did_well(server, request.piece.len(), seconds.as_secs_f64());
         self.record_request(&request, None, now);
+        self.went_through(&request);
     }
 
     /// One evaluation of a request failed on a server that goes on.

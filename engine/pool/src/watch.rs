@@ -62,7 +62,7 @@ impl Watcher {
     fn read(&self, event: &Event) -> Option<News> {
         let message = match event {
             Event::Connected => return Some(News::Broker(Ok(()))),
-            Event::Disconnected { reason } => return Some(News::Broker(Err(reason.clone()))),
+            Event::Disconnected { reason, .. } => return Some(News::Broker(Err(reason.clone()))),
             Event::Message(message) => message,
         };
         let topic = self.topics.parse(message.topic())?;

@@ -291,7 +291,9 @@ impl SimulationServer {
                     );
                 }
                 Event::Connected => self.machine.connected(stamp(), now),
-                Event::Disconnected { reason } => self.machine.disconnected(&reason, now),
+                Event::Disconnected { reason, unread } => {
+                    self.machine.disconnected(&lost(reason, unread), now);
+                }
             }
         }
         if let Some(done) = self.evaluator.finished() {
@@ -385,6 +387,16 @@ impl SimulationServer {
     }
 }
 
+/// Why the connection ended, with what was sent last where that may be the cause.
+fn lost(reason: String, unread: usize) -> String {
+    match unread {
+        0 => reason,
+        bytes => format!(
+            "{reason}, right after a packet of {bytes} bytes was sent; perhaps the broker takes none of that size"
+        ),
+    }
+}
+
 /// What is said in the place of an answer that the broker does not take.
 fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
     let error = Some(Refusal {
@@ -465,6 +477,16 @@ fn find_rival(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_large_packet_before_the_end_of_a_connection_is_named() {
+        assert_eq!(lost("closed".to_owned(), 0), "closed");
+        let told = lost("closed".to_owned(), 9000);
+        assert!(
+            told.starts_with("closed, right after a packet of 9000 bytes"),
+            "{told}"
+        );
+    }
 
     #[test]
     fn an_answer_that_is_too_large_becomes_an_error() {

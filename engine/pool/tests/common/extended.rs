@@ -17,6 +17,9 @@ use super::{Line, METRICS};
 /// Answers discovery, evaluates blocks and steps batches of `Line`.
 pub struct Extended {
     pub id: u64,
+    pub instance: String,
+    /// Whether its process ends with its connection.
+    pub crashes: bool,
     pub modes: Vec<&'static str>,
     pub controllers: Vec<&'static str>,
     pub batch: usize,
@@ -61,6 +64,8 @@ impl Extended {
     pub fn new(id: u64, modes: &[&'static str]) -> Self {
         Self {
             id,
+            instance: id.to_string(),
+            crashes: false,
             modes: modes.to_vec(),
             controllers: vec!["layered"],
             batch: 4,
@@ -136,7 +141,7 @@ impl Extended {
             let answer = json!({"server": self.id, "simulation_hash": discovery.simulation_hash,
                 "simulations": ["line"], "capabilities": {"dimensions": 2, "swarmwright": {"version": 1,
                 "modes": self.modes, "controllers": self.controllers, "batch": self.batch, "determinism": "bitwise",
-                "metrics": METRICS.iter().map(|metric| metric.name.to_string()).collect::<Vec<_>>(), "instance": format!("{}", self.id)}}});
+                "metrics": METRICS.iter().map(|metric| metric.name.to_string()).collect::<Vec<_>>(), "instance": self.instance}}});
             let answer = answer.to_string().into_bytes();
             self.outgoing.push_back((now, "server".to_owned(), answer));
         } else if topic == Topics::default().to_server(self.id) {

@@ -9,6 +9,7 @@
 )]
 
 mod extended;
+mod narrow;
 
 use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
@@ -196,6 +197,9 @@ pub struct Net {
     pub presence: bool,
     /// Whether a message may overtake those of the same sender on other topics.
     pub crosses: bool,
+    /// The largest payload that the broker takes, and how often it ended a connection on a larger one.
+    pub takes: usize,
+    pub cuts: usize,
     random: u64,
 }
 
@@ -300,6 +304,8 @@ impl Net {
             seed_only: HashSet::new(),
             presence: false,
             crosses: false,
+            takes: usize::MAX,
+            cuts: 0,
             random: random.wrapping_mul(2).wrapping_add(1),
         }
     }
@@ -488,7 +494,9 @@ impl Net {
         };
         self.now += Duration::from_micros(50);
         self.log.push(message.clone());
-        self.deliver(&message);
+        if self.read(&message) {
+            self.deliver(&message);
+        }
     }
 
     /// Whether the broker has nothing of a party to deliver.

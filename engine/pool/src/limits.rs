@@ -1,0 +1,265 @@
+//! Messages that are larger than the broker takes, where it does not say how much it takes: it ends the connection.
+//!
+//! This tool's connection knows what it had sent when it ended. Of a server it is known what it was at, and that its
+//! process goes on: it comes back as the same instance. One that crashed does not, so that a crash is never taken for this.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use crate::limit::Limit;
+use crate::machine::Machine;
+use crate::mode::Way;
+use crate::requests::Request;
+use crate::slot::Job;
+
+/// Messages of so many bytes are taken by every broker.
+const SMALL: usize = 1024;
+/// Bytes of a packet beside its payload, at most.
+const HEADER: usize = 256;
+/// A server that was silent for longer when its connection ended had not just sent something.
+const RECENT: Duration = Duration::from_secs(30);
+/// How long a server may take to come back.
+const BACK: Duration = Duration::from_secs(60);
+/// Where brokers are told how much to take.
+const SETTINGS: &str = "Mosquitto: max_packet_size, rumqttd: max_payload_size, Moquette: netty.mqtt.message_size, EMQX: \
+                        mqtt.max_packet_size";
+
+/// What servers send in one message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// A step of episodes.
+    Batch,
+    /// Results of evaluations.
+    Block,
+}
+
+/// A server whose connection ended when it may just have sent something large.
+#[derive(Debug)]
+struct Suspect {
+    instance: String,
+    kind: Kind,
+    /// Episodes of the batch, or evaluations of the block.
+    size: usize,
+    /// Bytes of its message, where they can be told.
+    bytes: Option<usize>,
+    at: Instant,
+}
+
+/// What is known of how much the broker takes.
+#[derive(Debug, Default)]
+pub(crate) struct Limits {
+    /// Bytes of this tool's packets.
+    packet: Limit,
+    /// Episodes of a batch.
+    batch: Limit,
+    /// Evaluations of a block.
+    block: Limit,
+    /// Bytes of the message on which a server's connection ended last.
+    bytes: Option<usize>,
+    /// Bytes of the largest message of the work that cannot be sent in smaller parts.
+    whole: usize,
+    suspects: BTreeMap<u64, Suspect>,
+    /// Whether the user knows.
+    told: bool,
+    hopeless: Option<String>,
+}
+
+impl Limits {
+    /// Other work begins.
+    pub fn begin(&mut self) {
+        self.whole = 0;
+        self.hopeless = None;
+    }
+
+    /// A message was sent that cannot be smaller.
+    pub fn sent_whole(&mut self, bytes: usize) {
+        self.whole = self.whole.max(bytes);
+    }
+
+    /// So many evaluations of a server's are not to be exceeded where that can be avoided.
+    pub fn at_once(&self, way: Way) -> usize {
+        let limit = match way {
+            Way::Stepwise => return usize::MAX,
+            Way::Batched(_) => &self.batch,
+            Way::Offloaded => &self.block,
+        };
+        limit.advice().unwrap_or(usize::MAX)
+    }
+
+    pub fn tick(&mut self, now: Instant) {
+        for limit in [&mut self.packet, &mut self.batch, &mut self.block] {
+            limit.tick(now);
+        }
+    }
+
+    fn of(&mut self, kind: Kind) -> &mut Limit {
+        match kind {
+            Kind::Batch => &mut self.batch,
+            Kind::Block => &mut self.block,
+        }
+    }
+
+    /// Whether what was learnt stands for a while.
+    fn are_settled(&self) -> bool {
+        let limits = [&self.packet, &self.batch, &self.block];
+        let learnt = |limit: &&&Limit| limit.advice().is_some();
+        limits.iter().filter(learnt).all(|limit| limit.is_settled())
+    }
+
+    /// What the user should know, once.
+    fn news(&self) -> Option<String> {
+        let sizes = |limit: &Limit| Some((limit.broke()?, limit.advice()?));
+        let (what, now) = if let Some((broke, advice)) = sizes(&self.packet) {
+            (
+                format!("this tool's connection on a packet of {broke} bytes"),
+                format!("its packets have {advice} bytes at most from now on"),
+            )
+        } else if let Some((broke, advice)) = sizes(&self.batch) {
+            let bytes = self
+                .bytes
+                .map_or_else(String::new, |bytes| format!(", some {bytes} bytes"));
+            (
+                format!("servers' connections on a step of {broke} episodes{bytes}"),
+                format!("batches have {advice} episodes at most from now on"),
+            )
+        } else {
+            let (broke, advice) = sizes(&self.block)?;
+            (
+                format!("servers' connections on the results of {broke} evaluations"),
+                format!("servers get {advice} evaluations at most at once from now on"),
+            )
+        };
+        Some(format!(
+            "the broker ended {what}, again and again, without having said how much it takes: {now}, which is slower; \
+             raise its limit to 1 MiB or more ({SETTINGS})"
+        ))
+    }
+}
+
+/// Why there is no way on.
+fn hopeless(what: &str, taken: usize) -> String {
+    let taken = match taken {
+        0 => String::new(),
+        taken => format!(", the largest that it took had {taken}"),
+    };
+    format!(
+        "the broker ends {what}, and an evaluation takes no less{taken}; raise the broker's limit ({SETTINGS}) and resume the run"
+    )
+}
+
+impl Machine {
+    /// The broker has read a packet of so many bytes.
+    pub fn was_read(&mut self, bytes: usize) {
+        self.limits.packet.took(bytes);
+    }
+
+    /// This tool's connection ended, with a packet of so many bytes sent of which it is not known whether the broker read
+    /// it; see [`disconnected`](Self::disconnected) for the rest.
+    pub fn ended_on(&mut self, bytes: usize, now: Instant) {
+        let limits = &mut self.limits;
+        let whole = bytes <= limits.whole.saturating_add(HEADER);
+        limits.packet.ended(bytes, whole, now);
+        if limits.packet.is_hopeless() {
+            let what = format!("the connection of this tool on every packet of {bytes} bytes");
+            limits.hopeless = Some(hopeless(&what, limits.packet.taken()));
+        }
+    }
+
+    /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
+    #[must_use]
+    pub fn hopeless(&self) -> Option<&str> {
+        self.limits.hopeless.as_deref()
+    }
+
+    /// Bytes that a packet of this tool should not exceed.
+    pub(crate) fn room(&self) -> usize {
+        let advice = self.limits.packet.advice();
+        advice.map_or(self.packet, |advice| advice.min(self.packet))
+    }
+
+    /// A server's connection has ended: perhaps on what it had just sent.
+    pub(crate) fn suspect(&mut self, server: u64, instance: Option<&str>, now: Instant) {
+        self.limits.suspects.remove(&server);
+        let (Some(slot), Some(instance)) = (self.offers.slots.get(&server), instance) else {
+            return;
+        };
+        let Some(Job::Request(number)) = slot.jobs.first() else {
+            return;
+        };
+        let Some(request) = self.requests.get(number) else {
+            return;
+        };
+        if slot.instance.as_deref() != Some(instance)
+            || now.saturating_duration_since(request.heard) > RECENT
+        {
+            return;
+        }
+        let size = request.piece.len();
+        let (kind, bytes) = self.due(request);
+        // What is not known may be large; of what cannot be smaller it must be known.
+        if bytes.map_or(size > 1, |bytes| bytes > SMALL) {
+            let suspect = Suspect {
+                instance: instance.to_owned(),
+                kind,
+                size,
+                bytes,
+                at: now,
+            };
+            self.limits.suspects.insert(server, suspect);
+        }
+    }
+
+    /// Bytes of the message that a server is to send next, about; none where that is not known.
+    fn due(&self, request: &Request) -> (Kind, Option<usize>) {
+        let results = 1 + self.config.demand.metrics.len();
+        let size = request.piece.len();
+        let Some(batch) = &request.batch else {
+            return (Kind::Block, Some(8 * results * size));
+        };
+        (Kind::Batch, batch.due(results))
+    }
+
+    /// A server is there. If it is the one whose connection had ended, its process lives: the server is not to blame.
+    pub(crate) fn came_back(&mut self, server: u64, instance: Option<&str>, now: Instant) {
+        let Some(suspect) = self.limits.suspects.remove(&server) else {
+            return;
+        };
+        if instance != Some(&*suspect.instance) || now.saturating_duration_since(suspect.at) > BACK
+        {
+            return;
+        }
+        let limit = self.limits.of(suspect.kind);
+        if suspect.size > limit.taken() {
+            self.offers.forgive(server);
+        }
+        limit.ended(suspect.size, suspect.size == 1, now);
+        let is_hopeless = limit.is_hopeless();
+        self.limits.bytes = suspect.bytes;
+        if is_hopeless {
+            let bytes = suspect.bytes.unwrap_or_default();
+            let what = format!("servers' connections on every message of some {bytes} bytes");
+            self.limits.hopeless = Some(hopeless(&what, 0));
+        }
+    }
+
+    /// All of a request went through.
+    pub(crate) fn went_through(&mut self, request: &Request) {
+        let kind = if request.batch.is_some() {
+            Kind::Batch
+        } else {
+            Kind::Block
+        };
+        self.limits.of(kind).took(request.piece.len());
+    }
+
+    /// Tells the user once what was learnt, when it stands for a while, or the work is done.
+    pub(crate) fn tell_of_limits(&mut self) {
+        if !self.limits.told
+            && (self.limits.are_settled() || self.finished())
+            && let Some(text) = self.limits.news()
+        {
+            self.limits.told = true;
+            self.warn(text);
+        }
+    }
+}
