@@ -18,7 +18,7 @@ from swarmwright._errors import InputError, RunError
 from swarmwright._statistics import Summary
 from swarmwright._store import _digest
 from swarmwright._store._database import FILE, checked_facts, reading
-from swarmwright._store._generations import Generations, Row
+from swarmwright._store._generations import Evaluations, Generations, Row
 from swarmwright._store._rows import Attempt, Evaluated, Event, Session, journal_line
 from swarmwright.representations._base import Genome
 
@@ -207,13 +207,12 @@ class StoreReader:
         """Return one evaluation; what None means, `Run.evaluation` says."""
         with self._generations() as generations:
             row, number = self._place(generations, candidate, generation)
-            rows = list(chain.from_iterable(generations.evaluations(row)))
-        if number is None:
-            # NULL, of a failed evaluation, comes last.
-            number = max(rows, key=lambda one: (one[3] is not None, one[3] or 0.0, -one[0]))[0]
-        one = self._record([rows[number - row.first]])
+            found = _chosen(generations.evaluations(row), number)
+            if found is None:
+                raise generations.damaged("the evaluation is missing", row.generation)
+        one = self._record([found])
         return Evaluation(
-            number,
+            int(found[0]),
             int(one.generation[0]),
             int(one.candidate[0]),
             float(one.fitness[0]),
@@ -327,6 +326,22 @@ class StoreReader:
             )
         except (ValueError, TypeError) as error:
             raise InputError(f"{self.file}: is damaged: {error}") from error
+
+
+def _chosen(parts: Iterator[Evaluations], number: int | None) -> tuple[Any, ...] | None:
+    """Return the evaluation of this number, None for the best; goes through all of them."""
+    chosen: tuple[Any, ...] | None = None
+    for part in parts:
+        for one in part:
+            if one[0] == number or (number is None and (chosen is None or _rank(one) > _rank(chosen))):
+                chosen = one
+    return chosen
+
+
+def _rank(evaluation: tuple[Any, ...]) -> tuple[bool, float]:
+    """Return what the larger of is the better; NULL, of a failed evaluation, comes last."""
+    fitness = evaluation[3]
+    return (fitness is not None, fitness or 0.0)
 
 
 def nothing(folder: Path) -> str:
