@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine, _reports, _simulations
 from swarmwright._address import broker_problem
 from swarmwright._code._changes import files_of
-from swarmwright._credentials import from_keyring
+from swarmwright._credentials import prepare
 from swarmwright._errors import InputError, RunError, engine_errors
 from swarmwright._experiment import Experiment
 from swarmwright._fitness import FitnessExpression
@@ -245,7 +245,7 @@ def open_servers(
         The broker's address, and the servers; None when none were started.
     """
     if broker is not None:
-        from_keyring(broker)
+        prepare(broker)
     if broker is not None and not isinstance(started, int):
         return broker, None
     _require_here(experiment)

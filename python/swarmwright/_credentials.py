@@ -4,6 +4,8 @@ https://keyring.readthedocs.io; `pip install swarmwright[keyring]`. The order: S
 SWARMWRIGHT_PASSWORD_FILE, then the keyring, for the user of SWARMWRIGHT_USERNAME.
 """
 
+import ipaddress
+import logging
 import os
 import re
 
@@ -12,7 +14,44 @@ from swarmwright._errors import InputError
 SERVICE = "swarmwright"
 """Under this name the keyring has the passwords, of `USER@HOST:PORT` or, for every broker, of `USER`."""
 
+_LOGGER = logging.getLogger("swarmwright")
+_warned: set[str] = set()
+
 _PORTS = {"mqtt": 1883, "tcp": 1883, "mqtts": 8883, "ssl": 8883, "tls": 8883, "ws": 80, "wss": 443}
+
+
+def prepare(broker: str) -> None:
+    """Look up the password for a broker, as `from_keyring` does, and warn once if it would travel in the clear.
+
+    Raises:
+        InputError: As `from_keyring`.
+    """
+    from_keyring(broker)
+    there = place(broker)
+    if there not in _warned and has_password() and in_clear(broker):
+        _warned.add(there)
+        _LOGGER.warning(
+            "the password for %s travels unencrypted, and everybody on the way can read it; use a broker with TLS, mqtts://",
+            there,
+        )
+
+
+def has_password() -> bool:
+    """Whether the environment has a password for brokers."""
+    return any(os.environ.get(name) for name in ("SWARMWRIGHT_PASSWORD", "SWARMWRIGHT_PASSWORD_FILE"))
+
+
+def in_clear(broker: str) -> bool:
+    """Whether what is sent to a broker leaves this machine without TLS."""
+    if broker.rpartition("://")[0].lower() in {"mqtts", "ssl", "tls", "wss"}:
+        return False
+    host = re.sub(r":\d+$", "", place(broker)).strip("[]").lower()
+    if host == "localhost" or host.endswith(".localhost"):
+        return False
+    try:
+        return not ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return True
 
 
 def from_keyring(broker: str) -> None:

@@ -239,11 +239,14 @@ class Broker:
         access: str | None = None,
         certificate: str | None = None,
         key: str | None = None,
+        origins: Sequence[str] | None = None,
         rate: int | None = None,
         memory: int | None = None,
     ) -> Broker:
         """port 0: any free one. users, access: paths of a password file and of an access file, Mosquitto's formats.
 
+        origins: of web pages that may connect by websocket, as "https://dashboard.example.org"; "*" for all. Pages of the
+        host that they connect to may in any case.
         rate: packets a second that are taken of one client; None for the default.
         memory: bytes that all clients together make the broker keep at most; None for the default.
 
@@ -253,13 +256,22 @@ class Broker:
     def url(self) -> str: ...
     @property
     def port(self) -> int: ...
+    def reload(self) -> None:
+        """Read users, access, certificate and key again; accounts that are gone or have another password are disconnected.
+
+        Raises EngineError when one of the files cannot be used; then everything stays as it was.
+        """
     def stop(self) -> None: ...
 
-def log_to(path: str | None, level: str = "info") -> None:
+def log_to(path: str | None, level: str = "info", most: int | None = None) -> None:
     """Append what the engine logs, the embedded broker's refusals above all, to a file as JSON lines; None: standard error.
 
-    level: error, warning, info, debug or trace. Raises OSError when the file cannot be written, InputError for another level.
+    level: error, warning, info, debug or trace. most: bytes; before the file grows beyond them it is moved to PATH.1, and what
+    was there is gone. A file that somebody else moved away, such as logrotate, is begun anew. Raises OSError when the file cannot be written, InputError for another level.
     """
+
+def log_line(line: str) -> None:
+    """Write a line of one's own where the engine's lines go, see `log_to`; without it nowhere."""
 
 def evaluate_own(
     simulation: Host,
@@ -281,8 +293,11 @@ def evaluate_own(
 def hash_password(password: str) -> str:
     """argon2id hash with a new salt, for a password file of the embedded broker."""
 
-def hash_for_mosquitto(password: str) -> str:
-    """PBKDF2-HMAC-SHA-512 hash with a new salt ($7$), for a password file of Mosquitto 2 or the embedded broker."""
+def hash_for_mosquitto(password: str, iterations: int) -> str:
+    """PBKDF2-HMAC-SHA-512 hash with a new salt ($7$), for a password file of Mosquitto 2 or the embedded broker.
+
+    iterations: 1 to 10,000,000. Raises EngineError for more.
+    """
 
 def certificates(hosts: Sequence[str], days: int) -> tuple[str, str, str, str]:
     """PEM texts of an authority for ten years or more, its key, a certificate for the hosts (names or addresses) for so many days, its key.

@@ -25,6 +25,9 @@ from swarmwright._errors import InputError
 CERTIFICATE_DAYS = 730
 """Term of the broker's certificate; the authority's is ten years."""
 
+ITERATIONS = 210_000
+"""Rounds of PBKDF2 with HMAC-SHA-512, as OWASP's Password Storage Cheat Sheet advises."""
+
 _TO_SERVERS = ("discovery", "parameters", "control", "actuator", "swarmwright/v1/server/+")
 _TO_TOOLS = ("server", "sensor", "fitness", "swarmwright/v1/tool/+")
 _PRESENCE = ("swarmwright/v1/presence/+",)
@@ -127,11 +130,17 @@ def hosts(given: Sequence[str]) -> list[str]:
 
 
 def write_configuration(
-    folder: Path, *, given: Sequence[str], port: int, prefixes: Sequence[str]
+    folder: Path,
+    *,
+    given: Sequence[str],
+    port: int,
+    prefixes: Sequence[str],
+    iterations: int | None = None,
 ) -> list[Account]:
     """Write configuration, certificates, accounts and access rules into a folder; secrets have the mode 0600.
 
-    given: names and addresses by which clients reach the broker. port: of the listener, TLS.
+    given: names and addresses by which clients reach the broker. port: of the listener, TLS. iterations: of PBKDF2
+    for each password, None for `ITERATIONS`.
 
     Raises:
         InputError: A file that would be written is there already (then none is), or cannot be written.
@@ -152,7 +161,7 @@ def write_configuration(
         "acl": access_rules(made),
         "broker-key.pem": key,
         "passwords": "".join(
-            f"{user}:{_engine.hash_for_mosquitto(word)}\n" for user, word in passwords.items()
+            f"{user}:{_engine.hash_for_mosquitto(word, iterations or ITERATIONS)}\n" for user, word in passwords.items()
         ),
     }
     secret = {"ca-key.pem": authority_key}

@@ -225,7 +225,9 @@ def offered(figures: _Figures, host: str, port: int) -> Iterator[str]:
     Raises InputError when the address cannot be listened on, or prometheus-client is not installed.
     """
     try:
-        from prometheus_client import CollectorRegistry, start_http_server
+        from prometheus_client import CollectorRegistry
+
+        from swarmwright._metrics_server import MetricsServer
     except ImportError:
         raise InputError(
             "--metrics needs the package prometheus-client: pip install swarmwright[metrics]"
@@ -233,9 +235,11 @@ def offered(figures: _Figures, host: str, port: int) -> Iterator[str]:
     registry = CollectorRegistry()
     registry.register(figures)
     try:
-        server, thread = start_http_server(port, host, registry)
+        server = MetricsServer(host, port, registry)
     except (OSError, UnicodeError) as error:
         raise InputError(f"--metrics: {host}:{port} cannot be listened on: {error}") from error
+    thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
+    thread.start()
     at = f"[{host}]" if ":" in host else host
     try:
         yield f"http://{at}:{server.server_port}/metrics"

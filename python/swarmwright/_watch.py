@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright._credentials import from_keyring
+from swarmwright._credentials import prepare
 
 SILENCE = 1.0
 """Seconds after which a server that has work and says nothing is named."""
@@ -192,7 +192,7 @@ def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View
 
     Raises the engine's errors: no broker, refused, a prefix that cannot be.
     """
-    from_keyring(broker)
+    prepare(broker)
     watcher = _engine.Watcher(broker, prefix=prefix)
     try:
         watch = Watch()

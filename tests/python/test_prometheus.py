@@ -2,6 +2,9 @@
 
 import json
 import re
+import socket
+import threading
+import time
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -9,7 +12,7 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from swarmwright import InputError
+from swarmwright import InputError, _metrics_server
 from swarmwright._prometheus import ServeFigures, ToolFigures, offered
 from tests.python.cli.test_services import events
 
@@ -147,3 +150,23 @@ def test_json_is_not_disturbed(start: Any, embedded_broker: str) -> None:
     process = start("serve", "minisim", "--broker", embedded_broker, "--metrics", "0", "--json")
     (ready,) = events(process, "ready")
     assert json.dumps(ready)
+
+
+def test_idle_connections_keep_neither_threads_nor_prometheus_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_metrics_server, "LONGEST", 1.0)
+    before = threading.active_count()
+    with offered(ServeFigures(), "127.0.0.1", 0) as url:
+        port = int(url.split(":")[2].split("/")[0])
+        idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(100)]
+        for connection in idle[::2]:
+            connection.sendall(b"GET /metrics HTTP/1.1\r\nX-Slow: ")
+        for _ in range(20):
+            assert "swarmwright_start_time_seconds" in scraped(url)
+            # The server's own thread, and those that are just ending.
+            assert threading.active_count() - before <= _metrics_server.MOST + 4
+        deadline = time.monotonic() + 20
+        while threading.active_count() > before + 1 and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert threading.active_count() == before + 1
+        for connection in idle:
+            connection.close()

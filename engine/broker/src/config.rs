@@ -16,6 +16,9 @@ pub struct Config {
     pub users: Option<PathBuf>,
     /// Access file in Mosquitto's format; None = everybody may read and write everything.
     pub access: Option<PathBuf>,
+    /// Origins of web pages that may connect by WebSocket, as `https://dashboard.example.org`, or `*` for all. Pages from the
+    /// host that they connect to always may, and clients that are no browsers, which name no origin.
+    pub origins: Vec<String>,
     /// Certificate chain, PEM. With it both listeners speak TLS only.
     pub certificate: Option<PathBuf>,
     /// Private key of the certificate, PEM.
@@ -55,6 +58,7 @@ impl Default for Config {
             websocket_port: None,
             users: None,
             access: None,
+            origins: Vec::new(),
             certificate: None,
             key: None,
             limits: Limits::default(),

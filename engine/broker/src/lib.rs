@@ -14,6 +14,10 @@
 //! # Ok::<(), swarmwright_broker::BrokerError>(())
 //! ```
 
+#[cfg(test)]
+#[global_allocator]
+static MEMORY: swarmwright_fuzzing::Counting = swarmwright_fuzzing::Counting;
+
 mod access;
 mod certificates;
 mod codec;
@@ -24,26 +28,25 @@ mod hub;
 mod lines;
 mod message;
 mod outbox;
+mod passwords;
 mod retained;
-mod secret;
 mod server;
 mod session;
 mod subscriptions;
 mod topic;
 mod transport;
-mod users;
 
 pub use certificates::{Certificates, certify};
 pub use config::{Config, Limits};
 pub use error::BrokerError;
-pub use secret::{hash_for_mosquitto, hash_password};
+pub use passwords::{hash_for_mosquitto, hash_password};
 
 use access::Access;
-use server::{Server, Stopper};
+use passwords::{Passwords, Users};
+use server::{Renewal, Server, Stopper};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
-use users::Users;
 
 /// A running broker. It stops when told to or when dropped.
 pub struct Broker {
@@ -51,6 +54,8 @@ pub struct Broker {
     websocket: Option<SocketAddr>,
     tls: bool,
     stopper: Stopper,
+    /// What it was started with: the files are read again.
+    config: Config,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -60,18 +65,8 @@ impl Broker {
     /// # Errors
     /// The address cannot be listened on, or a file of the configuration cannot be used; see [`BrokerError`].
     pub fn start(config: &Config) -> Result<Self, BrokerError> {
-        let tls = match (&config.certificate, &config.key) {
-            (Some(certificate), Some(key)) => Some(transport::server_config(certificate, key)?),
-            (None, None) => None,
-            (None, Some(_)) => {
-                return Err(BrokerError::HalfTls {
-                    missing: "the certificate",
-                });
-            }
-            (Some(_), None) => return Err(BrokerError::HalfTls { missing: "the key" }),
-        };
-        let users = config.users.as_deref().map(Users::read).transpose()?;
-        let access = config.access.as_deref().map(Access::read).transpose()?;
+        let Renewal { tls, users, access } = read_files(config)?;
+        let origins = transport::Origins::new(&config.origins, tls.is_some())?;
         let sockets = server::listen(config)?;
         let system = |what| move |source| BrokerError::System { what, source };
         let address = sockets[0]
@@ -86,9 +81,13 @@ impl Broker {
             None => None,
         };
         let is_tls = tls.is_some();
-        let hub = hub::Hub::new(config.limits.clone(), users, access);
+        let passwords = users
+            .map(Passwords::new)
+            .transpose()
+            .map_err(system("start threads that look at passwords"))?;
+        let hub = hub::Hub::new(config.limits.clone(), passwords, access);
         let (server, stopper) =
-            Server::new(sockets, tls, hub).map_err(system("wait for sockets"))?;
+            Server::new(sockets, tls, origins, hub).map_err(system("wait for sockets"))?;
         let thread = thread::Builder::new()
             .name("mqtt-broker".into())
             .spawn(move || server.run())
@@ -98,8 +97,20 @@ impl Broker {
             websocket,
             tls: is_tls,
             stopper,
+            config: config.clone(),
             thread: Mutex::new(Some(thread)),
         })
+    }
+
+    /// Reads the password file, the access file and the certificate with its key again. What they allow no more ends: connections of
+    /// accounts that are gone or have another password are closed, and access rules hold for every message from then on. Everybody
+    /// else stays connected.
+    ///
+    /// # Errors
+    /// One of the files cannot be used; then everything stays as it was.
+    pub fn reload(&self) -> Result<(), BrokerError> {
+        self.stopper.renew(read_files(&self.config)?);
+        Ok(())
     }
 
     /// The TCP port, the actual one where 0 was asked for.
@@ -158,6 +169,25 @@ impl std::fmt::Debug for Broker {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(formatter, "Broker({})", self.url())
     }
+}
+
+/// Reads the files that a configuration names.
+fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
+    let tls = match (&config.certificate, &config.key) {
+        (Some(certificate), Some(key)) => Some(transport::server_config(certificate, key)?),
+        (None, None) => None,
+        (None, Some(_)) => {
+            return Err(BrokerError::HalfTls {
+                missing: "the certificate",
+            });
+        }
+        (Some(_), None) => return Err(BrokerError::HalfTls { missing: "the key" }),
+    };
+    Ok(Renewal {
+        tls,
+        users: config.users.as_deref().map(Users::read).transpose()?,
+        access: config.access.as_deref().map(Access::read).transpose()?,
+    })
 }
 
 /// "All networks" is no address to connect to; loopback is one of them.

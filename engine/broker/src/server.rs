@@ -2,17 +2,19 @@
 //!
 //! Everything that arrived since the last turn is routed first, then each connection's bytes are sent with one system call.
 
+use crate::access::Access;
 use crate::config::Config;
 use crate::connection::{CHUNK, Connection};
 use crate::hub::Hub;
-use crate::transport::Layers;
+use crate::passwords::Users;
+use crate::transport::{Layers, Origins};
 use mio::event::Event;
 use mio::net::{TcpListener, TcpStream};
 use mio::{Events, Interest, Poll, Token, Waker};
 use rustls::ServerConfig;
 use std::io::{self, ErrorKind, Read};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 const TICK: Duration = Duration::from_secs(1);
@@ -31,6 +33,7 @@ pub struct Server {
     poll: Poll,
     listeners: Vec<Listener>,
     tls: Option<Arc<ServerConfig>>,
+    origins: Arc<Origins>,
     hub: Hub,
     connections: Vec<Option<Connection>>,
     /// Connections with bytes that may be waiting.
@@ -39,6 +42,14 @@ pub struct Server {
     stuck: bool,
     chunk: Box<[u8]>,
     stop: Arc<AtomicBool>,
+    renewal: Arc<Mutex<Option<Renewal>>>,
+}
+
+/// Files that were read again.
+pub struct Renewal {
+    pub tls: Option<Arc<ServerConfig>>,
+    pub users: Option<Users>,
+    pub access: Option<Access>,
 }
 
 struct Listener {
@@ -46,17 +57,28 @@ struct Listener {
     websocket: bool,
 }
 
-/// Ends a running server from another thread.
+/// Ends a running server from another thread, or gives it other files.
 pub struct Stopper {
     stop: Arc<AtomicBool>,
-    waker: Waker,
+    renewal: Arc<Mutex<Option<Renewal>>>,
+    waker: Arc<Waker>,
 }
 
 impl Stopper {
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Release);
+        self.wake();
+    }
+
+    /// What is in force from the server's next turn on.
+    pub fn renew(&self, renewal: Renewal) {
+        *self.renewal.lock().unwrap_or_else(PoisonError::into_inner) = Some(renewal);
+        self.wake();
+    }
+
+    fn wake(&self) {
         if let Err(error) = self.waker.wake() {
-            log::error!("the broker could not be woken to stop: {error}");
+            log::error!("the broker could not be woken: {error}");
         }
     }
 }
@@ -66,7 +88,8 @@ impl Server {
     pub fn new(
         sockets: Vec<std::net::TcpListener>,
         tls: Option<Arc<ServerConfig>>,
-        hub: Hub,
+        origins: Origins,
+        mut hub: Hub,
     ) -> io::Result<(Self, Stopper)> {
         let poll = Poll::new()?;
         let mut listeners = Vec::new();
@@ -81,20 +104,30 @@ impl Server {
             });
         }
         let stop = Arc::new(AtomicBool::new(false));
+        let renewal = Arc::new(Mutex::new(None));
+        let waker = Arc::new(Waker::new(poll.registry(), WAKE)?);
         let stopper = Stopper {
             stop: Arc::clone(&stop),
-            waker: Waker::new(poll.registry(), WAKE)?,
+            renewal: Arc::clone(&renewal),
+            waker: Arc::clone(&waker),
         };
+        hub.wake_with(Box::new(move || {
+            if let Err(error) = waker.wake() {
+                log::error!("the broker could not be woken: {error}");
+            }
+        }));
         let server = Self {
             poll,
             listeners,
             tls,
+            origins: Arc::new(origins),
             hub,
             connections: Vec::new(),
             ready: Vec::new(),
             stuck: false,
             chunk: vec![0; CHUNK].into(),
             stop,
+            renewal,
         };
         Ok((server, stopper))
     }
@@ -122,9 +155,11 @@ impl Server {
             for event in &events {
                 self.note(event, now);
             }
+            self.renew(now);
             for id in std::mem::take(&mut self.ready) {
                 self.read(id, now);
             }
+            self.admit(now);
             self.stuck = self.hub.is_searching() && !self.hub.search(now);
             self.flush_all(now);
         }
@@ -132,7 +167,15 @@ impl Server {
         self.flush_all(now);
     }
 
+    /// How long to wait for sockets.
     fn patience(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
+        let newcomers = self.hub.newcomers_due(now);
+        let newcomers = newcomers.map(|due| due.saturating_duration_since(now));
+        let others = self.patience_with_members(last_tick, now);
+        newcomers.into_iter().chain(others).min()
+    }
+
+    fn patience_with_members(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
         if self.hub.is_searching() {
             return Some(if self.stuck { HELD } else { Duration::ZERO });
         }
@@ -170,6 +213,32 @@ impl Server {
         }
     }
 
+    /// Takes over files that were read again.
+    fn renew(&mut self, now: Instant) {
+        let renewal = self
+            .renewal
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some(renewal) = renewal {
+            // Connections that there are go on with what they agreed on.
+            self.tls = renewal.tls;
+            self.hub.replace(renewal.users, renewal.access, now);
+        }
+    }
+
+    /// Answers those whose passwords have been looked at, and reads on.
+    fn admit(&mut self, now: Instant) {
+        for id in self.hub.answer_newcomers(now) {
+            if let Some(Some(connection)) = self.connections.get_mut(id)
+                && let Err(why) = connection.take(&[], &mut self.hub, id, now)
+            {
+                log::debug!("connection {id}: {why}");
+                self.close(id, now);
+            }
+        }
+    }
+
     fn accept(&mut self, place: usize, now: Instant) {
         let Some(listener) = self.listeners.get(place) else {
             return;
@@ -178,8 +247,9 @@ impl Server {
         loop {
             match self.listeners[place].socket.accept() {
                 Ok((socket, peer)) => {
-                    if let Err(error) = self.welcome(socket, websocket, peer.to_string(), now) {
-                        log::warn!("{peer}: {error}");
+                    let peer = peer.to_string();
+                    if let Err(error) = self.welcome(socket, websocket, peer.clone(), now) {
+                        self.hub.complain_of_stranger(&peer, error, now);
                     }
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
@@ -188,8 +258,14 @@ impl Server {
                         error.kind(),
                         ErrorKind::Interrupted | ErrorKind::ConnectionAborted
                     ) => {}
-                // Most likely no file descriptors are left; the next tick tries again.
-                Err(error) => return log::warn!("a client could not be accepted: {error}"),
+                // Most likely no file descriptors are left: where strangers hold some, one of them goes. The next tick tries again.
+                Err(error) => {
+                    self.hub.complain_of_stranger("a client", error, now);
+                    if !self.hub.end_stranger() {
+                        return;
+                    }
+                    self.close_dropped(now);
+                }
             }
         }
     }
@@ -205,7 +281,10 @@ impl Server {
         socket
             .set_nodelay(true)
             .map_err(|error| error.to_string())?;
-        let layers = Layers::new(self.tls.as_ref(), websocket)?;
+        let origins = websocket.then(|| Arc::clone(&self.origins));
+        let layers = Layers::new(self.tls.as_ref(), origins)?;
+        self.hub.make_room();
+        self.close_dropped(now);
         let Some(id) = self.hub.open(peer, now) else {
             return Ok(());
         };
@@ -230,6 +309,10 @@ impl Server {
             let Some(Some(connection)) = self.connections.get_mut(id) else {
                 return;
             };
+            // Whose password is being looked at, and who is gone, needs no answer.
+            if connection.is_ended && self.hub.is_asking(id) {
+                return self.close(id, now);
+            }
             if connection.is_behind() || self.hub.is_held(id, now) {
                 break;
             }
@@ -313,8 +396,14 @@ impl Server {
         }
     }
 
+    fn close_dropped(&mut self, now: Instant) {
+        for id in self.hub.take_dropped() {
+            self.close(id, now);
+        }
+    }
+
     fn close(&mut self, id: usize, now: Instant) {
-        if let Some(mut connection) = self.connections[id].take() {
+        if let Some(mut connection) = self.connections.get_mut(id).and_then(Option::take) {
             if let Err(error) = self.poll.registry().deregister(&mut connection.socket) {
                 log::debug!("connection {id}: {error}");
             }

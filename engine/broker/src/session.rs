@@ -1,6 +1,6 @@
 //! What the broker remembers of a client: MQTT 5.0, chapter 4.1.
 
-use crate::access::Subject;
+use crate::access::{Access, Subject};
 use crate::codec::{Answer, Outgoing, Version, publish, reason};
 use crate::{message::Message, outbox::Outbox};
 use std::collections::{HashSet, VecDeque};
@@ -225,6 +225,21 @@ impl Session {
             }
             None => false,
         }
+    }
+
+    /// Drops the messages that this client may read no more.
+    pub fn keep_readable(&mut self, access: &Access) {
+        let subject = Subject {
+            user: self.user.as_deref(),
+            client_id: &self.client_id,
+        };
+        let mut dropped = 0;
+        self.queue.retain(|delivery| {
+            let may = access.may_read(subject, &delivery.message.topic);
+            dropped += if may { 0 } else { delivery.message.size() };
+            may
+        });
+        self.queued_bytes -= dropped;
     }
 
     fn release(&mut self, delivery: Option<Delivery>) {

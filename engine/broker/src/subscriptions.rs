@@ -52,6 +52,12 @@ impl Subscriptions {
         prune(&mut self.root, session, filter.split('/'));
     }
 
+    /// Does nobody subscribe to anything?
+    #[cfg(test)]
+    pub fn is_empty(&self) -> bool {
+        self.root.next.is_empty()
+    }
+
     /// All subscriptions that cover a topic name, as session and options, sorted by session and subscription identifier.
     pub fn covering(&self, topic: &str) -> Vec<(usize, Options)> {
         let mut found = Vec::new();

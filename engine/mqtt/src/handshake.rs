@@ -138,6 +138,9 @@ fn attempt(
                         .subscribe(caller.subscriptions, out)
                         .map_err(|error| broken(true, format!("{error:?}")))?;
                 }
+                Received::Refused(reason, Remedy::Again) => {
+                    return Err(Failure(ConnectError::Busy { url, reason }, Remedy::Again));
+                }
                 Received::Refused(reason, remedy) => {
                     let who = settings.who();
                     return Err(Failure(ConnectError::Refused { url, who, reason }, remedy));

@@ -71,6 +71,17 @@ pub enum ConnectError {
         /// The broker's reason.
         reason: String,
     },
+    /// The broker takes nobody new for now.
+    #[error(
+        "the broker at {url} is busy ({reason}), {MOST_TRIES} times in a row; nothing is wrong with the account. Come again in a \
+         minute, as --wait SECONDS does"
+    )]
+    Busy {
+        /// Where.
+        url: String,
+        /// The broker's reason.
+        reason: String,
+    },
     /// The broker does not let this client read a topic.
     #[error(
         "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); mend its access control list"

@@ -24,7 +24,7 @@ pub(crate) enum Remedy {
     None,
     /// MQTT 3.1.1.
     Older,
-    /// The same once more: it accepted the connection, and then broke it.
+    /// The same once more: it accepted the connection and then broke it, or is busy.
     Again,
     /// A last will with QoS 0.
     WillAtMostOnce,

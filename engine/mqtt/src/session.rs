@@ -521,6 +521,9 @@ impl Session {
                             ConnectReasonCode::UnsupportedProtocolVersion => Remedy::Older,
                             ConnectReasonCode::QosNotSupported => Remedy::WillAtMostOnce,
                             ConnectReasonCode::RetainNotSupported => Remedy::WillNotRetained,
+                            ConnectReasonCode::ServerBusy
+                            | ConnectReasonCode::ServerUnavailable
+                            | ConnectReasonCode::ConnectionRateExceeded => Remedy::Again,
                             _ => Remedy::None,
                         },
                     ),
@@ -529,6 +532,9 @@ impl Session {
                     ConnectReturnCode::Accepted => {
                         self.accepted = true;
                         Received::Accepted
+                    }
+                    ConnectReturnCode::ServerUnavailable => {
+                        Received::Refused("it is not available".to_owned(), Remedy::Again)
                     }
                     code => Received::Refused(code.to_string(), Remedy::None),
                 }),

@@ -1,5 +1,6 @@
 //! Where the broker is and who asks: URL, credentials, last will.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
@@ -188,6 +189,8 @@ pub struct Settings {
     pub keep_alive: u16,
     /// How long one attempt to connect may take.
     pub timeout: Duration,
+    /// Whether somebody else says that a password travels unencrypted.
+    pub clear_text_is_known: bool,
 }
 
 impl Settings {
@@ -239,7 +242,21 @@ impl Settings {
             will: None,
             keep_alive: 30,
             timeout: Duration::from_secs(5),
+            clear_text_is_known: false,
         }
+    }
+
+    /// What to tell the operator where the password leaves this machine unencrypted.
+    #[must_use]
+    pub fn clear_text_warning(&self) -> Option<String> {
+        let url = &self.url;
+        let is_clear = matches!(url.scheme, Scheme::Mqtt | Scheme::Ws) && !is_loopback(&url.host);
+        (self.password.is_some() && is_clear && !self.clear_text_is_known).then(|| {
+            format!(
+                "the password for {}:{} travels unencrypted, and everybody on the way can read it; use a broker with TLS, mqtts://",
+                url.host, url.port
+            )
+        })
     }
 
     pub(crate) fn who(&self) -> String {
@@ -248,6 +265,13 @@ impl Settings {
             |name| format!("user {name:?}"),
         )
     }
+}
+
+fn is_loopback(host: &str) -> bool {
+    let host = host.to_ascii_lowercase();
+    host == "localhost"
+        || host.ends_with(".localhost")
+        || host.parse::<IpAddr>().is_ok_and(|host| host.is_loopback())
 }
 
 impl fmt::Debug for Settings {
@@ -276,6 +300,26 @@ mod tests {
             ("mqtt://[::1]:1883", "mqtt://[::1]:1883"),
         ] {
             assert_eq!(text.parse::<BrokerUrl>().unwrap().to_string(), shown);
+        }
+    }
+
+    #[test]
+    fn a_password_that_leaves_the_machine_unencrypted_is_warned_of() {
+        for (url, warned) in [
+            ("mqtt://broker.example", true),
+            ("ws://192.0.2.1", true),
+            ("mqtts://broker.example", false),
+            ("wss://broker.example", false),
+            ("mqtt://localhost", false),
+            ("mqtt://127.0.0.2", false),
+            ("ws://[::1]", false),
+        ] {
+            let mut settings = Settings::new(url.parse().unwrap());
+            assert_eq!(settings.clear_text_warning(), None);
+            settings.password = Some("secret".to_owned());
+            let warning = settings.clear_text_warning();
+            assert_eq!(warning.is_some(), warned, "{url}");
+            assert!(warning.is_none_or(|text| !text.contains("secret")));
         }
     }
 

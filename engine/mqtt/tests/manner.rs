@@ -174,3 +174,26 @@ fn a_last_will_is_sent_as_the_broker_takes_it() {
     drop(open(&url).unwrap());
     assert_eq!(told.try_iter().count(), 1);
 }
+
+#[test]
+fn a_busy_broker_is_asked_again_and_nobody_is_told_to_change_the_account() {
+    let (url, told) = listen(|number, _| {
+        if number < 2 {
+            Answer::Refuse(0x89)
+        } else {
+            Answer::Serve
+        }
+    });
+    open(&url).unwrap();
+    assert_eq!(told.try_iter().count(), 3);
+    for (version, code) in [(5, 0x89), (3, 3)] {
+        let (url, _told) = listen(move |_, _| Answer::Refuse(code));
+        let error = open(&format!("{url}?mqtt={version}")).err().unwrap();
+        assert!(matches!(error, ConnectError::Busy { .. }), "{error}");
+        let text = error.to_string();
+        assert!(
+            text.contains("--wait") && !text.contains("PASSWORD"),
+            "{text}"
+        );
+    }
+}

@@ -1,5 +1,6 @@
 //! The embedded broker.
 
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
@@ -19,7 +20,7 @@ pub struct PyBroker {
 impl PyBroker {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
-    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None, rate=None, memory=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None, origins=None, rate=None, memory=None))]
     fn new(
         py: Python<'_>,
         host: &str,
@@ -29,6 +30,7 @@ impl PyBroker {
         access: Option<PathBuf>,
         certificate: Option<PathBuf>,
         key: Option<PathBuf>,
+        origins: Option<Vec<String>>,
         rate: Option<u32>,
         memory: Option<usize>,
     ) -> PyResult<Self> {
@@ -43,6 +45,7 @@ impl PyBroker {
             access,
             certificate,
             key,
+            origins: origins.unwrap_or_default(),
             limits,
         };
         let broker = py.detach(|| Broker::start(&config)).map_err(engine)?;
@@ -63,6 +66,13 @@ impl PyBroker {
         self.port
     }
 
+    fn reload(&self, py: Python<'_>) -> PyResult<()> {
+        match &self.broker {
+            Some(broker) => py.detach(|| broker.reload()).map_err(engine),
+            None => Ok(()),
+        }
+    }
+
     fn stop(&mut self, py: Python<'_>) {
         if let Some(broker) = self.broker.take() {
             py.detach(|| broker.stop());
@@ -79,8 +89,13 @@ pub fn hash_password(py: Python<'_>, password: &str) -> PyResult<String> {
 
 /// The `$7$` hash of a password.
 #[pyfunction]
-pub fn hash_for_mosquitto(password: &str) -> PyResult<String> {
-    swarmwright_broker::hash_for_mosquitto(password).map_err(engine)
+pub fn hash_for_mosquitto(
+    py: Python<'_>,
+    password: &str,
+    iterations: NonZeroU32,
+) -> PyResult<String> {
+    py.detach(|| swarmwright_broker::hash_for_mosquitto(password, iterations))
+        .map_err(engine)
 }
 
 /// An authority, its key, a certificate, its key.

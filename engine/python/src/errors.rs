@@ -37,7 +37,8 @@ pub fn unconnected(error: &ConnectError) -> PyErr {
         // Also what accepts and closes: a relay whose broker is still starting does.
         ConnectError::NoBroker { .. }
         | ConnectError::NoMqtt { .. }
-        | ConnectError::Broken { .. } => NoBrokerError::new_err(error.to_string()),
+        | ConnectError::Broken { .. }
+        | ConnectError::Busy { .. } => NoBrokerError::new_err(error.to_string()),
         _ => engine(error),
     }
 }

@@ -1,8 +1,9 @@
 //! What the engine logs, as JSON lines.
 
-use std::fs::File;
-use std::io::{Write, stderr};
-use std::path::PathBuf;
+use std::fs::{self, File};
+use std::io::{self, Write, stderr};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::SystemTime;
 
@@ -15,7 +16,56 @@ use crate::errors::input;
 /// Where the lines go; none before `log_to`.
 static LINES: Lines = Lines(Mutex::new(None));
 
-struct Lines(Mutex<Option<Box<dyn Write + Send>>>);
+struct Lines(Mutex<Option<Sink>>);
+
+enum Sink {
+    Terminal,
+    File(LogFile),
+}
+
+/// A file that several write to, line by line, and that is moved away when it is too long: by us, or by logrotate.
+struct LogFile {
+    path: PathBuf,
+    file: File,
+    /// Bytes from which on it is moved to `PATH.1`.
+    most: Option<u64>,
+}
+
+impl LogFile {
+    fn open(path: &Path) -> io::Result<File> {
+        File::options().create(true).append(true).open(path)
+    }
+
+    fn write(&mut self, line: &[u8]) -> io::Result<()> {
+        let ours = self.file.metadata()?;
+        let is_moved = fs::metadata(&self.path).is_ok_and(|there| there.ino() != ours.ino());
+        let is_gone = !self.path.exists();
+        let is_full = self
+            .most
+            .is_some_and(|most| ours.len() > 0 && ours.len() + line.len() as u64 > most);
+        if is_full && !is_moved && !is_gone {
+            let mut moved = self.path.clone().into_os_string();
+            moved.push(".1");
+            fs::rename(&self.path, moved)?;
+        }
+        if is_full || is_moved || is_gone {
+            self.file = Self::open(&self.path)?;
+        }
+        self.file.write_all(line)
+    }
+}
+
+impl Lines {
+    fn write(&self, line: &[u8]) {
+        let Ok(mut sink) = self.0.lock() else { return };
+        // A log that cannot be written is no reason to end a run.
+        let _ = match sink.as_mut() {
+            None => return,
+            Some(Sink::Terminal) => stderr().write_all(line),
+            Some(Sink::File(file)) => file.write(line),
+        };
+    }
+}
 
 impl Log for Lines {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
@@ -27,8 +77,6 @@ impl Log for Lines {
         if !self.enabled(record.metadata()) {
             return;
         }
-        let Ok(mut lines) = self.0.lock() else { return };
-        let Some(lines) = lines.as_mut() else { return };
         let level = record.level().as_str().to_ascii_lowercase();
         let level = if level == "warn" { "warning" } else { &level };
         let mut line = json!({
@@ -40,30 +88,41 @@ impl Log for Lines {
         })
         .to_string();
         line.push('\n');
-        // A log that cannot be written is no reason to end a run.
-        let _ = lines.write_all(line.as_bytes());
+        self.write(line.as_bytes());
     }
 
     fn flush(&self) {}
 }
 
-/// Appends what the engine logs to a file, or writes it to standard error.
+/// Appends what the engine logs to a file, or writes it to standard error; a file that would be longer than `most` bytes is moved to
+/// `PATH.1` first.
 #[pyfunction]
-#[pyo3(signature = (path, level="info"))]
-pub fn log_to(path: Option<PathBuf>, level: &str) -> PyResult<()> {
+#[pyo3(signature = (path, level="info", most=None))]
+pub fn log_to(path: Option<PathBuf>, level: &str, most: Option<u64>) -> PyResult<()> {
     let level: LevelFilter = level
         .replace("warning", "warn")
         .parse()
         .map_err(|_| input(format!("level: {level:?} is unknown")))?;
-    let lines: Box<dyn Write + Send> = match path {
-        Some(path) => Box::new(File::options().create(true).append(true).open(path)?),
-        None => Box::new(stderr()),
+    let sink = match path {
+        Some(path) => Sink::File(LogFile {
+            file: LogFile::open(&path)?,
+            path,
+            most,
+        }),
+        None => Sink::Terminal,
     };
     if let Ok(mut place) = LINES.0.lock() {
-        *place = Some(lines);
+        *place = Some(sink);
     }
     // A second call finds it set already.
     let _ = log::set_logger(&LINES);
     log::set_max_level(level);
     Ok(())
+}
+
+/// Writes a line of one's own where the engine's lines go.
+#[pyfunction]
+pub fn log_line(py: Python<'_>, line: &str) {
+    let text = format!("{line}\n");
+    py.detach(|| LINES.write(text.as_bytes()));
 }

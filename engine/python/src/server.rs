@@ -33,9 +33,12 @@ pub fn serve(
     let progress = progress.map(|path| Progress::open(&path)).transpose()?;
     let progress = progress.map(Arc::new);
     let simulation = watched(simulation, progress.clone())?;
+    let mut settings = Settings::from_environment(broker).map_err(input)?;
+    // Python has told, for all servers together.
+    settings.clear_text_is_known = true;
     let options = Options {
         id,
-        settings: Settings::from_environment(broker).map_err(input)?,
+        settings,
         prefix: prefix.to_owned(),
         step_timeout: seconds("step_timeout", step_timeout)?,
         threads: 1,

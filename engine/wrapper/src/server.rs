@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
 use swarmwright_mqtt::{
@@ -125,7 +126,12 @@ pub struct SimulationServer {
     ready: bool,
     /// Another server has the id: this one has left.
     rival: Option<Rival>,
+    /// What the operator is to know besides, once.
+    warning: Option<String>,
 }
+
+/// Of many servers of a process one tells that the password travels unencrypted.
+static WARNED: AtomicBool = AtomicBool::new(false);
 
 impl SimulationServer {
     /// Connects and offers the simulations.
@@ -171,6 +177,9 @@ impl SimulationServer {
                 qos: QoS::AtLeastOnce,
             },
         ];
+        let warning = settings
+            .clear_text_warning()
+            .filter(|_| !WARNED.swap(true, Ordering::Relaxed));
         let mut connection = Connection::open(settings, subscriptions)?;
         let mut early = Vec::new();
         if !options.alone {
@@ -192,6 +201,7 @@ impl SimulationServer {
             evaluator: Evaluator::new(options.threads, options.progress, connection.waker()),
             pending: None,
             ready: false,
+            warning,
             connection,
             topics,
             id: options.id,
@@ -272,6 +282,9 @@ impl SimulationServer {
     fn turn(&mut self, until: Instant, on_notice: &mut impl FnMut(&Notice)) {
         if !std::mem::replace(&mut self.ready, true) {
             on_notice(&Notice::Ready);
+            if let Some(warning) = self.warning.take() {
+                on_notice(&Notice::Warning(warning));
+            }
         }
         let until = if self.pending.is_some() {
             Instant::now()

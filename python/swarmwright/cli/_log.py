@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 import click
 
 from swarmwright._errors import InputError
+from swarmwright.cli._options import WholeNumber
 from swarmwright.cli._output import finite
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _NAMES = {logging.WARNING: "warning", logging.ERROR: "error", logging.CRITICAL: 
 
 
 def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--log FILE` and `--log-level LEVEL`."""
+    """`--log FILE`, `--log-level LEVEL` and `--log-size MIB`."""
     file = click.option(
         "--log",
         type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
@@ -37,7 +38,14 @@ def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         show_default=True,
         help="With --log: the least that is written.",
     )
-    return file(level(command))
+    size = click.option(
+        "--log-size",
+        type=WholeNumber(min=1, max=2**20),
+        metavar="MIB",
+        help="With --log: before a file grows beyond this, MiB, it is moved to FILE.1, and what was there before is "
+        "gone. Default: 64 for `broker`, else no limit.",
+    )
+    return file(level(size(command)))
 
 
 class Log:
@@ -46,31 +54,33 @@ class Log:
     Args:
         file: where to; `-` for standard error.
         level: the least that is written.
-        engine: whether the engine's own lines (the embedded broker's above all) are written, too.
+        size: MiB; before the file grows beyond it, it is moved to FILE.1. None: it may.
+
+    What the engine tells, the embedded broker above all, is among the lines; both are written by the engine.
     """
 
-    def __init__(self, file: Path | None, level: str = "info", *, engine: bool = True) -> None:
+    def __init__(self, file: Path | None, level: str = "info", *, size: int | None = None) -> None:
         self._least = LEVELS.index(level)
         self._lock = threading.Lock()
+        self._active = False
         self._stream: TextIO | None = None
-        self._owned = False
         self._handler: logging.Handler | None = None
         if file is None:
             return
+        from swarmwright import _engine
+
         dash = str(file) == "-"
         try:
-            # Line by line: what a killed process has written is there.
-            self._stream = sys.stderr if dash else file.open("a", encoding="utf-8", buffering=1)
+            if not dash:
+                file.open("a", encoding="utf-8").close()
+            _engine.log_to(None if dash else str(file), level, None if size is None else size << 20)
         except OSError as error:
-            raise InputError(f"--log {file}: {error.strerror}") from error
-        self._owned = not dash
-        if engine:
-            from swarmwright import _engine
-
-            _engine.log_to(None if dash else str(file), level)
+            raise InputError(f"--log {file}: {error.strerror or error}") from error
+        self._active = True
+        self._stream = sys.stderr if dash else None
 
     def __bool__(self) -> bool:
-        return self._stream is not None
+        return self._active
 
     def __enter__(self) -> Self:
         if self:
@@ -87,23 +97,26 @@ class Log:
             self.write("error", "failed", message=str(error), kind=type(error).__name__)
         if self._handler is not None:
             logging.getLogger("swarmwright").removeHandler(self._handler)
-        if self._owned and self._stream is not None:
-            self._stream.close()
-        self._stream = None
+        self._active = False
 
     def write(self, level: str, event: str, /, **fields: object) -> None:
         """Write a line, unless its level is below the least; what is None is left out."""
-        stream = self._stream
-        if stream is None or LEVELS.index(level) < self._least:
+        if not self._active or LEVELS.index(level) < self._least:
             return
         moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         line = {"time": moment, "level": level, "event": event, **_there(fields)}
+        text = json.dumps(finite(line), default=str)
+        if self._stream is None:
+            from swarmwright import _engine
+
+            _engine.log_line(text)
+            return
         try:
             with self._lock:
-                stream.write(json.dumps(finite(line), default=str) + "\n")
-                stream.flush()
+                self._stream.write(text + "\n")
+                self._stream.flush()
         except OSError:
-            self._stream = None  # nobody reads, or the disk is full: no reason to end a run
+            self._active = False  # nobody reads: no reason to end a run
 
     def report(self, report: "Report") -> None:
         """Write what a pool told, see `_engine.Pool.listen`."""

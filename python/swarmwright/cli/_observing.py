@@ -36,7 +36,7 @@ class Endpoint(click.ParamType[tuple[str, int]]):
 
 
 def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--log FILE`, `--log-level LEVEL`, `--metrics HOST:PORT`; gathered in one argument, `observing`."""
+    """`--log FILE`, `--log-level LEVEL`, `--log-size MIB`, `--metrics HOST:PORT`; gathered in one argument, `observing`."""
     metrics = click.option(
         "--metrics",
         type=Endpoint(),
@@ -53,6 +53,7 @@ class Observing:
     log: Path | None = None
     log_level: str = "info"
     metrics: tuple[str, int] | None = None
+    log_size: int | None = None
 
 
 class ToolObserver:
@@ -99,7 +100,7 @@ def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
     from swarmwright._reports import listening
 
     with ExitStack() as stack:
-        log = stack.enter_context(Log(wanted.log, wanted.log_level))
+        log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
         warnings = stack.enter_context(closing(Warnings()))
         stack.enter_context(listening(warnings.report, warnings_only=True))
         figures = None
@@ -118,7 +119,7 @@ def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
 def observed_servers(output: Output, wanted: Observing) -> "Iterator[tuple[Log, ServeFigures | None]]":
     """Open what is wanted of servers, for the time of a `with` block."""
     with ExitStack() as stack:
-        log = stack.enter_context(Log(wanted.log, wanted.log_level))
+        log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
         figures = None
         if wanted.metrics is not None:
             from swarmwright._prometheus import ServeFigures, offered

@@ -1,12 +1,17 @@
 """`swarmwright broker`: the embedded MQTT broker on its own, and files for this and other brokers."""
 
 import ipaddress
+import logging
+import os
 import shlex
+import signal
 import socket
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,7 +21,17 @@ from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_opt
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import Terminated
 
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from swarmwright import _engine
+
 Port = WholeNumber(0, 65535)
+
+_LOGGER = logging.getLogger("swarmwright.broker")
+
+LOG_SIZE = 64
+"""MiB of a log file, where nobody says another number: whoever reaches the broker can make it write lines."""
 
 EXAMPLE = """\
 swarmwright broker --port 1883
@@ -36,6 +51,14 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     "the broker, as many times as there are (default: this machine's name).",
 )
 @click.option("--websocket-port", type=Port, metavar="PORT", help="Also listen for MQTT over websockets.")
+@click.option(
+    "--origin",
+    "origins",
+    multiple=True,
+    metavar="URL",
+    help="A web page of this origin, such as https://dash.example.org, may connect by websocket, as many times as "
+    "there are; * for all. Pages of the broker's own host may always.",
+)
 @click.option(
     "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users are let in."
 )
@@ -73,6 +96,12 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     help="With --init: topic prefix that gets accounts of its own, as many times as there are.",
 )
 @click.option(
+    "--iterations",
+    type=WholeNumber(min=1000, max=10_000_000),
+    metavar="N",
+    help="With --init: rounds of PBKDF2 for each password.  [default: 210000, as OWASP advises]",
+)
+@click.option(
     "--rate",
     type=WholeNumber(min=1, max=2**32 - 1),
     default=500_000,
@@ -93,6 +122,7 @@ def command(
     port: int | None,
     hosts: tuple[str, ...],
     websocket_port: int | None,
+    origins: tuple[str, ...],
     users: Path | None,
     access: Path | None,
     certificate: Path | None,
@@ -100,21 +130,25 @@ def command(
     add_user: tuple[str, str] | None,
     folder: Path | None,
     prefixes: tuple[str, ...],
+    iterations: int | None,
     rate: int,
     memory: int | None,
     log: Path | None,
     log_level: str,
+    log_size: int | None,
     as_json: bool,
 ) -> int:
     """Run the MQTT broker until Ctrl-C, or write the files that a broker needs.
 
     Everybody who can reach the broker may use it, unless there is a password file. Therefore it listens to
-    this machine alone, and to other machines only with a password file and TLS.
+    this machine alone, and to other machines only with a password file and TLS. SIGHUP has it read its files
+    again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:
         others = {
             "--websocket-port": websocket_port,
+            "--origin": origins or None,
             "--users": users,
             "--access": access,
             "--certificate": certificate,
@@ -123,7 +157,9 @@ def command(
         }
         _refuse("--add-user" if folder is None else "--init", others)
     if folder is not None:
-        return _init(output, folder, hosts, port, prefixes)
+        return _init(output, folder, hosts, port, prefixes, iterations)
+    if iterations is not None:
+        raise click.UsageError("--iterations goes with --init alone; --add-user writes argon2id hashes.")
     if add_user is not None:
         return _add_user(output, Path(add_user[0]), add_user[1])
     if prefixes:
@@ -134,12 +170,14 @@ def command(
     if (certificate is None) != (key is None):
         missing = "--key" if key is None else "--certificate"
         raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
+    if origins and websocket_port is None:
+        raise click.UsageError("--origin is about websockets, and without --websocket-port PORT there are none.")
     if access is not None and users is None:
         raise click.UsageError("--access names users, and nobody has a name without --users FILE.")
     _check_exposure(host, users=users, certificate=certificate)
     from swarmwright import _engine
 
-    with Log(log, log_level) as lines:
+    with Log(log, log_level, size=log_size or LOG_SIZE) as lines, _hangups() as hung_up:
         broker = _engine.Broker(
             host,
             port if port is not None else 8883 if certificate else 1883,
@@ -148,6 +186,7 @@ def command(
             access=str(access) if access else None,
             certificate=str(certificate) if certificate else None,
             key=str(key) if key else None,
+            origins=list(origins),
             rate=rate,
             memory=None if memory is None else memory << 20,
         )
@@ -156,13 +195,61 @@ def command(
             output.json({"event": "listening", "url": broker.url, "port": broker.port})
             lines.write("info", "listening", url=broker.url)
             # In slices: a signal that comes just before a wait without end begins would never be noticed.
-            while not threading.Event().wait(0.5):
-                pass
+            while True:
+                if hung_up.wait(0.5):
+                    hung_up.clear()
+                    _reload(broker, output, lines)
         except Terminated:
             lines.write("info", "stopped")  # SIGTERM is how a service is asked to end
         finally:
             broker.stop()
     return 0
+
+
+@contextmanager
+def _hangups() -> Iterator[threading.Event]:
+    """An event that is set at every SIGHUP within the block, except where the terminal has gone: that ends the broker."""
+    arrived = threading.Event()
+    had_terminal = _has_terminal()
+    before = signal.getsignal(signal.SIGHUP)
+
+    def note(number: int, frame: "FrameType | None") -> None:
+        if had_terminal and not _has_terminal() and callable(before):
+            before(number, frame)
+        else:
+            arrived.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield arrived
+        return
+    signal.signal(signal.SIGHUP, note)
+    try:
+        yield arrived
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def _has_terminal() -> bool:
+    try:
+        os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY))
+    except OSError:
+        return False
+    return True
+
+
+def _reload(broker: "_engine.Broker", output: Output, lines: Log) -> None:
+    """Have the broker read its files again; one that cannot be used is told of, and changes nothing."""
+    from swarmwright import _engine
+
+    try:
+        broker.reload()
+    except _engine.EngineError as error:
+        _LOGGER.warning("nothing has changed: %s", error)
+        output.json({"event": "reload_failed", "message": str(error)})
+    else:
+        output.text("Passwords, access rules and certificate were read again")
+        output.json({"event": "reloaded"})
+        lines.write("info", "reloaded")
 
 
 def _refuse(option: str, others: Mapping[str, object]) -> None:
@@ -212,19 +299,24 @@ def _add_user(output: Output, file: Path, name: str) -> int:
                 "The password is expected as the first line of standard input; it is empty."
             )
     new = set_password(file, name, password)
+    if file.stat().st_mode & 0o004:
+        _LOGGER.warning(
+            "%s can be read by every user of this machine, who can guess at its passwords unnoticed; chmod 600 keeps them out",
+            file,
+        )
     output.text(f"{file}: {name} {'added' if new else 'has another password now'}")
     output.json({"event": "user", "file": str(file), "user": name, "new": new})
     return 0
 
 
 def _init(
-    output: Output, folder: Path, hosts: tuple[str, ...], port: int | None, prefixes: tuple[str, ...]
+    output: Output, folder: Path, hosts: tuple[str, ...], port: int | None, prefixes: tuple[str, ...], iterations: int | None
 ) -> int:
     from swarmwright._mosquitto import write_configuration
 
     if port == 0:
         raise click.UsageError("--init writes the port down; name one, such as 8883.")
-    made = write_configuration(folder, given=hosts, port=port or 8883, prefixes=prefixes)
+    made = write_configuration(folder, given=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations)
     output.json({"event": "written", "folder": str(folder), "users": [account.user for account in made]})
 
     def variables(role: str) -> str:

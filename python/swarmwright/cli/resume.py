@@ -67,6 +67,7 @@ def command(
     mlflow: str | None,
     log: Path | None,
     log_level: str,
+    log_size: int | None,
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
@@ -111,5 +112,5 @@ def command(
         ),
         tensorboard=tensorboard,
         mlflow=mlflow,
-        observing=Observing(log, log_level, metrics),
+        observing=Observing(log, log_level, metrics, log_size),
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright._credentials import from_keyring
+from swarmwright._credentials import prepare
 from swarmwright._suggest import unknown
 from swarmwright._supervision import Ended, Restarted, Supervisor
 from swarmwright._supervision import Output as Printed
@@ -83,6 +83,7 @@ def command(
     wait: float | None,
     log: Path | None,
     log_level: str,
+    log_size: int | None,
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
@@ -107,9 +108,9 @@ def command(
         "wait": wait or 0.0,
     }
     settings = [{**shared, "id": first + i} for i in range(count)]
-    from_keyring(broker)
+    prepare(broker)
     output = Output(as_json=as_json)
-    with observed_servers(output, Observing(log, log_level, metrics)) as (lines, figures):
+    with observed_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
         with suppress(Terminated):  # SIGTERM is how a service is asked to end
             _serve(settings, reporter, restart=restart)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from swarmwright._credentials import from_keyring
+from swarmwright._credentials import prepare
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output
@@ -68,7 +68,7 @@ def command(broker: str, prefix: str, wait: float, watch: bool, every: float, as
         from swarmwright.cli._watching import watch as go_on
 
         return go_on(output, broker, prefix, every)
-    from_keyring(broker)
+    prepare(broker)
     found = json.loads(_engine.servers(broker, prefix=prefix, wait=wait))
     for server in found:
         output.json(server)

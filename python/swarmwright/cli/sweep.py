@@ -64,6 +64,7 @@ def command(
     jobs: int | None,
     log: Path | None,
     log_level: str,
+    log_size: int | None,
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
@@ -90,7 +91,7 @@ def command(
         f"{_count(len(todo), 'run')} in {sweep.out}"
     )
     try:
-        with observed(output, Observing(log, log_level, metrics)) as observer:
+        with observed(output, Observing(log, log_level, metrics, log_size)) as observer:
             report = Report(output, observer, todo)
             with report.shown():
                 outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)

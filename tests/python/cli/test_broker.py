@@ -1,7 +1,11 @@
 """`swarmwright broker`: who is let in, and the files that it writes."""
 
+import json
 import os
 import pty
+import signal
+import socket
+import stat
 import subprocess
 import time
 from pathlib import Path
@@ -116,6 +120,8 @@ def test_what_to_do_next_are_three_commands(program: Any, tmp_path: Path) -> Non
         (["--init", "x", "--add-user", "f", "ada"], ["--add-user"]),
         (["--init", "x", "--port", "0"], ["8883"]),
         (["--add-user", "f", "ada", "--key", "f"], ["--key"]),
+        (["--origin", "http://localhost:8000"], ["--websocket-port"]),
+        (["--iterations", "5000"], ["--init"]),
     ],
 )
 def test_what_does_not_go_together(
@@ -127,3 +133,131 @@ def test_what_does_not_go_together(
     for word in words:
         assert word.lower() in result.stderr.lower()
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
+
+
+def test_a_new_password_file_is_private_and_one_that_is_not_is_warned_of(tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        assert add_user(tmp_path, "users.txt", "ada", "correct horse\n").stderr == ""
+        assert stat.S_IMODE((tmp_path / "users.txt").stat().st_mode) == 0o600
+        (tmp_path / "users.txt").chmod(0o644)
+        again = add_user(tmp_path, "users.txt", "bob", "correct horse\n")
+    finally:
+        os.umask(before)
+    assert again.returncode == 0
+    assert "users.txt can be read by every user" in again.stderr
+    assert "chmod 600" in again.stderr
+
+
+def test_sighup_has_files_read_again_and_ends_nothing(start: Any, program: Any, tmp_path: Path) -> None:
+    add_user(tmp_path, "users.txt", "ada", "correct horse\n")
+    broker = start("broker", "--port", "0", "--users", "users.txt", "--json", "--log", "broker.log")
+    (listening,) = events(broker, "listening")
+
+    def enters(user: str) -> bool:
+        login = {"SWARMWRIGHT_USERNAME": user, "SWARMWRIGHT_PASSWORD": "correct horse"}
+        return program("servers", "--broker", listening["url"], env=login).returncode == 0
+
+    assert enters("ada")
+    assert not enters("bob")
+    good = (tmp_path / "users.txt").read_text()
+    (tmp_path / "users.txt").write_text(good + "bob:battery\n")
+    broker.send_signal(signal.SIGHUP)
+    (failed,) = events(broker, "reload_failed")
+    assert "users.txt, line 2" in failed["message"]
+    assert "battery" not in failed["message"]
+    assert enters("ada")
+    (tmp_path / "users.txt").write_text("bob:" + good.split(":", 1)[1])
+    broker.send_signal(signal.SIGHUP)
+    events(broker, "reloaded")
+    assert enters("bob")
+    assert not enters("ada")
+    broker.terminate()
+    assert broker.wait(20) == 0
+    logged = [json.loads(line) for line in (tmp_path / "broker.log").read_text().splitlines()]
+    names = [line["event"] for line in logged]
+    assert "reloaded" in names
+    (wrong,) = [line for line in logged if line["level"] == "warning" and "nothing has changed" in line["message"]]
+    assert "line 2" in wrong["message"]
+
+
+def test_a_broker_whose_terminal_goes_ends(tmp_path: Path) -> None:
+    """A hang-up is no request to read files again: nobody could stop that broker with Ctrl-C any more."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.chdir(tmp_path)
+        os.execve(PROGRAM[0], [*PROGRAM, "broker", "--port", "0"], environment())  # noqa: S606
+    shown = b""
+    while b"listens" not in shown:
+        shown += os.read(terminal, 1024)
+    os.kill(pid, signal.SIGHUP)
+    while b"read again" not in shown:
+        shown += os.read(terminal, 1024)
+    os.close(terminal)
+    deadline = time.monotonic() + 20
+    ended, status = 0, 0
+    while not ended and time.monotonic() < deadline:
+        time.sleep(0.1)
+        ended, status = os.waitpid(pid, os.WNOHANG)
+    if not ended:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+    assert ended
+    assert not os.WIFSIGNALED(status)
+
+
+@pytest.mark.parametrize(
+    ("options", "origin", "status"),
+    [
+        ((), None, 101),
+        ((), "http://localhost:8000", 101),
+        ((), "http://evil.example", 403),
+        (("--origin", "https://dash.example"), "https://dash.example", 101),
+        (("--origin", "https://dash.example"), "http://evil.example", 403),
+    ],
+)
+def test_web_pages_of_other_hosts_may_not_connect(
+    start: Any, options: tuple[str, ...], origin: str | None, status: int
+) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    broker = start("broker", "--port", "0", "--websocket-port", str(port), "--json", *options)
+    events(broker, "listening")
+    lines = [
+        "GET /mqtt HTTP/1.1",
+        f"Host: localhost:{port}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13",
+        "Sec-WebSocket-Protocol: mqtt",
+        *([] if origin is None else [f"Origin: {origin}"]),
+    ]
+    with socket.create_connection(("127.0.0.1", port), 10) as client:
+        client.sendall("\r\n".join([*lines, "", ""]).encode())
+        answer = client.recv(4096).decode()
+    assert answer.startswith(f"HTTP/1.1 {status} ")
+    assert ("--origin http://evil.example" in answer) == (status == 403)
+
+
+def test_a_log_that_grows_is_bounded(start: Any, tmp_path: Path) -> None:
+    """What others make the broker write fills no disk; a file that logrotate moved away is begun anew."""
+    log = tmp_path / "broker.log"
+    log.write_text("{}\n" * 349_000)  # just below 1 MiB
+    broker = start("broker", "--port", "0", "--json", "--log", "broker.log", "--log-size", "1")
+    (listening,) = events(broker, "listening")
+    knocks = 0
+    while not (tmp_path / "broker.log.1").exists() and knocks < 2000:
+        with socket.create_connection(("127.0.0.1", listening["port"]), 10) as client:
+            client.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            client.recv(100)
+        knocks += 1
+        if knocks % 20 == 0:
+            time.sleep(0.5)
+    assert (tmp_path / "broker.log.1").stat().st_size <= 1 << 20
+    assert log.stat().st_size < 100_000
+    log.rename(tmp_path / "moved")
+    broker.terminate()
+    assert broker.wait(20) == 0
+    assert json.loads(log.read_text().splitlines()[-1])["event"] == "stopped"

@@ -63,13 +63,14 @@ pub struct Welcome<'a> {
     pub maximum_packet: u32,
 }
 
-/// Appends a CONNACK; `welcome` is left out when the client is refused.
+/// Appends a CONNACK; `welcome` is left out when the client is refused, which `what` then explains.
 pub fn connack(
     out: &mut Vec<u8>,
     version: Version,
     present: bool,
     code: u8,
     welcome: Option<&Welcome<'_>>,
+    what: &str,
 ) {
     if version == Version::Three {
         let code = match code {
@@ -98,6 +99,10 @@ pub fn connack(
             properties.push(p::ASSIGNED_CLIENT_ID);
             string(&mut properties, id);
         }
+    }
+    if !what.is_empty() {
+        properties.push(p::REASON_STRING);
+        string(&mut properties, what);
     }
     out.push(0x20);
     variable(

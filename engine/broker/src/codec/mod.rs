@@ -7,7 +7,7 @@ mod connect;
 mod decode;
 mod encode;
 #[cfg(test)]
-mod fuzz;
+pub mod fuzz;
 mod properties;
 mod reader;
 
@@ -71,6 +71,8 @@ pub mod reason {
     pub const PACKET_TOO_LARGE: u8 = 0x95;
     /// The reader is too far behind, or a store is full.
     pub const QUOTA_EXCEEDED: u8 = 0x97;
+    /// Whoever runs the broker has ended the connection.
+    pub const ADMINISTRATIVE: u8 = 0x98;
     /// Shared subscriptions are not offered.
     pub const NO_SHARED_SUBSCRIPTIONS: u8 = 0x9e;
 }

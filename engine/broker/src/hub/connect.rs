@@ -1,11 +1,10 @@
 //! The beginning and the end of connections and sessions: MQTT 5.0, chapters 3.1, 3.14 and 4.1.
 
-use super::Hub;
+use super::{Hub, Next};
 use crate::codec::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
 use crate::message::Message;
 use crate::session::{Session, Terms, Testament};
 use crate::topic;
-use crate::users::Verdict;
 use std::time::{Duration, Instant};
 
 /// QoS 1 and 2 messages unacknowledged in one direction of a connection.
@@ -17,7 +16,7 @@ impl Hub {
         id: usize,
         connect: &Connect<'_>,
         now: Instant,
-    ) -> Result<(), Refusal> {
+    ) -> Result<Next, Refusal> {
         let link = &mut self.links[id];
         if link.session.is_some() {
             return Err(Refusal::protocol("a second CONNECT"));
@@ -27,7 +26,20 @@ impl Hub {
             window: connect.receive_maximum.min(WINDOW),
             maximum_packet: connect.maximum_packet as usize,
         };
-        self.admit(connect, now)?;
+        if !self.admit(id, connect, now)? {
+            return Ok(Next::Verdict);
+        }
+        self.enter(id, connect, now)?;
+        Ok(Next::Packet)
+    }
+
+    /// Lets a client in.
+    pub(super) fn enter(
+        &mut self,
+        id: usize,
+        connect: &Connect<'_>,
+        now: Instant,
+    ) -> Result<(), Refusal> {
         if let Some(will) = &connect.will
             && !topic::is_name(will.topic)
         {
@@ -44,6 +56,9 @@ impl Hub {
 
         let link = &mut self.links[id];
         link.session = Some(session);
+        if std::mem::take(&mut link.is_stranger) {
+            self.strangers -= 1;
+        }
         link.heard = now;
         // Half as long again as announced: MQTT 5.0, 3.1.2.10.
         link.keep_alive = (connect.keep_alive > 0)
@@ -83,36 +98,13 @@ impl Hub {
             present,
             reason::SUCCESS,
             Some(&welcome),
+            "",
         );
         remembered.resume(&mut link.out, link.terms, now);
         log::debug!("client {client_id} at {} connected", link.peer);
         self.mark(id);
         self.recount_session(session);
         Ok(())
-    }
-
-    /// User name and password, where a password file is in force.
-    fn admit(&mut self, connect: &Connect<'_>, now: Instant) -> Result<(), Refusal> {
-        let Some(users) = &mut self.users else {
-            return Ok(());
-        };
-        let Some(user) = connect.user else {
-            return Err(Refusal::new(
-                reason::NOT_AUTHORIZED,
-                "this broker asks for user name and password",
-            ));
-        };
-        match users.admit(user, connect.password.unwrap_or_default(), now) {
-            Verdict::Admitted => Ok(()),
-            Verdict::Wrong => Err(Refusal::new(
-                reason::BAD_PASSWORD,
-                "wrong user name or password",
-            )),
-            Verdict::Later => Err(Refusal::new(
-                reason::BUSY,
-                "too many wrong passwords within a second",
-            )),
-        }
     }
 
     /// The identifier given to a client that came without; None when it has its own.

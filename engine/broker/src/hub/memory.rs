@@ -122,16 +122,12 @@ impl Hub {
         let user = link
             .session
             .and_then(|session| self.sessions[session].user.as_deref());
-        let address = || {
-            link.peer
-                .rsplit_once(':')
-                .map_or(&*link.peer, |(host, _)| host)
-        };
-        user.unwrap_or_else(address)
+        user.unwrap_or(&link.network)
     }
 }
 
 pub(super) fn recount(link: &mut Link, used: &mut usize) {
-    let size = CONNECTION + link.out.capacity() + link.buffers;
+    let asked = link.asked.as_ref().map_or(0, |connect| connect.len());
+    let size = CONNECTION + link.out.capacity() + link.buffers + asked;
     *used = *used + size - std::mem::replace(&mut link.counted, size);
 }

@@ -3,6 +3,7 @@
 //! One thread owns the hub. A *link* is a connection, a *session* what the broker remembers of a client; a link has a session
 //! from its CONNECT to its end. Packets for a link collect in its outbox until the server sends them.
 
+mod admission;
 mod complaints;
 mod connect;
 mod lookups;
@@ -16,10 +17,10 @@ use crate::access::Access;
 use crate::codec::{self, Answer, Packet, Refusal, Version, reason};
 use crate::config::Limits;
 use crate::outbox::Outbox;
+use crate::passwords::Passwords;
 use crate::retained::Retained;
 use crate::session::{Session, Terms};
 use crate::subscriptions::Subscriptions;
-use crate::users::Users;
 use complaints::{Complaints, Kind};
 use lookups::Lookup;
 use publish::{Frames, Route};
@@ -40,9 +41,12 @@ const UNREAD_ANSWERS: usize = 1 << 18;
 /// Everything the broker knows.
 pub struct Hub {
     limits: Limits,
-    users: Option<Users>,
+    passwords: Option<Passwords>,
     access: Option<Access>,
     links: Slab<Link>,
+    /// Connections that have not been let in, and those of them that are to be closed at once.
+    strangers: usize,
+    dropped: Vec<usize>,
     sessions: Slab<Session>,
     by_client: HashMap<Box<str>, usize>,
     subscriptions: Subscriptions,
@@ -62,9 +66,21 @@ pub struct Hub {
     complaints: Complaints,
 }
 
+/// What to do after a packet.
+enum Next {
+    /// Take the next one.
+    Packet,
+    /// Wait until the password that it brought was looked at.
+    Verdict,
+}
+
 /// One connection.
 pub struct Link {
     peer: String,
+    /// Where it comes from, as far as that is told apart: see `admission`.
+    network: Box<str>,
+    /// Its CONNECT, while its password is being looked at.
+    asked: Option<Box<[u8]>>,
     out: Outbox,
     /// Of what waits, answers to the client's own packets, at most: bytes.
     answers: usize,
@@ -76,6 +92,8 @@ pub struct Link {
     /// When it published last.
     published: Option<Instant>,
     session: Option<usize>,
+    /// It has not been let in.
+    is_stranger: bool,
     terms: Terms,
     keep_alive: Option<Duration>,
     heard: Instant,
@@ -92,13 +110,15 @@ pub struct Link {
 
 impl Hub {
     /// An empty broker.
-    pub fn new(limits: Limits, users: Option<Users>, access: Option<Access>) -> Self {
+    pub fn new(limits: Limits, passwords: Option<Passwords>, access: Option<Access>) -> Self {
         let retained = Retained::new(limits.retained);
         Self {
             limits,
-            users,
+            passwords,
             access,
             links: Slab::new(),
+            strangers: 0,
+            dropped: Vec::new(),
             sessions: Slab::new(),
             by_client: HashMap::new(),
             subscriptions: Subscriptions::default(),
@@ -129,8 +149,11 @@ impl Hub {
             });
             return None;
         }
+        self.strangers += 1;
         let id = self.links.insert(Link {
+            network: admission::network_of(&peer),
             peer,
+            asked: None,
             out: Outbox::default(),
             answers: 0,
             lookups: VecDeque::new(),
@@ -138,6 +161,7 @@ impl Hub {
             counted: 0,
             published: None,
             session: None,
+            is_stranger: true,
             terms: Terms {
                 version: Version::Three,
                 window: 1,
@@ -164,7 +188,7 @@ impl Hub {
         if link.session.is_some() {
             link.heard = now;
         }
-        while !self.links[id].closing {
+        while !self.links[id].closing && self.links[id].asked.is_none() {
             let (first, head, body) = match self.frame(id, &bytes[done..]) {
                 Ok(Some(frame)) => frame,
                 Ok(None) => return done,
@@ -179,13 +203,22 @@ impl Hub {
             let version = self.links[id].terms.version;
             let outcome = codec::decode(first, &bytes[start..done], version)
                 .and_then(|packet| self.handle(id, packet, now));
-            if let Err(refusal) = outcome {
-                self.refuse(id, refusal, now);
+            match outcome {
+                Ok(Next::Packet) => {}
+                Ok(Next::Verdict) => {
+                    self.links[id].asked = Some(bytes[start..done].into());
+                    self.recount(id);
+                }
+                Err(refusal) => self.refuse(id, refusal, now),
             }
             self.relieve(now);
             self.settle(now);
         }
-        bytes.len()
+        if self.links[id].closing {
+            bytes.len()
+        } else {
+            done
+        }
     }
 
     /// The first packet of `bytes`, where it is complete. Strangers may send a CONNECT and nothing else, at once.
@@ -206,7 +239,16 @@ impl Hub {
     /// The connection is gone.
     pub fn closed(&mut self, id: usize, now: Instant) {
         self.leave(id, true, now);
-        self.used -= self.links.remove(id).counted;
+        let link = self.links.remove(id);
+        self.used -= link.counted;
+        if link.is_stranger {
+            self.strangers -= 1;
+        }
+        if link.asked.is_some()
+            && let Some(passwords) = &mut self.passwords
+        {
+            passwords.forget(id);
+        }
         self.settle(now);
     }
 
@@ -222,6 +264,9 @@ impl Hub {
         }
         self.expire_sessions(now);
         self.retained.sweep(now);
+        if let Some(passwords) = &mut self.passwords {
+            passwords.sweep(now);
+        }
         self.complaints.sweep(now);
         self.relieve(now);
         self.settle(now);
@@ -298,7 +343,7 @@ impl Hub {
         let Some(link) = self.links.get(id) else {
             return false;
         };
-        if link.is_behind() || self.must_wait(link, now) {
+        if link.asked.is_some() || link.is_behind() || self.must_wait(link, now) {
             return true;
         }
         let Some(reader) = link.held_by else {
@@ -315,7 +360,7 @@ impl Hub {
         held
     }
 
-    fn handle(&mut self, id: usize, packet: Packet<'_>, now: Instant) -> Result<(), Refusal> {
+    fn handle(&mut self, id: usize, packet: Packet<'_>, now: Instant) -> Result<Next, Refusal> {
         let packet = match packet {
             Packet::Connect(connect) => return self.connect(id, &connect, now),
             other => other,
@@ -325,7 +370,7 @@ impl Hub {
         };
         match packet {
             Packet::Connect(_) => {}
-            Packet::Publish(publish) => return self.published(id, session, &publish, now),
+            Packet::Publish(publish) => self.published(id, session, &publish, now)?,
             Packet::Acknowledge(kind, packet, code) => {
                 self.acknowledged(id, session, kind, packet, code, now)
             }
@@ -333,9 +378,7 @@ impl Hub {
                 id: packet,
                 identifier,
                 filters,
-            } => {
-                return self.subscribe(id, session, packet, identifier, &filters, now);
-            }
+            } => self.subscribe(id, session, packet, identifier, &filters, now),
             Packet::Unsubscribe {
                 id: packet,
                 filters,
@@ -344,9 +387,9 @@ impl Hub {
             Packet::Disconnect {
                 reason,
                 session_expiry,
-            } => return self.goodbye(id, session, reason, session_expiry, now),
+            } => self.goodbye(id, session, reason, session_expiry, now)?,
         }
-        Ok(())
+        Ok(Next::Packet)
     }
 
     fn acknowledged(
@@ -437,6 +480,7 @@ impl Hub {
                     false,
                     refusal.reason,
                     None,
+                    refusal.what,
                 );
             }
         }
@@ -492,7 +536,7 @@ impl Link {
         let silence = now.saturating_duration_since(alive);
         match (self.session, self.keep_alive) {
             _ if self.closing => None,
-            (None, _) if silence > INTRODUCTION => {
+            (None, _) if silence > INTRODUCTION && self.asked.is_none() => {
                 Some(Refusal::protocol("no CONNECT within 10 s"))
             }
             // A publisher that is held back may have a PINGREQ among the bytes that were not read.

@@ -3,7 +3,7 @@
 use super::Hub;
 use super::complaints::Kind;
 use super::lookups::Lookup;
-use crate::codec::{Filter, Refusal, reason, suback, unsuback};
+use crate::codec::{Filter, reason, suback, unsuback};
 use crate::subscriptions::{DEEPEST, Options};
 use crate::topic;
 use std::time::Instant;
@@ -17,7 +17,7 @@ impl Hub {
         identifier: Option<u32>,
         filters: &[Filter<'_>],
         now: Instant,
-    ) -> Result<(), Refusal> {
+    ) {
         let mut codes = Vec::with_capacity(filters.len());
         let mut wanted = Vec::new();
         for filter in filters {
@@ -44,7 +44,6 @@ impl Hub {
         self.recount_session(session);
         self.answer(id, |out, version| suback(out, packet, &codes, version));
         self.look_up(id, wanted, now);
-        Ok(())
     }
 
     /// Adds one subscription; whether it is new, or the reason code of its refusal.

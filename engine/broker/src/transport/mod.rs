@@ -1,8 +1,12 @@
 //! What lies between MQTT and the socket: nothing, TLS, WebSocket, or WebSocket in TLS.
 
+#[cfg(test)]
+mod fuzz;
+mod origins;
 mod tls;
 mod websocket;
 
+pub use origins::Origins;
 pub use tls::server_config;
 
 use crate::outbox::Outbox;
@@ -22,9 +26,12 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// The layers of a new connection; None when there are none.
-    pub fn new(tls: Option<&Arc<ServerConfig>>, websocket: bool) -> Result<Option<Self>, String> {
-        if tls.is_none() && !websocket {
+    /// The layers of a new connection; None when there are none. `websocket`: the web pages that may connect.
+    pub fn new(
+        tls: Option<&Arc<ServerConfig>>,
+        websocket: Option<Arc<Origins>>,
+    ) -> Result<Option<Self>, String> {
+        if tls.is_none() && websocket.is_none() {
             return Ok(None);
         }
         let tls = match tls {
@@ -39,7 +46,7 @@ impl Layers {
         };
         Ok(Some(Self {
             tls,
-            websocket: websocket.then(WebSocket::default),
+            websocket: websocket.map(WebSocket::new),
             to_send: Outbox::default(),
         }))
     }

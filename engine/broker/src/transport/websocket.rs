@@ -1,7 +1,9 @@
 //! WebSocket, server side: RFC 6455, as far as MQTT needs it (MQTT 5.0, chapter 6). Payloads pass as they come, unassembled.
 
+use super::Origins;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use ring::digest::{SHA1_FOR_LEGACY_USE_ONLY, digest};
+use std::sync::Arc;
 
 /// Frame of binary data.
 pub const BINARY: u8 = 2;
@@ -16,8 +18,8 @@ const REQUEST: usize = 16 << 10;
 const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 
 /// One connection, from its HTTP request on.
-#[derive(Default)]
 pub struct WebSocket {
+    origins: Arc<Origins>,
     open: bool,
     /// The request, a frame header or the payload of a control frame, as far as it has come.
     partial: Vec<u8>,
@@ -32,6 +34,16 @@ struct Frame {
 }
 
 impl WebSocket {
+    /// A connection that sends its request next.
+    pub fn new(origins: Arc<Origins>) -> Self {
+        Self {
+            origins,
+            open: false,
+            partial: Vec::new(),
+            frame: None,
+        }
+    }
+
     /// Takes bytes; appends what is for MQTT to `mqtt` and answers to `replies`.
     pub fn received(
         &mut self,
@@ -53,11 +65,12 @@ impl WebSocket {
     fn request<'a>(&mut self, bytes: &'a [u8], replies: &mut Vec<u8>) -> Result<&'a [u8], String> {
         let before = self.partial.len();
         self.partial.extend_from_slice(bytes);
-        let Some(end) = self
-            .partial
+        // From where the end may begin: a request that comes byte by byte is not searched again and again.
+        let from = before.saturating_sub(3);
+        let found = self.partial[from..]
             .windows(4)
-            .position(|window| window == b"\r\n\r\n")
-        else {
+            .position(|window| window == b"\r\n\r\n");
+        let Some(end) = found.map(|place| from + place) else {
             return if self.partial.len() > REQUEST {
                 Err("a WebSocket request without end".into())
             } else {
@@ -66,13 +79,18 @@ impl WebSocket {
         };
         let request = String::from_utf8_lossy(&self.partial[..end]).into_owned();
         self.partial.clear();
-        match answer(&request) {
+        match answer(&request, &self.origins) {
             Ok(answer) => replies.extend_from_slice(answer.as_bytes()),
-            Err(wrong) => {
+            Err((status, wrong)) => {
                 let body = format!("{wrong}\n");
-                let head = "HTTP/1.1 400 Bad Request\r\nConnection: close\r\nContent-Type: text/plain\r\nSec-WebSocket-Version: 13";
+                let head =
+                    "Connection: close\r\nContent-Type: text/plain\r\nSec-WebSocket-Version: 13";
                 replies.extend_from_slice(
-                    format!("{head}\r\nContent-Length: {}\r\n\r\n{body}", body.len()).as_bytes(),
+                    format!(
+                        "HTTP/1.1 {status}\r\n{head}\r\nContent-Length: {}\r\n\r\n{body}",
+                        body.len()
+                    )
+                    .as_bytes(),
                 );
                 return Err(wrong);
             }
@@ -215,13 +233,14 @@ pub fn frame(out: &mut Vec<u8>, opcode: u8, payload: &[u8]) {
     out.extend_from_slice(payload);
 }
 
-/// The answer to a request for an upgrade, or what is wrong with the request.
-fn answer(request: &str) -> Result<String, String> {
+/// The answer to a request for an upgrade, or the status and what is wrong with the request.
+fn answer(request: &str, origins: &Origins) -> Result<String, (&'static str, String)> {
+    const BAD: &str = "400 Bad Request";
+    let bad = |wrong: &str| Err((BAD, wrong.to_owned()));
     let mut lines = request.split("\r\n");
     if !lines.next().is_some_and(|line| line.starts_with("GET ")) {
-        return Err(
-            "this port speaks MQTT over WebSocket; a GET request with an upgrade is expected"
-                .into(),
+        return bad(
+            "this port speaks MQTT over WebSocket; a GET request with an upgrade is expected",
         );
     }
     let headers: Vec<(&str, &str)> = lines
@@ -235,18 +254,20 @@ fn answer(request: &str) -> Result<String, String> {
             .flat_map(|(_, value)| value.split(','))
             .any(|value| value.trim().eq_ignore_ascii_case(token))
     };
-    let key = headers
-        .iter()
-        .find(|(name, _)| name.eq_ignore_ascii_case("Sec-WebSocket-Key"))
-        .map(|(_, key)| *key);
+    let header = |wanted: &str| {
+        let mut found = headers.iter();
+        found
+            .find(|(name, _)| name.eq_ignore_ascii_case(wanted))
+            .map(|(_, value)| *value)
+    };
+    let key = header("Sec-WebSocket-Key");
     let (true, true, Some(key)) = (
         has("Upgrade", "websocket"),
         has("Sec-WebSocket-Version", "13"),
         key,
     ) else {
-        return Err(
-            "this port speaks MQTT over WebSocket; an upgrade to WebSocket version 13 is expected"
-                .into(),
+        return bad(
+            "this port speaks MQTT over WebSocket; an upgrade to WebSocket version 13 is expected",
         );
     };
     let accept = STANDARD.encode(digest(
@@ -257,8 +278,18 @@ fn answer(request: &str) -> Result<String, String> {
         .into_iter()
         .find(|protocol| has("Sec-WebSocket-Protocol", protocol));
     let Some(protocol) = protocol else {
-        return Err("the WebSocket subprotocol `mqtt` is expected".into());
+        return bad("the WebSocket subprotocol `mqtt` is expected");
     };
+    let origin = header("Origin");
+    if !origins.allow(origin, header("Host")) {
+        let page = origin.unwrap_or_default();
+        return Err((
+            "403 Forbidden",
+            format!(
+                "pages from {page:?} may not connect; `swarmwright broker --origin {page}` lets them"
+            ),
+        ));
+    }
     Ok(format!(
         "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\nSec-WebSocket-Protocol: {protocol}\r\n\r\n"
     ))
@@ -266,26 +297,15 @@ fn answer(request: &str) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fuzz::masked;
     use super::*;
     use proptest::prelude::*;
 
     const REQUEST: &str = "GET /mqtt HTTP/1.1\r\nHost: x\r\nupgrade: WebSocket\r\nConnection: keep-alive, Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: mqtt\r\n\r\n";
 
-    fn masked(opcode: u8, payload: &[u8], mask: [u8; 4]) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        frame(&mut bytes, opcode, payload);
-        let start = bytes.len() - payload.len();
-        bytes[1] |= 0x80;
-        for (place, byte) in bytes[start..].iter_mut().enumerate() {
-            *byte ^= mask[place & 3];
-        }
-        bytes.splice(start..start, mask);
-        bytes
-    }
-
     #[test]
     fn the_key_of_the_standard_is_answered() {
-        let answer = answer(REQUEST.trim_end()).unwrap();
+        let answer = answer(REQUEST.trim_end(), &Origins::default()).unwrap();
         assert!(
             answer.contains("Sec-WebSocket-Accept: s3pPLMBiTxaQ9kYGzzhZRbK+xOo=\r\n"),
             "{answer}"
@@ -304,7 +324,7 @@ mod tests {
                 stream.extend(masked(BINARY, payload, mask));
                 stream.extend(masked(PING, b"there?", mask));
             }
-            let (mut socket, mut mqtt, mut replies) = (WebSocket::default(), Vec::new(), Vec::new());
+            let (mut socket, mut mqtt, mut replies) = (WebSocket::new(Arc::default()), Vec::new(), Vec::new());
             let mut rest = &stream[..];
             for size in pieces.iter().cycle() {
                 let (piece, after) = rest.split_at((*size).min(rest.len()));

@@ -1,6 +1,7 @@
 //! Conversations with the broker without sockets: hours pass in an instant.
 
 mod delivery;
+mod fuzz;
 mod limits;
 mod refusals;
 mod sessions;

@@ -8,14 +8,21 @@ use argon2::{
 use base64::{Engine, engine::general_purpose::STANDARD};
 use ring::pbkdf2;
 use ring::rand::{SecureRandom, SystemRandom};
+use std::collections::BTreeMap;
+use std::hint::black_box;
 use std::io;
 use std::num::NonZeroU32;
 
 /// Parameters of argon2 and iterations of PBKDF2 beyond these are a mistake: looking at one password would take all memory,
-/// or the broker's only thread for minutes.
+/// or a thread for minutes.
 const MOST_MEMORY: u32 = 1 << 20; // KiB
 const MOST_PASSES: u32 = 100;
 const MOST_ITERATIONS: u32 = 10_000_000;
+
+/// Bytes of a hash that PBKDF2 with SHA-512 computes at a time.
+const BLOCK: usize = 64;
+/// The longest hash that is taken.
+const LONGEST: usize = 4 * BLOCK;
 
 const HINT: &str =
     "write the line again with `swarmwright broker --add-user FILE NAME` or mosquitto_passwd";
@@ -73,11 +80,27 @@ impl Secret {
                 .decode(text)
                 .map_err(|error| format!("{error}; {HINT}"))
         };
+        let hash = bytes(hash)?;
+        if hash.is_empty() || hash.len() > LONGEST {
+            return Err(format!("the hash is not of 1 to {LONGEST} bytes; {HINT}"));
+        }
         Ok(Self::Pbkdf2 {
             iterations,
             salt: bytes(salt)?,
-            hash: bytes(hash)?,
+            hash,
         })
+    }
+
+    /// Of PBKDF2's, what it costs: each block of the hash is computed for itself.
+    fn iterations(&self) -> u32 {
+        match self {
+            Self::Argon2(_) => 0,
+            Self::Pbkdf2 {
+                iterations, hash, ..
+            } => iterations
+                .get()
+                .saturating_mul(u32::try_from(hash.len().div_ceil(BLOCK)).unwrap_or(u32::MAX)),
+        }
     }
 
     /// Is this the password?
@@ -101,6 +124,57 @@ impl Secret {
     }
 }
 
+/// What the hashes of a password file cost to compute. A check costs all of it, whoever's password is looked at.
+#[derive(Default)]
+pub struct Costs {
+    /// One hash of each set of argon2's parameters, by the parameters.
+    argon2: BTreeMap<String, Box<str>>,
+    /// Most iterations of PBKDF2 that a password takes.
+    iterations: u32,
+}
+
+impl Costs {
+    /// Notes what this one costs.
+    pub fn include(&mut self, secret: &Secret) {
+        match secret {
+            Secret::Argon2(text) => {
+                self.argon2
+                    .entry(parameters(text))
+                    .or_insert_with(|| text.clone());
+            }
+            Secret::Pbkdf2 { .. } => self.iterations = self.iterations.max(secret.iterations()),
+        }
+    }
+
+    /// Is this the password of the secret, where there is one? It takes as long as the costliest secret, whichever this is.
+    pub fn check(&self, secret: Option<&Secret>, password: &[u8]) -> bool {
+        let is_right = secret.is_some_and(|secret| secret.is(password));
+        let (spent, done) = match secret {
+            Some(Secret::Argon2(text)) => (Some(parameters(text)), 0),
+            Some(secret) => (None, secret.iterations()),
+            None => (None, 0),
+        };
+        for (parameters, text) in &self.argon2 {
+            if spent.as_ref() != Some(parameters) {
+                black_box(Secret::Argon2(text.clone()).is(password));
+            }
+        }
+        if let Some(left) = NonZeroU32::new(self.iterations.saturating_sub(done)) {
+            let mut hash = [0; BLOCK];
+            let algorithm = pbkdf2::PBKDF2_HMAC_SHA512;
+            pbkdf2::derive(algorithm, left, b"a salt of 16 byt", password, &mut hash);
+            black_box(hash);
+        }
+        is_right
+    }
+}
+
+/// The part of an argon2 hash that says what it costs: all but salt and hash.
+fn parameters(text: &str) -> String {
+    let parts: Vec<&str> = text.split('$').collect();
+    parts[..parts.len().saturating_sub(2)].join("$")
+}
+
 /// The argon2id hash of a password with a new salt, for a password file: 19 MiB of memory, 2 passes, 1 lane, the
 /// parameters that OWASP's Password Storage Cheat Sheet names first.
 ///
@@ -117,25 +191,27 @@ pub fn hash_password(password: &str) -> Result<String, BrokerError> {
         .map_err(|error| system(&error))
 }
 
-/// The `$7$` hash of a password with a new salt, as Mosquitto 2 reads it: PBKDF2-HMAC-SHA-512, 10,000 iterations.
-///
-/// It is for long random passwords; those that people choose belong in [`hash_password`].
+/// The `$7$` hash of a password with a new salt, as Mosquitto 2 reads it: PBKDF2-HMAC-SHA-512 with so many iterations.
 ///
 /// # Errors
-/// The operating system gives no random numbers.
-pub fn hash_for_mosquitto(password: &str) -> Result<String, BrokerError> {
-    const ITERATIONS: NonZeroU32 = NonZeroU32::new(10_000).unwrap();
+/// The operating system gives no random numbers; more iterations than are taken.
+pub fn hash_for_mosquitto(password: &str, iterations: NonZeroU32) -> Result<String, BrokerError> {
+    if iterations.get() > MOST_ITERATIONS {
+        return Err(system(&format!(
+            "at most {MOST_ITERATIONS} iterations are taken"
+        )));
+    }
     let salt: [u8; 12] = random()?;
     let mut hash = [0; 64];
     pbkdf2::derive(
         pbkdf2::PBKDF2_HMAC_SHA512,
-        ITERATIONS,
+        iterations,
         &salt,
         password.as_bytes(),
         &mut hash,
     );
     Ok(format!(
-        "$7${ITERATIONS}${}${}",
+        "$7${iterations}${}${}",
         STANDARD.encode(salt),
         STANDARD.encode(hash)
     ))
@@ -162,7 +238,7 @@ mod tests {
 
     #[test]
     fn a_hash_that_mosquitto_passwd_wrote() {
-        let hash = include_str!("../tests/data/users")
+        let hash = include_str!("../../tests/data/users")
             .lines()
             .find_map(|line| line.strip_prefix("ada:"));
         let secret = Secret::read(hash.unwrap()).unwrap();
@@ -173,7 +249,9 @@ mod tests {
 
     #[test]
     fn hashes_made_here_admit_their_password_alone() {
-        for make in [hash_password, hash_for_mosquitto] {
+        let for_mosquitto =
+            |password: &str| hash_for_mosquitto(password, NonZeroU32::new(1000).unwrap());
+        for make in [hash_password, for_mosquitto] {
             let (first, second) = (make("pass:wörd").unwrap(), make("pass:wörd").unwrap());
             assert_ne!(first, second, "the salt is new every time");
             let secret = Secret::read(&first).unwrap();

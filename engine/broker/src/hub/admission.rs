@@ -1,0 +1,238 @@
+//! Who is let in: connections without CONNECT, passwords that are looked at, accounts that are no more.
+
+use super::Hub;
+use super::complaints::Kind;
+use crate::access::Access;
+use crate::codec::{self, Connect, Packet, Refusal, reason};
+use crate::passwords::{Users, Verdict};
+use std::collections::HashMap;
+use std::net::{IpAddr, SocketAddr};
+use std::time::Instant;
+
+/// Of the connections that the broker takes, those that have not been let in may be one of so many.
+const STRANGERS: usize = 2;
+
+const WRONG: Refusal = Refusal::new(reason::BAD_PASSWORD, "wrong user name or password");
+const BUSY: Refusal = Refusal::new(
+    reason::BUSY,
+    "many passwords wait to be looked at; try again in some seconds",
+);
+
+/// The network that a connection comes from: its address, of IPv6 the half that a provider gives out.
+pub fn network_of(peer: &str) -> Box<str> {
+    let Ok(address) = peer.parse::<SocketAddr>() else {
+        return peer.into();
+    };
+    match address.ip().to_canonical() {
+        IpAddr::V4(address) => address.to_string().into(),
+        IpAddr::V6(address) => {
+            let [a, b, c, d, ..] = address.segments();
+            format!("{a:x}:{b:x}:{c:x}:{d:x}::/64").into()
+        }
+    }
+}
+
+impl Hub {
+    /// Where those who have not been let in hold too many connections, ends the oldest of the network that has most of them.
+    pub fn make_room(&mut self) {
+        let clients = self.limits.clients;
+        if self.strangers >= (clients / STRANGERS).max(1) || self.links.len() >= clients {
+            self.end_stranger();
+        }
+    }
+
+    /// Ends a connection that has not been let in, for the sake of others; false = there is none.
+    pub fn end_stranger(&mut self) -> bool {
+        let strangers = || self.links.iter().filter(|(_, link)| link.is_stranger);
+        let mut networks = HashMap::<&str, usize>::new();
+        for (_, link) in strangers() {
+            *networks.entry(&link.network).or_default() += 1;
+        }
+        let most = networks
+            .into_iter()
+            .max_by_key(|(name, count)| (*count, *name));
+        let oldest = most.and_then(|(most, _)| {
+            strangers()
+                .filter(|(_, link)| *link.network == *most)
+                .min_by_key(|(_, link)| (!link.closing, link.heard))
+        });
+        self.dropped.extend(oldest.map(|(id, _)| id));
+        oldest.is_some()
+    }
+
+    /// User name and password, where a password file is in force; false = that is to be found out.
+    pub(super) fn admit(
+        &mut self,
+        id: usize,
+        connect: &Connect<'_>,
+        now: Instant,
+    ) -> Result<bool, Refusal> {
+        let Some(passwords) = &mut self.passwords else {
+            return Ok(true);
+        };
+        let Some(user) = connect.user else {
+            return Err(Refusal::new(
+                reason::NOT_AUTHORIZED,
+                "this broker asks for user name and password",
+            ));
+        };
+        let password = connect.password.unwrap_or_default();
+        let network = &self.links[id].network;
+        match passwords.ask(id, network, user, password, now) {
+            Some(Verdict::Admitted) => Ok(true),
+            Some(Verdict::Wrong) => Err(WRONG),
+            Some(Verdict::Busy) => Err(BUSY),
+            None => Ok(false),
+        }
+    }
+
+    /// What wakes the broker's thread when a password has been looked at.
+    pub fn wake_with(&mut self, wake: Box<dyn Fn() + Send>) {
+        if let Some(passwords) = &mut self.passwords {
+            passwords.wake_with(wake);
+        }
+    }
+
+    /// Answers those whose passwords have been looked at; their numbers: they may have sent more.
+    pub fn answer_newcomers(&mut self, now: Instant) -> Vec<usize> {
+        let Some(passwords) = &mut self.passwords else {
+            return Vec::new();
+        };
+        let links = &self.links;
+        let verdicts = passwords.verdicts(now, |id| {
+            let link = links.get(id)?;
+            match codec::decode(0x10, link.asked.as_deref()?, link.terms.version) {
+                Ok(Packet::Connect(connect)) => Some((
+                    connect.user?.to_owned(),
+                    connect.password.unwrap_or_default().to_owned(),
+                )),
+                _ => None,
+            }
+        });
+        let mut answered = Vec::new();
+        for (id, verdict) in verdicts {
+            let Some(asked) = self.links.get_mut(id).and_then(|link| link.asked.take()) else {
+                continue;
+            };
+            self.recount(id);
+            let version = self.links[id].terms.version;
+            let outcome = match (verdict, codec::decode(0x10, &asked, version)) {
+                (Verdict::Admitted, Ok(Packet::Connect(connect))) => self.enter(id, &connect, now),
+                (Verdict::Busy, _) => Err(BUSY),
+                _ => Err(WRONG),
+            };
+            if let Err(refusal) = outcome {
+                self.refuse(id, refusal, now);
+            }
+            self.settle(now);
+            answered.push(id);
+        }
+        answered
+    }
+
+    /// When to ask for [`Hub::answer_newcomers`] again, though nothing happens.
+    pub fn newcomers_due(&self, now: Instant) -> Option<Instant> {
+        self.passwords.as_ref()?.due(now)
+    }
+
+    /// Does the broker still look at this connection's password?
+    pub fn is_asking(&self, id: usize) -> bool {
+        self.links.get(id).is_some_and(|link| link.asked.is_some())
+    }
+
+    /// Other accounts and rules, from files that were read again: what is denied from now on ends.
+    pub fn replace(&mut self, users: Option<Users>, access: Option<Access>, now: Instant) {
+        let mut gone = Vec::new();
+        if let (Some(passwords), Some(users)) = (&mut self.passwords, users) {
+            let before = std::sync::Arc::clone(passwords.users());
+            for (id, session) in &self.sessions {
+                let user = session.user.as_deref().unwrap_or_default();
+                if !users.is_same(&before, user) {
+                    gone.push((id, users.has(user)));
+                }
+            }
+            passwords.replace(users);
+        }
+        let is_other = access.is_some();
+        if is_other {
+            self.access = access;
+        }
+        let ended = gone.len();
+        for (session, has_account) in gone {
+            self.dismiss(session, has_account, now);
+        }
+        if is_other {
+            self.keep_to_access();
+        }
+        // Who may read a topic is decided when its readers are gathered.
+        self.routes.clear();
+        self.settle(now);
+        log::info!(
+            "passwords, access rules and certificates were read again; {ended} clients had to go, since their accounts are not what they were"
+        );
+    }
+
+    /// Ends the session of an account that is no more, or has another password, and its connection.
+    fn dismiss(&mut self, session: usize, has_account: bool, now: Instant) {
+        let client = self.sessions[session].client_id.clone();
+        if let Some(link) = self.sessions[session].link {
+            let refusal = if has_account {
+                // It may come again with its new password.
+                Refusal::new(
+                    reason::ADMINISTRATIVE,
+                    "the password of its account was changed",
+                )
+            } else {
+                Refusal::new(reason::NOT_AUTHORIZED, "its account was removed")
+            };
+            self.refuse(link, refusal, now);
+        }
+        // A session waits for a client that may come again; without account nobody may.
+        if !has_account && let Some(&found) = self.by_client.get(&client) {
+            self.end_session(found, now);
+        }
+    }
+
+    /// Messages that wait for clients which may read them no more are dropped.
+    fn keep_to_access(&mut self) {
+        let Some(access) = &self.access else {
+            return;
+        };
+        let mut changed = Vec::new();
+        for (id, session) in &mut self.sessions {
+            session.keep_readable(access);
+            changed.push(id);
+        }
+        for id in changed {
+            self.recount_session(id);
+        }
+    }
+
+    /// Says that a client could not be taken.
+    pub fn complain_of_stranger(&mut self, peer: &str, why: impl std::fmt::Display, now: Instant) {
+        self.complaints
+            .say(Kind::Refused, now, || format!("{peer}: {why}"));
+    }
+
+    /// Connections that are to be closed at once.
+    pub fn take_dropped(&mut self) -> Vec<usize> {
+        std::mem::take(&mut self.dropped)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::network_of;
+
+    #[test]
+    fn networks_are_addresses_or_halves_of_them() {
+        for (peer, network) in [
+            ("192.0.2.7:1883", "192.0.2.7"),
+            ("[::ffff:192.0.2.7]:1883", "192.0.2.7"),
+            ("[2001:db8:1:2:3:4:5:6]:1883", "2001:db8:1:2::/64"),
+            ("[2001:db8:1:2::9]:7", "2001:db8:1:2::/64"),
+        ] {
+            assert_eq!(&*network_of(peer), network);
+        }
+    }
+}

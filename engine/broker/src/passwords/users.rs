@@ -1,0 +1,68 @@
+//! The password file: `user:hash` lines, as `mosquitto_passwd` and `swarmwright broker --add-user` write them.
+
+use super::secret::{Costs, Secret};
+use crate::{BrokerError, lines};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Who may connect.
+pub struct Users {
+    accounts: HashMap<Box<str>, Account>,
+    costs: Costs,
+}
+
+struct Account {
+    /// As the file has it: to see whether it has changed.
+    line: Box<str>,
+    secret: Secret,
+}
+
+impl Users {
+    /// Reads lines `user:hash`.
+    pub fn read(path: &Path) -> Result<Self, BrokerError> {
+        let mut accounts = HashMap::new();
+        let mut costs = Costs::default();
+        lines::each(path, "password file", |line| {
+            let Some((user, text)) = line.split_once(':').filter(|(user, _)| !user.is_empty())
+            else {
+                return Err(
+                    "`user:hash` expected, as `swarmwright broker --add-user FILE NAME` \
+                     or mosquitto_passwd writes it"
+                        .into(),
+                );
+            };
+            let secret = Secret::read(text)?;
+            costs.include(&secret);
+            let account = Account {
+                line: text.into(),
+                secret,
+            };
+            if accounts.insert(user.into(), account).is_some() {
+                return Err(format!("user {user} comes twice; remove one of the lines"));
+            }
+            Ok(())
+        })?;
+        Ok(Self { accounts, costs })
+    }
+
+    /// Is this the user's password? It takes the same time whether the user exists or not, and whatever kind of hash is kept of
+    /// its password: the time tells nobody which names exist.
+    pub fn admit(&self, user: &str, password: &[u8]) -> bool {
+        let account = self.accounts.get(user);
+        self.costs
+            .check(account.map(|account| &account.secret), password)
+    }
+
+    /// Is the account here, and in `other` with the very same hash?
+    pub fn is_same(&self, other: &Self, user: &str) -> bool {
+        match (self.accounts.get(user), other.accounts.get(user)) {
+            (Some(one), Some(other)) => one.line == other.line,
+            _ => false,
+        }
+    }
+
+    /// Is there such an account?
+    pub fn has(&self, user: &str) -> bool {
+        self.accounts.contains_key(user)
+    }
+}

@@ -1,0 +1,72 @@
+"""The web server behind `--metrics`: a page for Prometheus, and no more threads than a few whoever connects."""
+
+import socket
+import socketserver
+import sys
+import threading
+import time
+from http.server import HTTPServer
+from typing import TYPE_CHECKING, Any
+
+from prometheus_client import MetricsHandler
+
+if TYPE_CHECKING:
+    from prometheus_client import CollectorRegistry
+
+MOST = 16
+"""Connections at a time; for another one the oldest has to go."""
+LONGEST = 10.0
+"""Seconds that a connection may last."""
+
+
+class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
+    """Serves the figures of a registry in threads of its own.
+
+    host: name or address to listen on. port: 0 for any free one.
+
+    Raises OSError when the address cannot be listened on, UnicodeError for a host that can be none.
+    """
+
+    daemon_threads = True
+    request_queue_size = 16
+
+    def __init__(self, host: str, port: int, registry: "CollectorRegistry") -> None:
+        self._lock = threading.Lock()
+        self._began: dict[socket.socket, float] = {}
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        self.address_family = found[0][0]
+        super().__init__((host, port), MetricsHandler.factory(registry))  # type: ignore[arg-type]
+
+    def process_request(self, request: Any, client_address: Any) -> None:  # noqa: ANN401 - the base class's
+        """Answer in a thread."""
+        with self._lock:
+            while len(self._began) >= MOST:
+                self._end(next(iter(self._began)))
+            self._began[request] = time.monotonic()
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:  # noqa: ANN401
+        """The connection is over."""
+        with self._lock:
+            self._began.pop(request, None)
+        super().shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """End connections that last too long; called twice a second."""
+        with self._lock:
+            oldest = time.monotonic() - LONGEST
+            for request in [one for one, began in self._began.items() if began < oldest]:
+                self._end(request)
+
+    def _end(self, request: socket.socket) -> None:
+        """Its thread reads the end of the connection, and ends."""
+        del self._began[request]
+        try:
+            request.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            return  # it has gone meanwhile
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """A client that goes before it has its answer is nobody's business."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
