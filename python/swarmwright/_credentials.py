@@ -21,7 +21,7 @@ _PORTS = {"mqtt": 1883, "tcp": 1883, "mqtts": 8883, "ssl": 8883, "tls": 8883, "w
 
 
 def prepare(broker: str) -> None:
-    """Look up the password for a broker, as `from_keyring` does, and warn once if it would travel in the clear.
+    """Look up the password for a broker (`from_keyring`), and warn once if it would travel in the clear.
 
     Raises:
         InputError: As `from_keyring`.
@@ -31,7 +31,8 @@ def prepare(broker: str) -> None:
     if there not in _warned and has_password() and in_clear(broker):
         _warned.add(there)
         _LOGGER.warning(
-            "the password for %s travels unencrypted, and everybody on the way can read it; use a broker with TLS, mqtts://",
+            "the password for %s travels unencrypted, and everybody on the way can read it; use a broker "
+            "with TLS, mqtts://",
             there,
         )
 
@@ -89,7 +90,7 @@ def from_keyring(broker: str) -> None:
 def place(broker: str) -> str:
     """Host and port of a broker's URL: mqtts://lab -> lab:8883."""
     scheme, _, rest = broker.rpartition("://")
-    authority = rest.split("/", 1)[0]
+    authority = re.split("[/?]", rest, maxsplit=1)[0]
     if re.search(r":\d+$", authority):
         return authority
     return f"{authority}:{_PORTS.get(scheme.lower(), 1883)}"

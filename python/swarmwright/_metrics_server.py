@@ -1,4 +1,4 @@
-"""The web server behind `--metrics`: a page for Prometheus, and no more threads than a few whoever connects."""
+"""The web server behind `--metrics`: a page for Prometheus, and a few threads at most, whoever connects."""
 
 import socket
 import socketserver
@@ -35,7 +35,7 @@ class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
         self._began: dict[socket.socket, float] = {}
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         self.address_family = found[0][0]
-        super().__init__((host, port), MetricsHandler.factory(registry))  # type: ignore[arg-type]
+        super().__init__((host, port), MetricsHandler.factory(registry))
 
     def process_request(self, request: Any, client_address: Any) -> None:  # noqa: ANN401 - the base class's
         """Answer in a thread."""

@@ -139,8 +139,8 @@ def write_configuration(
 ) -> list[Account]:
     """Write configuration, certificates, accounts and access rules into a folder; secrets have the mode 0600.
 
-    given: names and addresses by which clients reach the broker. port: of the listener, TLS. iterations: of PBKDF2
-    for each password, None for `ITERATIONS`.
+    given: names and addresses by which clients reach the broker. port: of the listener, TLS. iterations: of
+    PBKDF2 for each password, None for `ITERATIONS`.
 
     Raises:
         InputError: A file that would be written is there already (then none is), or cannot be written.
@@ -150,6 +150,7 @@ def write_configuration(
         raise InputError("the path of the folder has a line break in it")
     made = accounts(prefixes)
     names = hosts(given)
+    rounds = iterations or ITERATIONS
     passwords = {account.user: secrets.token_urlsafe(24) for account in made}
     authority, authority_key, certificate, key = _engine.certificates(names, CERTIFICATE_DAYS)
     public = {
@@ -161,7 +162,7 @@ def write_configuration(
         "acl": access_rules(made),
         "broker-key.pem": key,
         "passwords": "".join(
-            f"{user}:{_engine.hash_for_mosquitto(word, iterations or ITERATIONS)}\n" for user, word in passwords.items()
+            f"{user}:{_engine.hash_for_mosquitto(word, rounds)}\n" for user, word in passwords.items()
         ),
     }
     secret = {"ca-key.pem": authority_key}

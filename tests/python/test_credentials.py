@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmwright import _credentials
 from swarmwright._credentials import place
 from tests.conftest import environment
 
@@ -111,3 +112,34 @@ def test_no_keyring_is_no_error(ask: Ask) -> None:
 )
 def test_a_broker_is_named_by_host_and_port(url: str, expected: str) -> None:
     assert place(url) == expected
+
+
+@pytest.mark.parametrize(
+    ("broker", "clear"),
+    [
+        ("mqtt://broker.example", True),
+        ("ws://192.0.2.1:80/mqtt", True),
+        ("broker.example:1884", True),
+        ("mqtt://[2001:db8::1]", True),
+        ("mqtts://broker.example", False),
+        ("wss://broker.example", False),
+        ("mqtt://localhost:1883", False),
+        ("mqtt://127.0.0.2?mqtt=5", False),
+        ("mqtt://[::1]:1883", False),
+    ],
+)
+def test_a_password_that_would_travel_in_the_clear_is_warned_of_once(
+    broker: str, clear: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(_credentials, "_warned", set())
+    monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD", "")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", "")
+    monkeypatch.setattr(_credentials, "from_keyring", lambda _broker: None)
+    _credentials.prepare(broker)
+    assert not caplog.messages
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD", "correct horse")
+    for _ in range(2):
+        _credentials.prepare(broker)
+    assert ["travels unencrypted" in text for text in caplog.messages] == [True] * clear
+    assert "correct horse" not in caplog.text

@@ -152,7 +152,9 @@ def test_json_is_not_disturbed(start: Any, embedded_broker: str) -> None:
     assert json.dumps(ready)
 
 
-def test_idle_connections_keep_neither_threads_nor_prometheus_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_idle_connections_keep_no_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(_metrics_server, "LONGEST", 1.0)
     before = threading.active_count()
     with offered(ServeFigures(), "127.0.0.1", 0) as url:

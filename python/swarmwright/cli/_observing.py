@@ -36,7 +36,7 @@ class Endpoint(click.ParamType[tuple[str, int]]):
 
 
 def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--log FILE`, `--log-level LEVEL`, `--log-size MIB`, `--metrics HOST:PORT`; gathered in one argument, `observing`."""
+    """`--log FILE` with its level and size, and `--metrics HOST:PORT`."""
     metrics = click.option(
         "--metrics",
         type=Endpoint(),

@@ -2,16 +2,11 @@
 
 import ipaddress
 import logging
-import os
 import shlex
-import signal
 import socket
 import sys
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -19,12 +14,8 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
 from swarmwright.cli._output import Output
+from swarmwright.cli._reloading import hangups, reload
 from swarmwright.cli._signals import Terminated
-
-if TYPE_CHECKING:
-    from types import FrameType
-
-    from swarmwright import _engine
 
 Port = WholeNumber(0, 65535)
 
@@ -56,8 +47,8 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     "origins",
     multiple=True,
     metavar="URL",
-    help="A web page of this origin, such as https://dash.example.org, may connect by websocket, as many times as "
-    "there are; * for all. Pages of the broker's own host may always.",
+    help="A web page of this origin, such as https://dash.example.org, may connect by websocket, as many "
+    "times as there are; * for all. Pages of the broker's own host may always.",
 )
 @click.option(
     "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users are let in."
@@ -158,26 +149,23 @@ def command(
         _refuse("--add-user" if folder is None else "--init", others)
     if folder is not None:
         return _init(output, folder, hosts, port, prefixes, iterations)
-    if iterations is not None:
-        raise click.UsageError("--iterations goes with --init alone; --add-user writes argon2id hashes.")
     if add_user is not None:
         return _add_user(output, Path(add_user[0]), add_user[1])
-    if prefixes:
-        raise click.UsageError("--prefix goes with --init alone; a broker serves every prefix.")
+    if prefixes or iterations is not None:
+        option = "--prefix" if prefixes else "--iterations"
+        raise click.UsageError(f"{option} goes with --init alone.")
     if len(hosts) > 1:
         raise click.UsageError("The broker listens on one address; --host was given more than once.")
     host = hosts[0] if hosts else "127.0.0.1"
     if (certificate is None) != (key is None):
         missing = "--key" if key is None else "--certificate"
         raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
-    if origins and websocket_port is None:
-        raise click.UsageError("--origin is about websockets, and without --websocket-port PORT there are none.")
-    if access is not None and users is None:
-        raise click.UsageError("--access names users, and nobody has a name without --users FILE.")
+    _needs("--access", access, "--users FILE", users)
+    _needs("--origin", origins or None, "--websocket-port PORT", websocket_port)
     _check_exposure(host, users=users, certificate=certificate)
     from swarmwright import _engine
 
-    with Log(log, log_level, size=log_size or LOG_SIZE) as lines, _hangups() as hung_up:
+    with Log(log, log_level, size=log_size or LOG_SIZE) as lines, hangups() as hung_up:
         broker = _engine.Broker(
             host,
             port if port is not None else 8883 if certificate else 1883,
@@ -198,7 +186,7 @@ def command(
             while True:
                 if hung_up.wait(0.5):
                     hung_up.clear()
-                    _reload(broker, output, lines)
+                    reload(broker, output, lines)
         except Terminated:
             lines.write("info", "stopped")  # SIGTERM is how a service is asked to end
         finally:
@@ -206,50 +194,9 @@ def command(
     return 0
 
 
-@contextmanager
-def _hangups() -> Iterator[threading.Event]:
-    """An event that is set at every SIGHUP within the block, except where the terminal has gone: that ends the broker."""
-    arrived = threading.Event()
-    had_terminal = _has_terminal()
-    before = signal.getsignal(signal.SIGHUP)
-
-    def note(number: int, frame: "FrameType | None") -> None:
-        if had_terminal and not _has_terminal() and callable(before):
-            before(number, frame)
-        else:
-            arrived.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield arrived
-        return
-    signal.signal(signal.SIGHUP, note)
-    try:
-        yield arrived
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
-def _has_terminal() -> bool:
-    try:
-        os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY))
-    except OSError:
-        return False
-    return True
-
-
-def _reload(broker: "_engine.Broker", output: Output, lines: Log) -> None:
-    """Have the broker read its files again; one that cannot be used is told of, and changes nothing."""
-    from swarmwright import _engine
-
-    try:
-        broker.reload()
-    except _engine.EngineError as error:
-        _LOGGER.warning("nothing has changed: %s", error)
-        output.json({"event": "reload_failed", "message": str(error)})
-    else:
-        output.text("Passwords, access rules and certificate were read again")
-        output.json({"event": "reloaded"})
-        lines.write("info", "reloaded")
+def _needs(option: str, value: object, other: str, needed: object) -> None:
+    if value is not None and needed is None:
+        raise click.UsageError(f"{option} does nothing without {other}.")
 
 
 def _refuse(option: str, others: Mapping[str, object]) -> None:
@@ -301,7 +248,8 @@ def _add_user(output: Output, file: Path, name: str) -> int:
     new = set_password(file, name, password)
     if file.stat().st_mode & 0o004:
         _LOGGER.warning(
-            "%s can be read by every user of this machine, who can guess at its passwords unnoticed; chmod 600 keeps them out",
+            "%s can be read by every user of this machine, who can guess at its passwords unnoticed; chmod "
+            "600 keeps them out",
             file,
         )
     output.text(f"{file}: {name} {'added' if new else 'has another password now'}")
@@ -310,13 +258,20 @@ def _add_user(output: Output, file: Path, name: str) -> int:
 
 
 def _init(
-    output: Output, folder: Path, hosts: tuple[str, ...], port: int | None, prefixes: tuple[str, ...], iterations: int | None
+    output: Output,
+    folder: Path,
+    hosts: tuple[str, ...],
+    port: int | None,
+    prefixes: tuple[str, ...],
+    iterations: int | None,
 ) -> int:
     from swarmwright._mosquitto import write_configuration
 
     if port == 0:
         raise click.UsageError("--init writes the port down; name one, such as 8883.")
-    made = write_configuration(folder, given=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations)
+    made = write_configuration(
+        folder, given=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations
+    )
     output.json({"event": "written", "folder": str(folder), "users": [account.user for account in made]})
 
     def variables(role: str) -> str:

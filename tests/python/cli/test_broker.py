@@ -156,7 +156,7 @@ def test_sighup_has_files_read_again_and_ends_nothing(start: Any, program: Any, 
 
     def enters(user: str) -> bool:
         login = {"SWARMWRIGHT_USERNAME": user, "SWARMWRIGHT_PASSWORD": "correct horse"}
-        return program("servers", "--broker", listening["url"], env=login).returncode == 0
+        return bool(program("servers", "--broker", listening["url"], env=login).returncode == 0)
 
     assert enters("ada")
     assert not enters("bob")
@@ -177,8 +177,8 @@ def test_sighup_has_files_read_again_and_ends_nothing(start: Any, program: Any, 
     logged = [json.loads(line) for line in (tmp_path / "broker.log").read_text().splitlines()]
     names = [line["event"] for line in logged]
     assert "reloaded" in names
-    (wrong,) = [line for line in logged if line["level"] == "warning" and "nothing has changed" in line["message"]]
-    assert "line 2" in wrong["message"]
+    (wrong,) = [line["message"] for line in logged if "nothing has changed" in line.get("message", "")]
+    assert "line 2" in wrong
 
 
 def test_a_broker_whose_terminal_goes_ends(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_broker_whose_terminal_goes_ends(tmp_path: Path) -> None:
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(tmp_path)
-        os.execve(PROGRAM[0], [*PROGRAM, "broker", "--port", "0"], environment())  # noqa: S606
+        os.execve(PROGRAM[0], [*PROGRAM, "broker", "--port", "0"], environment())
     shown = b""
     while b"listens" not in shown:
         shown += os.read(terminal, 1024)

@@ -120,11 +120,11 @@ def test_a_log_that_cannot_be_written_is_named(tmp_path: Path, program: Any) -> 
     assert done.returncode == 2
     assert "nowhere/log" in done.stderr
     with pytest.raises(InputError, match="nowhere"):
-        Log(tmp_path / "nowhere" / "log", engine=False)
+        Log(tmp_path / "nowhere" / "log")
 
 
 def test_numbers_that_json_has_not_become_null(tmp_path: Path) -> None:
-    with Log(tmp_path / "log", engine=False) as log:
+    with Log(tmp_path / "log") as log:
         log.write("info", "x", a=float("nan"), b=None, c=Path("p"))
         log.write("debug", "unwanted")
     (line,) = lines(tmp_path / "log")
