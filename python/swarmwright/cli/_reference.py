@@ -21,8 +21,9 @@ certificate authority of the broker. SWARMWRIGHT_BROKER is the address of the br
 def reference() -> str:
     """The page, Markdown."""
     with click.Context(
-        program, info_name="swarmwright", max_content_width=100, terminal_width=100
-    ) as context:
+        program, info_name="swarmwright", max_content_width=100, terminal_width=100,
+        help_option_names=["-h", "--help"],
+    ) as context:  # fmt: skip
         sections = [INTRODUCTION, *_sections(program, context)]
     return "\n".join(sections)
 
