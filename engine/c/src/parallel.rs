@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use swarmwright_controllers::{Architecture, Controller};
-use swarmwright_worlds::{Block, Means, Parameters, measure, rollout};
+use swarmwright_worlds::{Block, Means, Parameters, measure, rollout_until};
 use swarmwright_wrapper::guarded;
 
 use crate::callbacks::Table;
@@ -98,7 +98,8 @@ impl Task<'_> {
             let fitness = Controller::with_weights(&self.architecture, genome.into())
                 .ok()
                 .and_then(|controller| {
-                    rollout(simulation, &self.parameters[index % episodes], &controller).ok()
+                    let parameters = &self.parameters[index % episodes];
+                    rollout_until(simulation, parameters, &controller, self.block.stop).ok()
                 });
             let Some(fitness) = fitness else {
                 return false;

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::DecodeError;
+use crate::values::bounded;
 
 /// Version of all extension messages.
 pub const EXTENSION_VERSION: u64 = 1;
@@ -98,8 +99,10 @@ pub struct Evaluate {
     /// Title of the simulation.
     pub simulation: String,
     /// Parameters; `seed` in them is replaced by each of `seeds`.
+    #[serde(deserialize_with = "bounded")]
     pub parameters: Map<String, Value>,
     /// Controller specification without its weights (protocol/schemas/controller.schema.json).
+    #[serde(deserialize_with = "bounded")]
     pub controller: Map<String, Value>,
     /// (candidates, weights), row-major.
     pub genomes: F32s,
@@ -191,6 +194,7 @@ pub struct BatchStart {
     /// Title of the simulation.
     pub simulation: String,
     /// Parameters; `seed` in them is replaced by each of `seeds`.
+    #[serde(deserialize_with = "bounded")]
     pub parameters: Map<String, Value>,
     /// One seed per episode of the batch.
     pub seeds: U64s,

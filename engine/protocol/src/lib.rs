@@ -10,6 +10,7 @@ mod presence;
 mod readings;
 mod status;
 mod topics;
+mod values;
 
 pub use extension::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Envelope, Evaluate, Evaluated,
@@ -25,6 +26,7 @@ pub use presence::{Presence, State};
 pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};
 pub use status::{Activity, MOST_LISTED, Missing, NoServer, PieceKind, Status, Used, Waiting};
 pub use topics::{Topic, TopicError, Topics};
+pub use values::bytes_of;
 
 /// Larger payloads are refused unread, but for sensor messages.
 pub const MAX_PAYLOAD: usize = 1 << 20;

@@ -84,6 +84,7 @@ pub fn evaluate<'py>(
         parameters: &parameters,
         seeds: &seeds,
         metrics: &metrics,
+        stop: None,
     };
     let total = block.len();
     let mut raised: Option<PyErr> = None;

@@ -344,6 +344,7 @@ pub fn evaluate_own<'py>(
         parameters: &parameters,
         seeds: &seeds,
         metrics: &metrics,
+        stop: None,
     };
     let shared = Arc::new(architecture.clone());
     let episodes: Vec<Parameters> = (0..seeds.len()).map(|e| block.parameters_of(e)).collect();

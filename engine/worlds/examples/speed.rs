@@ -27,6 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         parameters: &parameters,
         seeds: &[0],
         metrics: &[],
+        stop: None,
     };
     let levels = std::iter::once(None).chain(Level::available().into_iter().map(Some));
     for level in

@@ -1,12 +1,14 @@
 //! Blocks of evaluations in this process: candidates x episodes, in lanes and threads.
 
 use std::ops::Range;
+use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, LaneController};
 use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair};
 
-use crate::{ParameterError, Parameters, RolloutError, Simulation, measure, rollout};
+use crate::rollout::{rollout_until, stopped};
+use crate::{ParameterError, Parameters, RolloutError, Simulation, measure};
 
 /// Many controllers of one architecture, each to be run in the same episodes.
 #[derive(Debug, Clone, Copy)]
@@ -21,6 +23,8 @@ pub struct Block<'a> {
     pub seeds: &'a [u64],
     /// Metrics that are wanted beside the fitness, by their index in the simulation's description.
     pub metrics: &'a [usize],
+    /// Once it is true, the results are not wanted any more: they come soon, and mean nothing.
+    pub stop: Option<&'a AtomicBool>,
 }
 
 /// How a block is evaluated. The results do not depend on it.
@@ -99,12 +103,13 @@ pub(crate) trait LaneWorld: Sync + Sized {
     /// Room for lanes.
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Self::Room<L>;
 
-    /// Runs the given episode in each lane and writes each lane's fitness.
+    /// Runs the given episode in each lane, until `stop`, and writes each lane's fitness.
     fn rollout<L: Lanes>(
         &self,
         room: &mut Self::Room<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
+        stop: Option<&AtomicBool>,
         fitness: &mut [f64],
     );
 
@@ -154,6 +159,9 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, re
     let mut lanes = [0.0; MOST_LANES];
     let numbers = block.numbers();
     for (group, results) in results.chunks_mut(L::WIDTH * numbers).enumerate() {
+        if stopped(block.stop) {
+            return;
+        }
         let count = results.len() / numbers;
         let first = first + group * L::WIDTH;
         let (mut candidate, mut episode) = (first / episodes_each, first % episodes_each);
@@ -175,6 +183,7 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, re
             &mut room,
             &mut controllers,
             &episodes[..L::WIDTH],
+            block.stop,
             &mut lanes[..L::WIDTH],
         );
         spread(&lanes[..count], results, numbers);
@@ -275,11 +284,19 @@ pub(crate) fn one_by_one(
     in_parts(&mut results, numbers, 1, means.threads, |range, results| {
         let mut simulation = create();
         for (pair, numbers) in range.zip(results.chunks_exact_mut(numbers)) {
+            if stopped(block.stop) {
+                return;
+            }
             let (candidate, episode) = (pair / block.seeds.len(), pair % block.seeds.len());
             let result = Controller::with_weights(&architecture, block.genome(candidate).into())
                 .map_err(|source| RolloutError::Weights { candidate, source })
                 .and_then(|controller| {
-                    rollout(&mut *simulation, &parameters[episode], &controller)
+                    rollout_until(
+                        &mut *simulation,
+                        &parameters[episode],
+                        &controller,
+                        block.stop,
+                    )
                 });
             match result {
                 Ok(fitness) => {

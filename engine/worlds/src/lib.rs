@@ -18,7 +18,7 @@ pub use failure::{Failure, fail};
 pub use minisim::Minisim;
 pub use parameters::ParameterReader;
 pub use registry::{create, describe, description, evaluate, titles};
-pub use rollout::{Episode, RolloutError, rollout};
+pub use rollout::{Episode, RolloutError, rollout, rollout_until};
 pub use simulation::{
     Body, Description, Determinism, MetricInfo, ParameterError, ParameterInfo, Parameters, Scene,
     Simulation, UnknownMetric, measure,

@@ -1,5 +1,7 @@
 //! Episodes computed in this process: a simulation and a controller for each of its agents.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::{Description, ParameterError, Parameters, Simulation};
 use swarmwright_controllers::{Controller, ControllerError};
 
@@ -147,12 +149,30 @@ pub fn rollout(
     parameters: &Parameters,
     controller: &Controller,
 ) -> Result<f64, RolloutError> {
+    rollout_until(simulation, parameters, controller, None)
+}
+
+/// As [`rollout`], which ends early once `stop` is true; the fitness is then that of an episode cut short.
+///
+/// # Errors
+/// As [`rollout`].
+pub fn rollout_until(
+    simulation: &mut dyn Simulation,
+    parameters: &Parameters,
+    controller: &Controller,
+    stop: Option<&AtomicBool>,
+) -> Result<f64, RolloutError> {
     simulation.reset(&controller.merged(parameters))?;
     let mut crew = Crew::new(simulation, controller)?;
-    while !simulation.done() {
+    while !simulation.done() && !stopped(stop) {
         crew.step(simulation)?;
     }
     Ok(simulation.fitness())
+}
+
+/// Whether results are not wanted any more.
+pub(crate) fn stopped(stop: Option<&AtomicBool>) -> bool {
+    stop.is_some_and(|stop| stop.load(Ordering::Relaxed))
 }
 
 /// One episode, a step at a time.

@@ -3,6 +3,8 @@
 
 use proptest::prelude::*;
 use serde_json::{Map, Value, json};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
 use swarmwright_worlds::{Block, Means, create, evaluate};
@@ -29,6 +31,7 @@ fn check(
             parameters: &parameters,
             seeds,
             metrics,
+            stop: None,
         };
         evaluate(title, &block, means).unwrap().unwrap()
     };
@@ -263,4 +266,56 @@ fn what_was_prepared_for_one_block_is_not_used_for_another() {
     assert_eq!(seen[0], seen[6]);
     assert_eq!(seen[1], seen[7]);
     assert_eq!(seen[4], seen[9]);
+}
+
+/// Ten million steps of many agents would take many minutes.
+#[test]
+fn what_is_not_wanted_any_more_ends_within_a_step() {
+    let cases = [
+        (
+            "minisim",
+            json!({"maxSteps": 10_000_000, "numAgents": 100, "numDefenders": 0, "speedAgents": 0}),
+        ),
+        ("emergency_exit", json!({"steps": 10_000_000})),
+    ];
+    for (title, parameters) in cases {
+        let description = create(title).unwrap().description();
+        let text = json!({
+            "version": 1, "kind": "layered", "sensors": description.sensors, "actuators": description.actuators,
+            "hidden": [3], "activation": "tanh", "output_range": [-1, 1]
+        });
+        let architecture = Architecture::from_json(&text.to_string()).unwrap();
+        let genomes = vec![0.0; 100 * architecture.weight_count()];
+        let parameters = parameters.as_object().unwrap().clone();
+        for level in [None, Some(Level::best())] {
+            let stop = AtomicBool::new(false);
+            let block = Block {
+                architecture: &architecture,
+                genomes: &genomes,
+                parameters: &parameters,
+                seeds: &[1, 2],
+                metrics: &[],
+                stop: Some(&stop),
+            };
+            let means = Means { level, threads: 2 };
+            let began = Instant::now();
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(Duration::from_millis(200));
+                    stop.store(true, Ordering::Relaxed);
+                });
+                let results = evaluate(title, &block, means).unwrap().unwrap();
+                assert_eq!(results.len(), 200);
+            });
+            let took = began.elapsed();
+            assert!(
+                took > Duration::from_millis(190),
+                "{title}: had no time to begin: {took:?}"
+            );
+            assert!(
+                took < Duration::from_secs(5),
+                "{title} by {level:?}: {took:?}"
+            );
+        }
+    }
 }

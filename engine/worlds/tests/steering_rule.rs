@@ -147,7 +147,7 @@ proptest! {
             .iter()
             .map(|(avoidance, radius, evasion, steps)| [*avoidance, *radius, f32::from(*evasion), f32::from(*steps)])
             .collect();
-        let block = Block { architecture: &architecture, genomes: genomes.as_flattened(), parameters: &parameters, seeds: &seeds, metrics: &[] };
+        let block = Block { architecture: &architecture, genomes: genomes.as_flattened(), parameters: &parameters, seeds: &seeds, metrics: &[], stop: None };
         let mut expected = Vec::new();
         for genome in &genomes {
             for seed in &seeds {

@@ -181,6 +181,7 @@ fn main() {
                 parameters: &serde_json::Map::new(),
                 seeds: &[1],
                 metrics: &[],
+                stop: None,
             };
             let means = Means {
                 threads: 1,

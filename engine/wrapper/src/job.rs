@@ -4,12 +4,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 use swarmwright_controllers::{Architecture, Controller};
-use swarmwright_protocol::{Failure, Refusal, RefusalKind};
+use swarmwright_protocol::{Failure, Refusal, RefusalKind, bytes_of};
 use swarmwright_worlds::{
     Block, Description, Failure as Cause, Means, Parameters, RolloutError, Simulation, measure,
-    rollout,
+    rollout_until,
 };
 
 use crate::guard::{all_finite, guarded};
@@ -27,13 +27,21 @@ pub(crate) struct Setup {
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
     /// The specification as it came.
-    pub controller: Map<String, Value>,
+    pub controller: Value,
     pub architecture: Architecture,
     pub parameters: Parameters,
     /// Names of the metrics that are wanted.
     pub metrics: Vec<String>,
     /// Their indices in the simulation's description.
     pub wanted: Vec<usize>,
+}
+
+impl Setup {
+    /// Bytes held, about.
+    pub fn bytes(&self) -> usize {
+        let controller = self.controller.as_object().map_or(0, bytes_of);
+        controller + bytes_of(&self.parameters)
+    }
 }
 
 /// A request that was found to be sound.
@@ -44,6 +52,8 @@ pub(crate) struct Request {
     pub setup: Arc<Setup>,
     pub genomes: Vec<f32>,
     pub seeds: Vec<u64>,
+    /// Bytes that its setup takes, where no request before shares it.
+    pub held: usize,
     /// When the tool gives the work to somebody else.
     pub expires: Option<Instant>,
 }
@@ -56,7 +66,7 @@ impl Request {
 
     /// Bytes held.
     pub fn size(&self) -> usize {
-        self.genomes.len() * 4 + self.seeds.len() * 8
+        self.genomes.len() * 4 + self.seeds.len() * 8 + self.held
     }
 }
 
@@ -177,6 +187,7 @@ fn evaluate(
             parameters: &setup.parameters,
             seeds: &request.seeds,
             metrics: &setup.wanted,
+            stop: Some(abort),
         };
         let block = Part {
             block: &block,
@@ -268,7 +279,7 @@ fn one_by_one(
                 progress.at(*request, first + candidate, 1, Some(episode));
             }
             let run = || {
-                results[0] = rollout(&mut *simulation, parameters, &controller)?;
+                results[0] = rollout_until(&mut *simulation, parameters, &controller, Some(abort))?;
                 measure(&*simulation, block.metrics, &mut results[1..]);
                 Ok(())
             };

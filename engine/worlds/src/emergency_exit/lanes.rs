@@ -9,12 +9,14 @@ mod room;
 mod terrain;
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use swarmwright_controllers::LaneController;
 use swarmwright_lanes::Lanes;
 
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld};
+use crate::rollout::stopped;
 use prepared::Prepared;
 use room::Room;
 
@@ -49,6 +51,7 @@ impl LaneWorld for EmergencyExitLanes {
         room: &mut Room<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
+        stop: Option<&AtomicBool>,
         fitness: &mut [f64],
     ) {
         let world = &*self.0;
@@ -61,6 +64,9 @@ impl LaneWorld for EmergencyExitLanes {
         room.finished = [steps; MOST_LANES];
         let mut running = u64::MAX >> (64 - L::WIDTH);
         for step in 0..steps {
+            if stopped(stop) {
+                break;
+            }
             let inside = room.step(world, controllers);
             let ended = running & !inside;
             for (lane, finished) in room.finished.iter_mut().enumerate() {

@@ -10,7 +10,7 @@ pub(super) const MAX_AGENTS: u32 = 100_000;
 /// Most columns, and most rows.
 pub(super) const MAX_SIDE: u32 = 2000;
 const MAX_CELLS: u32 = MAX_SIDE * MAX_SIDE;
-const MAX_STEPS: u32 = 1_000_000_000;
+const MAX_STEPS: u32 = 10_000_000;
 const MAX_STEP_SIZE: u32 = 3_600_000;
 
 /// Who acts when.

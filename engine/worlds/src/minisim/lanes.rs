@@ -1,5 +1,7 @@
 //! Minisim in lanes: the operations of the module above, one episode per lane.
 
+use std::sync::atomic::AtomicBool;
+
 use swarmwright_controllers::LaneController;
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, MOST_LANES, Mask};
@@ -8,6 +10,7 @@ use super::STEPS;
 use super::settings::Settings;
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld};
+use crate::rollout::stopped;
 
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 256;
@@ -170,6 +173,7 @@ impl LaneWorld for MinisimLanes {
         room: &mut Room<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
+        stop: Option<&AtomicBool>,
         fitness: &mut [f64],
     ) {
         let settings = &self.settings[0];
@@ -181,6 +185,9 @@ impl LaneWorld for MinisimLanes {
         let state_length = controllers.state_length();
         room.start(self, episodes, all);
         for _ in 0..settings.max_steps {
+            if stopped(stop) {
+                break;
+            }
             let mut free = 0;
             let many = room.agents.len() > TOGETHER;
             if many {

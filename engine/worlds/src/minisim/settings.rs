@@ -7,6 +7,9 @@ use crate::parameters::wrong;
 use crate::{ParameterError, ParameterInfo, ParameterReader, Parameters};
 use serde_json::{Value, json};
 
+/// Of an episode: a server is to be free again some time.
+const MAX_STEPS: u32 = 10_000_000;
+
 /// Most agents, and most defenders.
 pub(super) const MAX_BODIES: u32 = 100_000;
 /// Far below 2^24, so that every whole number is a binary32.
@@ -119,7 +122,7 @@ impl Settings {
                 .integer("stepSize", 0, MAX_STEP_SIZE)?
                 .unwrap_or(default.step_size),
             max_steps: read
-                .integer("maxSteps", 1, u32::MAX)?
+                .integer("maxSteps", 1, MAX_STEPS)?
                 .unwrap_or(default.max_steps),
             capture_radius: read
                 .not_negative("captureRadius")?

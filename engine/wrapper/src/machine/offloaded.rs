@@ -173,8 +173,10 @@ impl Machine {
     }
 
     /// What can be said of a request before it is computed.
-    fn check(&mut self, message: Evaluate, now: Instant) -> Result<Request, Refusal> {
-        let setup = self.setup(&message)?;
+    fn check(&mut self, mut message: Evaluate, now: Instant) -> Result<Request, Refusal> {
+        let before = self.setup.clone();
+        let setup = self.setup(&mut message)?;
+        let shared = before.is_some_and(|before| Arc::ptr_eq(&before, &setup));
         let weights = setup.architecture.weight_count();
         let (numbers, episodes) = (message.genomes.0.len(), message.seeds.0.len());
         if !numbers.is_multiple_of(weights) {
@@ -188,29 +190,32 @@ impl Machine {
                 numbers / weights
             )));
         }
+        let held = if shared { 0 } else { setup.bytes() };
         Ok(Request {
             number: message.request,
             reply: message.reply,
             setup,
             genomes: message.genomes.0,
             seeds: message.seeds.0,
+            held,
             expires: (message.lease > 0.0 && message.lease < LONGEST_LEASE)
                 .then(|| now + Duration::from_secs_f64(message.lease)),
         })
     }
 
     /// What the request is about; the same object as for the one before, if it is the same.
-    fn setup(&mut self, message: &Evaluate) -> Result<Arc<Setup>, Refusal> {
+    fn setup(&mut self, message: &mut Evaluate) -> Result<Arc<Setup>, Refusal> {
         let index = self.offered(&message.simulation)?;
         if let Some(setup) = &self.setup
             && setup.simulation == index
-            && setup.controller == message.controller
+            && setup.controller.as_object() == Some(&message.controller)
             && setup.parameters == message.parameters
             && setup.metrics == message.metrics
         {
             return Ok(Arc::clone(setup));
         }
-        let text = Value::Object(message.controller.clone()).to_string();
+        let controller = Value::Object(std::mem::take(&mut message.controller));
+        let text = controller.to_string();
         let architecture =
             Architecture::from_json(&text).map_err(|error| invalid(error.to_string()))?;
         let description = &self.offers[index].description;
@@ -229,9 +234,9 @@ impl Machine {
         let wanted = metrics_wanted(description, &message.metrics)?;
         let setup = Arc::new(Setup {
             simulation: index,
-            controller: message.controller.clone(),
+            controller,
             architecture,
-            parameters: message.parameters.clone(),
+            parameters: std::mem::take(&mut message.parameters),
             metrics: message.metrics.clone(),
             wanted,
         });

@@ -57,7 +57,7 @@ class Settings {
         goal(read.position("goal", map[0], map[1]).value_or(Point{map[0] - 0.5F, map[1] / 2.0F})),
         hello_message(read.text("helloMessage", "Welcome to minisim")),
         frame(read.integer("stepSize", 0, 3600000, 250)),
-        max_steps(read.integer<std::uint32_t>("maxSteps", 1, std::numeric_limits<std::uint32_t>::max(), 15)),
+        max_steps(read.integer<std::uint32_t>("maxSteps", 1, 10000000, 15)),
         capture_radius(not_negative(read, "captureRadius", 0.5F)),
         goal_radius(not_negative(read, "goalRadius", 0.5F)),
         steers_itself(read.choice("steering", {"controller", "rule"}) == 1),

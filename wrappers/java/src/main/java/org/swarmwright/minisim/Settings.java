@@ -49,7 +49,7 @@ final strictfp class Settings {
     goal = place != null ? place : new float[] {width - 0.5f, height / 2f};
     helloMessage = read.text("helloMessage", "Welcome to minisim");
     stepSize = read.integer("stepSize", 0, MAX_STEP_SIZE, 250);
-    maxSteps = read.whole("maxSteps", 1, 4_294_967_295L, 15);
+    maxSteps = read.whole("maxSteps", 1, 10_000_000L, 15);
     captureRadius = read.notNegative("captureRadius", 0.5f);
     goalRadius = read.notNegative("goalRadius", 0.5f);
     Rule steering = new Rule(read);
