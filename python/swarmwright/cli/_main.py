@@ -77,10 +77,16 @@ def _interrupted(error: BaseException) -> bool:
 
     A disk that fails while Ctrl-C is handled is an error of its own.
     """
-    if isinstance(error, OSError) or type(error).__module__ == "sqlite3":
-        return False
-    cause = error.__cause__ or error.__context__
-    return isinstance(error, KeyboardInterrupt) or (cause is not None and _interrupted(cause))
+    seen: list[BaseException] = []  # a chain may lead back into itself
+    cause: BaseException | None = error
+    while cause is not None and not any(cause is one for one in seen):
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        if isinstance(cause, OSError) or type(cause).__module__ == "sqlite3":
+            return False
+        seen.append(cause)
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def _invoke(arguments: list[str]) -> object:

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from swarmwright.cli import run
+from swarmwright.cli import _main, run
 from swarmwright.cli._signals import Terminated, check, terminate_like_interrupt
 
 
@@ -70,3 +70,11 @@ def test_an_interrupt_that_was_noticed_does_not_come_again() -> None:
         with pytest.raises(KeyboardInterrupt):
             check()
         time.sleep(0.2)
+
+
+def test_a_chain_of_errors_that_leads_back_into_itself_ends() -> None:
+    first, second = ValueError("a"), ValueError("b")
+    first.__context__, second.__context__ = second, first
+    assert not _main._interrupted(first)
+    second.__context__ = KeyboardInterrupt()
+    assert _main._interrupted(first)
