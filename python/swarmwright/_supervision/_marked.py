@@ -2,12 +2,16 @@
 
 import io
 import os
+import re
 import sys
 
 from swarmwright._supervision._progress import Sample
 
 MARK = b"\x1e"
 """Stands before and behind `request first episode` at the beginning of a line."""
+
+
+_LINE = re.compile(rb"[^\n]*\n|[^\n]+")
 
 
 class Marked(io.RawIOBase):
@@ -46,7 +50,7 @@ class Marked(io.RawIOBase):
         if place.candidates:
             episode = "" if place.episode is None else str(place.episode)
             mark = MARK + f"{place.request} {place.first} {episode}".encode() + MARK
-        lines = text.splitlines(keepends=True)
+        lines = _LINE.findall(text)  # not at carriage returns, as progress bars have them
         marked = [line if self._in_line and not index else mark + line for index, line in enumerate(lines)]
         self._in_line = not text.endswith(b"\n")
         rest = memoryview(b"".join(marked))

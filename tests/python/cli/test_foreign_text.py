@@ -301,6 +301,7 @@ def test_what_a_simulation_raises_and_prints(program: Any, tmp_path: Path) -> No
     assert SHOWN.partition("\\n")[0] in log
     check(shown.stdout)
     check(log)
+    assert r"\x1e" not in log, "marks of lines are taken out"
 
 
 def test_serve(embedded_broker: str, start: Any, tmp_path: Path) -> None:
