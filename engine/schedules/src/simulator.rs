@@ -9,6 +9,7 @@ use swarmwright_protocol::{Message, State, Topic, Topics};
 use crate::client::Client;
 use crate::network::{Network, Packet};
 use crate::random::mix;
+use crate::schedule;
 use crate::schedule::{Disturbance, MILLI, SECOND, Schedule, Time, What};
 use crate::server::Server;
 use crate::tool::{Stage, Tool};
@@ -398,7 +399,10 @@ impl<'a> Simulator<'a> {
 
     /// Whether a tool has work that it could give to a server.
     fn could_use(&self, tool: usize, server: usize) -> bool {
-        let plain = self.schedule.servers[server].plain;
+        let schedule::Server { plain, twin, .. } = self.schedule.servers[server];
+        if twin.is_some_and(|twin| twin.foreign) {
+            return false;
+        }
         let mode = self.schedule.tools[tool].mode.as_str();
         let machine = self.tools[tool].machine.as_ref();
         (!plain || matches!(mode, "auto" | "stepwise"))

@@ -31,7 +31,7 @@ use crate::job::Setup;
 use crate::run::Run;
 use early::Early;
 use offloaded::Work;
-use rival::Listening;
+use rival::{Leaving, Listening};
 use turns::{Tool, Turns};
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
@@ -125,6 +125,8 @@ pub struct Machine {
     offline: bool,
     /// The connection has come back: another server may have this one's id by now.
     listening: Option<Listening>,
+    /// Another server has this id, and this one is to go.
+    leaving: Option<Leaving>,
     /// Whether no other server can have this id.
     alone: bool,
     turns: Turns,
@@ -159,6 +161,7 @@ impl Machine {
             changed_at: None,
             offline: false,
             listening: None,
+            leaving: None,
             alone: false,
             turns: Turns::default(),
             actions: Vec::new(),
@@ -355,10 +358,16 @@ impl Machine {
             .filter(|_| !self.offline && self.listening.is_none())
             .map(|at| at + SETTLE);
         let listened = self.listening.as_ref().map(Listening::until);
-        [own, settle, self.next_early(), listened]
-            .into_iter()
-            .flatten()
-            .min()
+        [
+            own,
+            settle,
+            self.next_early(),
+            listened,
+            self.next_leaving(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
     }
 
     /// When somebody is told that actuators are missing, or the run is given up.
@@ -374,6 +383,7 @@ impl Machine {
     /// Time has passed. `stamp` is now in RFC 3339, for presence.
     pub fn tick(&mut self, now: Instant, stamp: impl FnOnce() -> String) {
         self.refuse_early(now);
+        self.leave_to_rival(now);
         if self.has_listened(now) {
             self.publish_presence(stamp());
             return self.catch_up(now);
@@ -436,6 +446,7 @@ impl Machine {
         self.published = None;
         self.offline = true;
         self.listening = None;
+        self.leaving = None;
     }
 
     /// Gives up whatever is under way; what is being computed, as soon as it can be stopped.

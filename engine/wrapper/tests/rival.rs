@@ -96,6 +96,12 @@ fn of_two_that_are_at_work_the_one_with_the_greater_instance_goes() {
     server.pass(Duration::ZERO);
     assert_eq!(server.says(Topic::Presence), 1, "the other one hears of it");
     server.hears_of("!", "ready");
+    assert!(server.rivals.is_empty(), "that may be an old message");
+    server.hears_of("!", "lost");
+    server.pass(LISTEN);
+    assert!(server.rivals.is_empty());
+    server.hears_of("!", "ready");
+    server.pass(LISTEN);
     assert_eq!(server.rivals.len(), 1);
 }
 

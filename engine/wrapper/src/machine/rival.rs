@@ -28,6 +28,15 @@ pub(super) struct Listening {
     unheard: Vec<Unheard>,
 }
 
+/// Another server has the id, and is to keep it.
+#[derive(Debug)]
+pub(super) struct Leaving {
+    rival: Rival,
+    instance: Option<String>,
+    /// Until when it may turn out that it is gone.
+    until: Instant,
+}
+
 impl Listening {
     pub fn until(&self) -> Instant {
         self.until
@@ -111,6 +120,10 @@ impl Machine {
             return;
         }
         if presence.state == PresenceState::Lost {
+            self.leaving = self
+                .leaving
+                .take()
+                .filter(|leaving| leaving.instance != instance.cloned());
             // Another server with this id is gone, and with its last will stands in the place of what is true.
             return self.say_again(now);
         }
@@ -122,15 +135,35 @@ impl Machine {
         if self.alone {
             return;
         }
-        let comes_later = instance.is_some_and(|instance| *instance < self.identity.instance);
-        if self.listening.is_some() || comes_later {
+        if self.listening.is_some() {
             return self.actions.push(Action::GiveWay(rival));
+        }
+        self.leaving = None;
+        if instance.is_some_and(|instance| *instance < self.identity.instance) {
+            // What comes late may be of one that is gone by now: that would come right behind it.
+            self.leaving = Some(Leaving {
+                rival,
+                instance: instance.cloned(),
+                until: now + LISTEN,
+            });
+            return;
         }
         self.complain(format!(
             "another server has the id {} too ({rival}); give one of them another --id",
             self.identity.id
         ));
         self.say_again(now);
+    }
+
+    pub(super) fn next_leaving(&self) -> Option<Instant> {
+        self.leaving.as_ref().map(|leaving| leaving.until)
+    }
+
+    /// Leaves when it is time to.
+    pub(super) fn leave_to_rival(&mut self, now: Instant) {
+        if let Some(leaving) = self.leaving.take_if(|leaving| leaving.until <= now) {
+            self.actions.push(Action::GiveWay(leaving.rival));
+        }
     }
 
     /// What is known of this server may be another one's word: says its presence again, now.

@@ -386,7 +386,8 @@ final class Machine extends Requests {
               : (Long) deadline(batch.waitingSince, batch.told);
     }
     Long settled = changedAt == null || offline ? null : (Long) (changedAt + SETTLE);
-    return earlier(early.next(), earlier(own, settled));
+    Long leaves = leavingTo == null ? null : (Long) leavingAt;
+    return earlier(leaves, earlier(early.next(), earlier(own, settled)));
   }
 
   private static Long earlier(Long one, Long other) {
@@ -400,6 +401,10 @@ final class Machine extends Requests {
 
   /** Time has passed; {@code stamp} is now in RFC 3339, for presence. */
   void tick(long now, String stamp) {
+    if (leavingTo != null && leavingAt <= now) {
+      outbox.giveWay(leavingTo);
+      return;
+    }
     for (Control late : early.late(now)) {
       complain(
           refusing(late)
@@ -451,6 +456,7 @@ final class Machine extends Requests {
     }
     outbox.notice("lost the broker: " + reason + "; trying again");
     early.clear();
+    leavingTo = null;
     free(now);
     forgetPresence();
     offline = true;

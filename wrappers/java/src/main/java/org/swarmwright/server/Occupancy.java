@@ -72,6 +72,17 @@ abstract class Occupancy {
   /** The hash of the run before, which a control{run: false} may still name. */
   String lastHash;
 
+  /** For how long it may turn out that another server with the ID is gone. */
+  static final long LISTEN = SECOND / 10;
+
+  /** Another server that has the ID and is to keep it, in words; null for none. */
+  String leavingTo;
+
+  private String leavingFrom;
+
+  /** When this server leaves to it. */
+  long leavingAt;
+
   /** Since when presence has to be published; null if it is known. */
   Long changedAt;
 
@@ -253,6 +264,10 @@ abstract class Occupancy {
     if (presence.getState() == Presence.State.LOST) {
       // A last will, an old one of this server or that of another with its ID, stands in the place
       // of what is true.
+      Swarmwright gone = presence.getCapabilities().getSwarmwright();
+      if (gone != null && leavingTo != null && leavingFrom.equals(gone.getInstance())) {
+        leavingTo = null;
+      }
       forgetPresence();
       publishPresence(presence.getSince());
       return;
@@ -265,10 +280,14 @@ abstract class Occupancy {
     if (identity.isDead(other)) {
       return;
     }
+    leavingTo = null;
     if (other != null
         && other.getInstance() != null
         && other.getInstance().compareTo(identity.instance) < 0) {
-      outbox.giveWay(rival);
+      // What comes late may be of one that is gone by now: that would come right behind it.
+      leavingTo = rival;
+      leavingFrom = other.getInstance();
+      leavingAt = now + LISTEN;
       return;
     }
     complain(

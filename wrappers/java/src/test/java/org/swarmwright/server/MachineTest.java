@@ -84,9 +84,15 @@ class MachineTest extends MachineFixture {
   }
 
   private void hearOf(String instance) {
+    hearOf(instance, "ready");
+  }
+
+  private void hearOf(String instance, String state) {
     say(
         "swarmwright/v1/presence/7",
-        "'version': 1, 'server': 7, 'state': 'ready', 'simulations': ['walk'], 'since': '',"
+        "'version': 1, 'server': 7, 'state': '"
+            + state
+            + "', 'simulations': ['walk'], 'since': '',"
             + " 'capabilities': {'dimensions': 2, 'swarmwright': {'version': 1, 'host': 'far',"
             + " 'pid': 3, 'instance': '"
             + instance
@@ -105,6 +111,14 @@ class MachineTest extends MachineFixture {
     machine.tick(now, "");
     assertEquals(2, out.published.size());
     hearOf("!");
+    assertEquals(List.of(), out.rivals, "that may be an old message");
+    hearOf("!", "lost");
+    now += SECOND;
+    machine.tick(now, "");
+    assertEquals(List.of(), out.rivals);
+    hearOf("!");
+    now += SECOND;
+    machine.tick(now, "");
     assertEquals(List.of("far, process 3"), out.rivals);
   }
 
