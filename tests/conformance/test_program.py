@@ -88,7 +88,7 @@ def test_a_server_that_ends_is_told_from_one_that_fails(program: Run) -> None:
         "conformance", "server", "--exec", f"{sys.executable} -c 'print(7); exit(3)'", "--wait", "5"
     )
     assert result.returncode == 1
-    assert "the process ended with 3; it said last:\n    7" in result.stderr
+    assert "the process ended with 3; it said last:\n      7" in result.stderr
 
 
 @pytest.mark.parametrize(

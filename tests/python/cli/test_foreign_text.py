@@ -308,8 +308,8 @@ def test_serve(embedded_broker: str, start: Any, tmp_path: Path) -> None:
     (tmp_path / "evil.py").write_text(SIMULATION.format(text=HOSTILE, printed=""))
     serving = start("serve", "evil.py:Evil", "--id", "5", "--broker", embedded_broker)
     assert serving.stdout.readline().startswith("server 5 (process")
-    run = {"server": 5, "simulation_hash": "a" * 64, "simulation": "Evil"}
-    asked = {"simulation_hash": "a" * 64, "simulation": "Evil", "requirements": {"dimensions": 2}}
+    run = {"server": 5, "simulation_hash": "a" * 64, "simulation": "evil"}
+    asked = {"simulation_hash": "a" * 64, "simulation": "evil", "requirements": {"dimensions": 2}}
     with Peer(embedded_broker) as peer:
         peer.send("discovery", **asked)
         peer.send("parameters", **run)
