@@ -55,6 +55,10 @@ pub(crate) struct Ended {
 impl Machine {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
     pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
+        self.vouch(found.server);
+        if piece.purpose == Purpose::Probe {
+            return;
+        }
         if piece.purpose == Purpose::Audit || self.checks.contains_key(&evaluation) {
             return self.audited(evaluation, found, now);
         }
@@ -81,19 +85,38 @@ impl Machine {
 
     /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
     pub(crate) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
-        let over = |piece: &Piece| {
-            piece.purpose != Purpose::Audit
-                && piece.evaluations.contains(&evaluation)
-                && piece
-                    .evaluations
-                    .clone()
-                    .all(|one| self.ledger.has_ended(one))
-        };
-        let runs = self.runs.iter().filter(|(_, run)| over(&run.piece));
+        self.drop_all(
+            |machine, piece| machine.is_over(piece, evaluation),
+            reason,
+            now,
+        );
+    }
+
+    /// Whether nothing of a piece is waited for any more, since this evaluation has ended.
+    fn is_over(&self, piece: &Piece, evaluation: usize) -> bool {
+        !matches!(piece.purpose, Purpose::Audit | Purpose::Probe)
+            && piece.evaluations.contains(&evaluation)
+            && piece
+                .evaluations
+                .clone()
+                .all(|one| self.ledger.has_ended(one))
+    }
+
+    /// Ends the probes that are under way: there is nothing more to tell.
+    pub(crate) fn drop_probes(&mut self, now: Instant) {
+        let reason = "all work is done";
+        self.drop_all(|_, piece| piece.purpose == Purpose::Probe, reason, now);
+    }
+
+    fn drop_all(&mut self, over: impl Fn(&Self, &Piece) -> bool, reason: &str, now: Instant) {
+        let runs = self.runs.iter().filter(|(_, run)| over(self, &run.piece));
         let mut jobs: Vec<(u64, Job)> = runs
             .map(|(hash, run)| (run.server, Job::Episode(hash.clone())))
             .collect();
-        let requests = self.requests.iter().filter(|(_, one)| over(&one.piece));
+        let requests = self
+            .requests
+            .iter()
+            .filter(|(_, one)| over(self, &one.piece));
         jobs.extend(requests.map(|(number, one)| (one.server, Job::Request(*number))));
         jobs.sort_by_key(|(server, _)| *server);
         for (server, job) in jobs {
@@ -159,7 +182,12 @@ impl Machine {
     }
 
     fn may_copy(&self, piece: &Piece) -> bool {
-        self.config.faults.backup && !self.config.visual && piece.purpose == Purpose::Work
+        // What servers were lost with is to be alone: else nobody can tell what it does.
+        let suspect = self.ledger.suspicions.is_suspect(piece.first());
+        self.config.faults.backup
+            && !self.config.visual
+            && piece.purpose == Purpose::Work
+            && !suspect
     }
 
     /// Gives the work of servers that have been silent for strangely long to others as well.

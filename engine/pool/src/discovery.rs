@@ -33,7 +33,10 @@ impl Machine {
         }
         let instance = announced.and_then(|announced| announced.instance.clone());
         self.came_back(id, instance.as_deref(), now);
-        match self.offers.answered(message, round, &self.config.demand) {
+        match self
+            .offers
+            .answered(message, round, &self.config.demand, now)
+        {
             // Were there another server with this id, its answer would come now: two that step one episode spoil it.
             Answer::Welcome => self.offers.introduce(id, now + self.config.probation, now),
             Answer::Known => {
@@ -63,7 +66,12 @@ impl Machine {
         } else {
             self.came_back(presence.server, instance.as_deref(), now);
         }
+        let id = presence.server;
+        let lost = presence.state == State::Lost && self.offers.slots.contains_key(&id);
         let (ended, discover) = self.offers.present(presence, &self.config.tool);
+        if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {
+            self.ledger.suspicions.shaken(id, None, now);
+        }
         if let Some(mut ended) = ended {
             if !ended.own_fault {
                 // A run that has begun is ours; the presence is older.
@@ -106,6 +114,11 @@ impl Machine {
         } else {
             (self.round_pause * 2).min(LATER_ROUND)
         };
+        if self.ledger.suspicions.has_suspects() {
+            // Before the next time-out it must be known who is there.
+            let often = (self.config.step_timeout / 4).max(FIRST_ROUND);
+            self.round_pause = self.round_pause.min(often);
+        }
         self.next_round = now + self.round_pause;
     }
 

@@ -52,11 +52,15 @@ pub(crate) fn number(count: usize) -> f64 {
 impl Machine {
     /// Gives work to every server that has room for it, to those that have none first.
     pub(crate) fn dispatch(&mut self, now: Instant) {
+        self.suspend();
+        self.resolve(now);
         if self.ledger.queued() > 0 {
             self.look_at = None;
             self.give_away(now);
         }
+        self.probe(now);
         self.back_up(now);
+        self.judge(now);
     }
 
     fn give_away(&mut self, now: Instant) {
@@ -119,7 +123,9 @@ impl Machine {
     pub(crate) fn usable_servers(&self) -> Vec<u64> {
         let slots = self.offers.slots.iter();
         // One that is new and has not failed is usable in a moment.
-        let new = |id: u64, slot: &Slot| !slot.silent && self.offers.health.failures(id).is_none();
+        let new = |id: u64, slot: &Slot| {
+            !slot.silent && !slot.suspended && self.offers.health.failures(id).is_none()
+        };
         let usable = slots.filter(|(id, slot)| slot.usable() || new(**id, slot));
         usable.map(|(id, _)| *id).collect()
     }

@@ -7,10 +7,13 @@ use swarmwright_protocol::{MOST_REASON, MOST_STACK, shortened};
 use crate::ledger::{Piece, Purpose};
 use crate::machine::{Action, Machine};
 use crate::slot::Job;
+use crate::suspicion::{Failure, How};
 use crate::work::Attempt;
 
 /// Different warnings that are remembered, so that each is made once.
 const COMPLAINTS: usize = 1000;
+/// How often a server may be lost with an episode that it had not begun before that counts.
+const FREE: u32 = 3;
 /// What is counted where there are more kinds of warnings than that.
 const OTHERS: &str = "an evaluation failed for yet another reason";
 
@@ -23,12 +26,16 @@ pub(crate) enum Blame {
     Broker,
     /// The server says that it failed.
     Evaluation,
-    /// The server went down, fell silent, or sent what cannot be used.
-    Server,
-    /// The server went down, perhaps with what another tool had given it, if it had not begun.
+    /// The server sent what cannot be used.
+    Answer,
+    /// The tool's own server went down at it.
+    Crash,
+    /// The server went down while it was at it, or gave it up, nobody knows why.
+    Gone,
+    /// The server went down and had not begun.
     Lost,
-    /// No answer came in time, of a server that is perhaps only slow.
-    Late,
+    /// The server said nothing for too long, or is only slow. `others`: whether anyone spoke meanwhile.
+    Silent { others: bool },
 }
 
 impl Machine {
@@ -64,8 +71,7 @@ impl Machine {
     /// Work that brought no result is queued again, or has failed.
     ///
     /// Where several evaluations were sent together nobody knows which one was to blame: smaller parts are tried until
-    /// one is alone. What is said to have failed by a server that repeats itself to the bit fails elsewhere, too: once
-    /// more is enough, if the same is said of it.
+    /// one is alone. What counts against that one is in [`suspicion`](crate::suspicion).
     pub(crate) fn retry(
         &mut self,
         mut piece: Piece,
@@ -74,52 +80,94 @@ impl Machine {
         blame: Blame,
         now: Instant,
     ) {
-        if piece.purpose == Purpose::Audit {
-            return self.retry_audit(piece, server, reason, blame, now);
+        let counts = match blame {
+            Blame::Gone | Blame::Lost | Blame::Silent { .. } => {
+                self.lost(&piece, server, reason, blame, now)
+            }
+            _ => piece.len() == 1,
+        };
+        match piece.purpose {
+            Purpose::Audit => return self.retry_audit(piece, server, reason, blame, now),
+            Purpose::Probe => return self.probe_failed(server, reason, blame, now),
+            Purpose::Work | Purpose::Backup => {}
         }
-        match blame {
+        let how = match blame {
             Blame::Nobody => return self.ledger.put_back(&piece),
+            Blame::Lost if !counts => return self.ledger.put_back(&piece),
             Blame::Broker => return self.ledger.put_back(&piece.halved()),
-            Blame::Lost if piece.lost < self.config.faults.attempts => {
-                piece.lost += 1;
-                return self.ledger.put_back(&piece);
+            Blame::Evaluation | Blame::Answer => How::Said,
+            Blame::Crash => How::Crashed,
+            Blame::Gone | Blame::Lost => How::Lost,
+            Blame::Silent { .. } => {
+                piece.late += 1;
+                How::Lost
             }
-            Blame::Evaluation | Blame::Server | Blame::Lost => {}
-            Blame::Late => piece.late += 1,
+        };
+        if how != How::Lost {
+            let candidate = piece.first() / self.ledger.episodes();
+            self.offers.health.failed_candidate(server, candidate);
         }
-        let faults = &self.config.faults;
-        let (attempts, quarantine) = (faults.attempts, faults.quarantine);
-        if piece.len() == 1 {
-            let evaluation = piece.first();
-            if self.ledger.has_ended(evaluation) {
-                return;
-            }
-            let mut certain = false;
-            if blame == Blame::Evaluation {
-                piece.reported += 1;
-                certain = piece.reason == reason && self.offers.repeats_itself(server);
-                reason.clone_into(&mut piece.reason);
-            } else {
-                self.ledger.down(evaluation);
-            }
-            let downs = self.ledger.downs(evaluation);
-            if downs >= quarantine {
-                self.warn_alike(format!(
-                    "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
-                ));
-                self.counts.quarantined += 1;
-                return self.give_up(&piece, true, now);
-            }
-            if certain || piece.reported + downs >= attempts {
-                let tries = piece.tries + 1;
-                self.warn_alike(format!(
-                    "an evaluation failed after {tries} attempts: {reason}"
-                ));
-                return self.give_up(&piece, false, now);
+        let evaluation = piece.first();
+        if piece.len() == 1 && self.ledger.has_ended(evaluation) {
+            return;
+        }
+        let piece = piece.failed(server);
+        if counts {
+            let failure = Failure {
+                server,
+                reason: reason.to_owned(),
+                how,
+                repeats: self.offers.repeats_itself(server),
+                at: now,
+            };
+            let suspicions = &mut self.ledger.suspicions;
+            if suspicions
+                .hold_against(evaluation, failure, &self.config.faults)
+                .is_some()
+            {
+                return self.ledger.put_aside(piece);
             }
         }
         self.counts.retries += 1;
-        self.ledger.put_back(&piece.failed(server));
+        self.ledger.put_back(&piece);
+    }
+
+    /// A server was lost, or silent for too long. Whether that counts against what it was at: it was at one evaluation
+    /// alone, had succeeded with others before, and the trouble is not all servers'.
+    fn lost(
+        &mut self,
+        piece: &Piece,
+        server: u64,
+        reason: &str,
+        blame: Blame,
+        now: Instant,
+    ) -> bool {
+        let evaluation = piece.first();
+        let work = matches!(piece.purpose, Purpose::Work | Purpose::Backup);
+        let alone = work && piece.len() == 1 && !self.ledger.has_ended(evaluation);
+        let shared = self.ledger.is_shared(evaluation);
+        let suspicions = &mut self.ledger.suspicions;
+        let proven = suspicions.is_proven(server);
+        let together = suspicions.shaken(server, alone.then_some(evaluation), now);
+        if !alone {
+            return false;
+        }
+        let (times, hopeless) = suspicions.lost_with(evaluation, &self.config.faults, now);
+        if hopeless {
+            let episodes = self.ledger.episodes();
+            let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
+            self.undecided.get_or_insert(format!(
+                "servers were lost or silent {times} times with candidate {candidate} in episode {episode}, and nothing \
+                 tells whether it is the cause or the servers' surroundings are; the last time because: {reason}"
+            ));
+        }
+        let apart = match blame {
+            Blame::Silent { others } => others,
+            // What has not begun may have been another tool's.
+            Blame::Lost => times > FREE,
+            _ => true,
+        };
+        proven && apart && !shared && !together
     }
 
     /// Evaluations that have failed for good.

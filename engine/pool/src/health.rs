@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 /// The pause after a first failure; it doubles with each further one in a row.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+/// A server that fails so many candidates and succeeds with none is in doubt.
+const FEW: usize = 3;
 
 /// What is remembered of one id.
 #[derive(Debug, Clone, Default)]
@@ -17,16 +19,24 @@ struct Past {
     until: Option<Instant>,
     /// Its results were wrong: it is not used any more.
     distrusted: bool,
+    /// Candidates that it has failed since it succeeded with anything, the first few of them.
+    failed: Vec<usize>,
+    /// How often in a row it has failed what had succeeded before.
+    broken: u32,
 }
 
 /// The past of all ids.
 #[derive(Debug, Default)]
-pub(crate) struct Health(BTreeMap<u64, Past>);
+pub(crate) struct Health {
+    pasts: BTreeMap<u64, Past>,
+    /// Whether any may be in doubt.
+    doubtful: bool,
+}
 
 impl Health {
     /// A server failed: a pause that grows with each failure in a row. Returns its end.
     pub fn failed(&mut self, id: u64, reason: &str, now: Instant) -> Instant {
-        let past = self.0.entry(id).or_default();
+        let past = self.pasts.entry(id).or_default();
         past.failures += 1;
         reason.clone_into(&mut past.reason);
         let pause = FIRST_PAUSE * 2u32.saturating_pow((past.failures - 1).min(6));
@@ -37,7 +47,7 @@ impl Health {
 
     /// A server did what it was asked for.
     pub fn recovered(&mut self, id: u64) {
-        if let Some(past) = self.0.get_mut(&id) {
+        if let Some(past) = self.pasts.get_mut(&id) {
             past.failures = 0;
             past.until = None;
         }
@@ -45,34 +55,94 @@ impl Health {
 
     /// What was held against it last was none of its fault.
     pub fn forgive(&mut self, id: u64) {
-        if let Some(past) = self.0.get_mut(&id) {
+        if let Some(past) = self.pasts.get_mut(&id) {
             past.failures = past.failures.saturating_sub(1);
             past.until = None;
         }
     }
 
+    /// A server failed a candidate that may be to blame itself.
+    pub fn failed_candidate(&mut self, id: u64, candidate: usize) {
+        let past = self.pasts.entry(id).or_default();
+        if past.failed.len() < FEW && !past.failed.contains(&candidate) {
+            past.failed.push(candidate);
+            self.doubtful |= past.failed.len() >= FEW;
+        }
+    }
+
+    /// A server failed what had succeeded before: a pause that grows each time.
+    pub fn broke(&mut self, id: u64, reason: &str, now: Instant) -> Instant {
+        self.doubtful = true;
+        let past = self.pasts.entry(id).or_default();
+        past.broken += 1;
+        past.failures = past.broken - 1;
+        self.failed(id, reason, now)
+    }
+
+    /// A server succeeded with something.
+    pub fn succeeded(&mut self, id: u64) {
+        if let Some(past) = self.pasts.get_mut(&id) {
+            past.failed.clear();
+            past.broken = 0;
+        }
+    }
+
+    /// Other work has begun, with candidates of its own.
+    pub fn new_work(&mut self) {
+        for past in self.pasts.values_mut() {
+            past.failed.clear();
+        }
+    }
+
+    /// Whether a server fails so much that it is perhaps broken.
+    pub fn is_doubtful(&self, id: u64) -> bool {
+        let past = self.pasts.get(&id);
+        past.is_some_and(|past| past.broken > 0 || past.failed.len() >= FEW)
+    }
+
+    /// Whether any server may be [in doubt](Self::is_doubtful).
+    pub fn has_doubtful(&self) -> bool {
+        self.doubtful
+    }
+
+    /// No server is in doubt.
+    pub fn none_doubtful(&mut self) {
+        self.doubtful = false;
+    }
+
+    /// Whether a server fails what had succeeded before.
+    pub fn is_broken(&self, id: u64) -> bool {
+        self.pasts.get(&id).is_some_and(|past| past.broken > 0)
+    }
+
+    /// Whether a server has failed a candidate since it succeeded with anything.
+    pub fn has_failed(&self, id: u64) -> bool {
+        let past = self.pasts.get(&id);
+        past.is_some_and(|past| !past.failed.is_empty())
+    }
+
     /// Its results were wrong.
     pub fn distrust(&mut self, id: u64, reason: &str) {
-        let past = self.0.entry(id).or_default();
+        let past = self.pasts.entry(id).or_default();
         past.distrusted = true;
         reason.clone_into(&mut past.reason);
     }
 
     /// Why it is not to be used any more, if so.
     pub fn distrusted(&self, id: u64) -> Option<&str> {
-        let past = self.0.get(&id)?;
+        let past = self.pasts.get(&id)?;
         past.distrusted.then_some(&*past.reason)
     }
 
     /// Until when a server that appears now has to wait: one that was started anew has one failure free.
     pub fn pause(&self, id: u64, now: Instant) -> Option<Instant> {
-        let past = self.0.get(&id).filter(|past| past.failures > 1)?;
+        let past = self.pasts.get(&id).filter(|past| past.failures > 1)?;
         past.until.filter(|until| *until > now)
     }
 
     /// Failures in a row and the last one's reason, if there are any.
     pub fn failures(&self, id: u64) -> Option<(u32, &str)> {
-        let past = self.0.get(&id).filter(|past| past.failures > 0)?;
+        let past = self.pasts.get(&id).filter(|past| past.failures > 0)?;
         Some((past.failures, &past.reason))
     }
 }

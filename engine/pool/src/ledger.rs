@@ -1,8 +1,9 @@
 //! What of the work is queued and what is done. Evaluations are numbered candidate by candidate, episode by episode.
 
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{HashSet, VecDeque};
 use std::ops::Range;
 
+use crate::suspicion::Suspicions;
 use crate::work::{Work, WorkError};
 
 /// How many of the evaluations `queued`, from the first on and at most `most`, make a rectangle: whole candidates, or
@@ -47,14 +48,8 @@ pub(crate) struct Piece {
     pub evaluations: Range<usize>,
     /// Attempts made before.
     pub tries: u32,
-    /// Of these, those of which the server itself said that they failed.
-    pub reported: u32,
     /// Of these, those that were not answered in time.
     pub late: u32,
-    /// How often a server was lost that had not begun with it; no attempts.
-    pub lost: u32,
-    /// What was said the last time.
-    pub reason: String,
     pub purpose: Purpose,
     /// Servers on which it failed: others are preferred.
     failed_on: Vec<u64>,
@@ -74,6 +69,8 @@ pub(crate) enum Purpose {
     Backup,
     /// To see whether another server finds the same.
     Audit,
+    /// To see whether a server is sound: it succeeded before.
+    Probe,
 }
 
 impl Piece {
@@ -82,9 +79,6 @@ impl Piece {
             evaluations,
             tries: 0,
             late: 0,
-            lost: 0,
-            reported: 0,
-            reason: String::new(),
             purpose: Purpose::Work,
             failed_on: Vec::new(),
             never_on: Vec::new(),
@@ -95,6 +89,19 @@ impl Piece {
     /// One evaluation from the beginning.
     pub fn again(evaluation: usize) -> Self {
         Self::new(evaluation..evaluation + 1)
+    }
+
+    /// One evaluation that has succeeded, for a server that may be broken.
+    pub fn probe(evaluation: usize) -> Self {
+        Self {
+            purpose: Purpose::Probe,
+            ..Self::again(evaluation)
+        }
+    }
+
+    /// Whether it has failed on a server.
+    pub fn has_failed_on(&self, server: u64) -> bool {
+        self.failed_on.contains(&server)
     }
 
     /// One evaluation, to be repeated elsewhere than on some servers.
@@ -164,8 +171,10 @@ pub(crate) struct Ledger {
     holders: Vec<u8>,
     /// Whose result each is.
     by: Vec<u64>,
-    /// How many servers went down with an evaluation alone on them.
-    downs: HashMap<usize, u32>,
+    /// What is held against evaluations.
+    pub suspicions: Suspicions,
+    /// The last evaluation that has succeeded.
+    good: Option<usize>,
     done: usize,
     /// Evaluations before this one are forgotten; they have ended. All lists of evaluations begin here.
     forgotten: usize,
@@ -251,6 +260,9 @@ impl Ledger {
             found.metrics.extend_from_slice(values);
         }
         let ended = self.open.iter().take_while(|open| **open == 0).count();
+        // What succeeded last may be needed to tell which servers are sound.
+        let kept = self.good.map_or(usize::MAX, |good| good / episodes - base);
+        let ended = ended.min(kept);
         if ended * episodes >= WORTH.max(self.settled.len() / 2) {
             self.settled.drain(..ended * episodes);
             self.holders.drain(..ended * episodes);
@@ -259,8 +271,6 @@ impl Ledger {
             self.results.metrics.drain(..ended * metrics);
             self.open.drain(..ended);
             self.forgotten += ended * episodes;
-            let forgotten = self.forgotten;
-            self.downs.retain(|evaluation, _| *evaluation >= forgotten);
             if let Some(work) = &mut self.work {
                 work.forget_before(base + ended);
             }
@@ -304,11 +314,42 @@ impl Ledger {
 
     /// Which piece is next for a server: one that it may have and has not failed, or which all of `servers` have.
     fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
-        self.queue.iter().position(|piece| {
-            let free = !piece.never_on.contains(&server) || !self.is_elsewhere(piece);
-            let failed = |server: &u64| piece.failed_on.contains(server);
-            free && (!failed(&server) || servers.iter().all(failed))
+        let found = self.queue.iter().position(|piece| {
+            let suspect = self.suspicions.is_suspect(piece.first());
+            let barred = suspect && !self.suspicions.is_proven(server);
+            !barred && self.may_have(piece, server, servers)
+        });
+        // A server that can be proven otherwise does not get what others were lost with.
+        found.or_else(|| match self.good {
+            Some(_) => None,
+            None => self.barred(server, servers),
         })
+    }
+
+    /// What a server could have if it had succeeded with something.
+    fn barred(&self, server: u64, servers: &[u64]) -> Option<usize> {
+        if self.suspicions.is_empty() {
+            return None;
+        }
+        let mut queue = self.queue.iter();
+        queue.position(|piece| self.may_have(piece, server, servers))
+    }
+
+    fn may_have(&self, piece: &Piece, server: u64, servers: &[u64]) -> bool {
+        let free = !piece.never_on.contains(&server) || !self.is_elsewhere(piece);
+        let failed = |server: &u64| piece.failed_on.contains(server);
+        let waits = self.suspicions.must_wait(piece.first());
+        free && !waits && (!failed(&server) || servers.iter().all(failed))
+    }
+
+    /// Whether nothing waits for a server but what others were lost with, and it has not succeeded with anything yet.
+    pub fn waits_for_proof(&self, server: u64, servers: &[u64]) -> bool {
+        self.position(server, servers).is_none() && self.barred(server, servers).is_some()
+    }
+
+    /// The last evaluation that has succeeded.
+    pub fn good(&self) -> Option<usize> {
+        self.good
     }
 
     /// Whether [`take`](Self::take) would give a server something.
@@ -431,14 +472,12 @@ impl Ledger {
         (!self.settled[place]).then_some(place)
     }
 
-    /// A server went down with nothing but this evaluation.
-    pub fn down(&mut self, evaluation: usize) {
-        *self.downs.entry(evaluation).or_default() += 1;
-    }
-
-    /// How many servers went down with nothing but this evaluation.
-    pub fn downs(&self, evaluation: usize) -> u32 {
-        self.downs.get(&evaluation).copied().unwrap_or_default()
+    /// What is left of an evaluation waits until its servers are vouched for, unless another one has it.
+    pub fn put_aside(&mut self, piece: Piece) {
+        self.unqueue(piece.first());
+        if self.let_go(piece.first()) == Some(0) {
+            self.suspicions.put_aside(piece);
+        }
     }
 
     /// An evaluation has ended with the result of a server. Whether that is news: what comes later is not heard.
@@ -458,6 +497,7 @@ impl Ledger {
         self.results.fitness[place] = fitness;
         self.results.metrics[place * self.metrics..][..self.metrics].copy_from_slice(metrics);
         self.by[place] = server;
+        self.good = Some(evaluation);
         self.end(place);
         true
     }
@@ -500,6 +540,7 @@ impl Ledger {
     fn end(&mut self, place: usize) {
         let episodes = self.episodes();
         self.settled[place] = true;
+        self.suspicions.forget(self.forgotten + place);
         self.done += 1;
         self.open[place / episodes] -= 1;
         if self.open[place / episodes] == 0 {
@@ -534,6 +575,7 @@ impl Ledger {
             self.open[candidate] += 1;
             self.queued += 1;
             let evaluation = self.forgotten + place;
+            self.good = self.good.filter(|good| *good != evaluation);
             match self.queue.front_mut() {
                 Some(next)
                     if next.purpose == Purpose::Work

@@ -32,7 +32,9 @@ mod slot;
 mod status;
 mod stepwise;
 mod supervision;
+mod suspicion;
 mod twins;
+mod vouching;
 mod watch;
 mod work;
 

@@ -109,6 +109,10 @@ pub struct Machine {
     pub(crate) disagreement: Option<String>,
     /// By id: results handed out since it was sure that one server alone has it, before and since its last answer.
     pub(crate) unproven: BTreeMap<u64, (usize, usize)>,
+    /// Since when all servers have failed what succeeded before.
+    pub(crate) broken_since: Option<Instant>,
+    /// Servers are lost again and again, and nobody can tell why.
+    pub(crate) undecided: Option<String>,
 }
 
 /// The number of agents that the parameters tell.
@@ -172,6 +176,8 @@ impl Machine {
             ended_pids: BTreeMap::new(),
             disagreement: None,
             unproven: BTreeMap::new(),
+            broken_since: None,
+            undecided: None,
             config,
         }
     }
@@ -212,6 +218,9 @@ impl Machine {
         }
         self.refused_at = None;
         self.disagreement = None;
+        self.broken_since = None;
+        self.undecided = None;
+        self.offers.health.new_work();
         self.work_number += 1;
         self.beside = self.beside(&work);
         self.limits.begin();
@@ -454,7 +463,9 @@ impl Machine {
         let few = slots.is_empty() || slots.values().any(|slot| !slot.usable());
         // Another tool may have been faster on its server; see `beaten`.
         let waiting = self.runs.values().any(|run| !run.begun());
-        self.ledger.queued() > 0 || waiting || (looking && few)
+        // Whether others are silent, too, tells what to think of one that is lost.
+        let suspects = self.ledger.suspicions.has_suspects();
+        self.ledger.queued() > 0 || waiting || suspects || (looking && few)
     }
 
     /// The connection broke: the work under way on it is lost, and nobody's fault.

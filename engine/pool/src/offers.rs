@@ -77,6 +77,7 @@ impl Offers {
         message: ServerMessage,
         round: u64,
         demand: &Demand,
+        now: Instant,
     ) -> Answer {
         let id = message.server;
         if message.simulations.contains(&demand.simulation) {
@@ -123,6 +124,7 @@ impl Offers {
             if slot.instance == instance {
                 slot.capabilities = message.capabilities;
                 slot.silent = false;
+                slot.heard = now;
                 return Answer::Known;
             }
             // Started anew under its old id.
@@ -138,6 +140,8 @@ impl Offers {
                 way,
                 jobs: Vec::new(),
                 benched: None,
+                suspended: false,
+                heard: now,
                 rate: None,
                 held: false,
                 instance,
@@ -358,6 +362,21 @@ impl Offers {
     /// What a server was benched for last was none of its fault.
     pub(crate) fn forgive(&mut self, id: u64) {
         self.health.forgive(id);
+    }
+
+    /// A server failed what had succeeded before: a pause that doubles each time.
+    pub(crate) fn broke(&mut self, id: u64, reason: &str, now: Instant) {
+        let until = self.health.broke(id, reason, now);
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.benched = Some(until);
+        }
+    }
+
+    /// Whether any server was heard in the second half of one's silence: not all are out of reach then. One that answers
+    /// questions but not this one is there itself.
+    pub(crate) fn anyone_spoke(&self, since: Instant, now: Instant) -> bool {
+        let half = since + now.saturating_duration_since(since) / 2;
+        self.slots.values().any(|slot| slot.heard > half)
     }
 
     /// Nothing came from a server in time: it gets no work before it says something, at least an answer to a question.

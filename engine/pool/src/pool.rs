@@ -122,6 +122,9 @@ pub enum PoolError {
     /// Two servers do not find the same, and nobody can tell which one is wrong.
     #[error("servers disagree: {0}")]
     Disagreement(String),
+    /// Nobody can tell whether candidates or servers are to blame, or all servers are broken.
+    #[error("{0}")]
+    Hopeless(String),
     /// The caller wants to stop.
     #[error("interrupted")]
     Interrupted,
@@ -387,6 +390,9 @@ impl Pool {
                 }
                 if let Some(told) = self.machine.hopeless() {
                     break Err(PoolError::TooLarge(told.to_owned()));
+                }
+                if let Some(told) = self.machine.undecided(self.discovery_timeout, now) {
+                    break Err(PoolError::Hopeless(told));
                 }
                 if let Some(reason) = self.machine.rejected(now) {
                     break Err(PoolError::Rejected(reason));

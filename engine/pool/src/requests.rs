@@ -20,6 +20,8 @@ use crate::work::{Attempt, Work};
 
 /// A block is given to somebody else when it takes this many times as long as expected.
 const LEASE: f64 = 10.0;
+/// How often a block is given more time since it was not answered in time.
+const MOST_LATE: u32 = 3;
 
 /// What was asked of a server and is not answered yet.
 pub(crate) struct Request {
@@ -130,7 +132,7 @@ impl Machine {
         )]
         let expected = rate.map_or(0.0, |rate| LEASE * piece.len() as f64 / rate);
         // A server may have become slower than it was when it was measured.
-        let more = 4f64.powi(i32::try_from(piece.late.min(8)).unwrap_or(8));
+        let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
         let lease = self.config.step_timeout.as_secs_f64().max(expected) * more;
         let message = ToServer::Evaluate(Evaluate {
             version: EXTENSION_VERSION,
@@ -275,7 +277,7 @@ impl Machine {
             ToTool::Evaluated(message) => {
                 let number = message.request;
                 match (
-                    self.is_batch(number, message.server, message.fitness.0.len()),
+                    self.is_batch(number, message.server, message.fitness.0.len(), now),
                     &message.error,
                 ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
@@ -286,7 +288,7 @@ impl Machine {
             ToTool::Sensors(message) => {
                 let number = message.request;
                 match (
-                    self.is_batch(number, message.server, message.ended.0.len()),
+                    self.is_batch(number, message.server, message.ended.0.len(), now),
                     &message.error,
                 ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
@@ -300,7 +302,7 @@ impl Machine {
     }
 
     /// Whether a request is one for a batch; none if this server was not asked, or not any more: its `results` are late.
-    fn is_batch(&mut self, number: u64, server: u64, results: usize) -> Option<bool> {
+    fn is_batch(&mut self, number: u64, server: u64, results: usize, now: Instant) -> Option<bool> {
         let Some(request) = self.requests.get(&number) else {
             self.counts.late += u64::from(results > 0);
             return None;
@@ -312,6 +314,7 @@ impl Machine {
         if let Some(slot) = self.offers.slots.get_mut(&server) {
             self.woken += usize::from(slot.silent);
             slot.silent = false;
+            slot.heard = now;
         }
         Some(is_batch)
     }
@@ -359,7 +362,10 @@ impl Machine {
         } else {
             since.as_secs_f64()
         };
-        self.offers.did_well(request.server, count, seconds);
+        // How fast a server fails tells nothing of how fast it is.
+        if message.failed.len() < count {
+            self.offers.did_well(request.server, count, seconds);
+        }
         if let Some(slot) = self.offers.slots.get_mut(&request.server) {
             for job in &slot.jobs {
                 if let Job::Request(next) = job
@@ -371,6 +377,13 @@ impl Machine {
         }
         self.record_request(&request, None, now);
         self.went_through(&request);
+        // What succeeded shows that the server is sound, so it comes last.
+        let columns = self.ledger.extent(&request.piece).1.len();
+        for failure in message.failed {
+            let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
+            let offset = offset.unwrap_or(usize::MAX);
+            self.fail_one(&request, offset, failure.reason, failure.stack, now);
+        }
         for (offset, &fitness) in message.fitness.0.iter().enumerate() {
             if !fitness.is_finite() {
                 continue;
@@ -384,12 +397,6 @@ impl Machine {
                 }
                 Err(reason) => self.fail_one(&request, offset, reason, None, now),
             }
-        }
-        let columns = self.ledger.extent(&request.piece).1.len();
-        for failure in message.failed {
-            let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
-            let offset = offset.unwrap_or(usize::MAX);
-            self.fail_one(&request, offset, failure.reason, failure.stack, now);
         }
     }
 
@@ -422,14 +429,14 @@ impl Machine {
                 .measured(now.saturating_duration_since(request.heard));
         }
         request.heard = now;
+        for (index, reason, stack) in progress.failed {
+            self.fail_one(&request, index, reason, stack, now);
+            request.apart.push(request.piece.first() + index);
+        }
         for (index, fitness, metrics) in progress.ended {
             let evaluation = request.piece.first() + index;
             let found = Found::new(server, fitness, metrics);
             self.settle(&request.piece, evaluation, found, now);
-        }
-        for (index, reason, stack) in progress.failed {
-            self.fail_one(&request, index, reason, stack, now);
-            request.apart.push(request.piece.first() + index);
         }
         if let Some((step, actuators)) = progress.answer {
             let answer = ToServer::Actuators(BatchActuators {
@@ -444,8 +451,10 @@ impl Machine {
         }
         self.offers.finished(server, &Job::Request(number));
         let seconds = now.saturating_duration_since(request.started);
-        self.offers
-            .did_well(server, request.piece.len(), seconds.as_secs_f64());
+        let count = request.piece.len();
+        if request.apart.len() < count {
+            self.offers.did_well(server, count, seconds.as_secs_f64());
+        }
         self.record_request(&request, None, now);
         self.went_through(&request);
     }
@@ -474,8 +483,11 @@ impl Machine {
     fn refused(&mut self, number: u64, server: u64, refusal: &Refusal, now: Instant) {
         let reason = &refusal.reason;
         let jobs = match refusal.kind {
+            // It waited in vain for this tool, or cannot do just this: nothing that the simulation said.
             RefusalKind::Failed => {
-                return self.misbehaved(server, reason, now);
+                let reason = format!("server {server}: {reason}");
+                let blame = Blame::Silent { others: false };
+                return self.fail_server(server, &reason, blame, now);
             }
             RefusalKind::Taken => self.offers.remove(server),
             RefusalKind::Invalid => {
@@ -501,10 +513,12 @@ impl Machine {
         for piece in request.rest() {
             // What is left of several may have had company.
             let blame = match blame {
-                Blame::Server | Blame::Lost | Blame::Late if piece.len() == 1 && !alone => {
+                Blame::Answer | Blame::Crash | Blame::Gone | Blame::Lost | Blame::Silent { .. }
+                    if piece.len() == 1 && !alone =>
+                {
                     Blame::Nobody
                 }
-                Blame::Lost => Blame::Server,
+                Blame::Lost => Blame::Gone,
                 blame => blame,
             };
             self.retry(piece, server, reason, blame, now);
@@ -540,10 +554,12 @@ impl Machine {
                     self.actions.push(Action::Overdue(request.server));
                     continue;
                 }
-                let (server, reason) = (request.server, request.waiting_for(now).to_string());
+                let (server, heard) = (request.server, request.heard);
+                let reason = request.waiting_for(now).to_string();
                 self.counts.time_outs += 1;
                 self.offers.fell_silent(server);
-                self.fail_server(server, &reason, Blame::Late, now);
+                let others = self.offers.anyone_spoke(heard, now);
+                self.fail_server(server, &reason, Blame::Silent { others }, now);
             }
         }
     }
@@ -551,7 +567,7 @@ impl Machine {
     /// A server sent what cannot be used.
     fn misbehaved(&mut self, server: u64, reason: &str, now: Instant) {
         let reason = format!("server {server}: {reason}");
-        self.fail_server(server, &reason, Blame::Server, now);
+        self.fail_server(server, &reason, Blame::Answer, now);
     }
 
     /// A server failed: the oldest of its jobs is held against it, all are tried elsewhere, and it has a pause.

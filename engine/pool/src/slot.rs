@@ -25,6 +25,10 @@ pub(crate) struct Slot {
     pub jobs: Vec<Job>,
     /// It failed; not before this time again.
     pub benched: Option<Instant>,
+    /// It may be broken: it has to succeed with what succeeded before it gets new work.
+    pub suspended: bool,
+    /// When anything was heard of it last.
+    pub heard: Instant,
     pub instance: Option<String>,
     pub capabilities: Capabilities,
     /// Measured speed, episodes a second.
@@ -51,7 +55,7 @@ pub(crate) struct Slot {
 impl Slot {
     /// Whether it may get work.
     pub fn usable(&self) -> bool {
-        self.benched.is_none() && !self.silent
+        self.benched.is_none() && !self.silent && !self.suspended
     }
 
     /// Learns from `episodes` that took `seconds`.

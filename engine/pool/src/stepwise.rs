@@ -98,6 +98,7 @@ impl Machine {
                 if let Some(slot) = self.offers.slots.get_mut(&server) {
                     slot.steps.measured(since);
                     slot.silent = false;
+                    slot.heard = now;
                 }
                 self.publish(Topic::Actuator, actuator);
                 self.answered_after(server, since);
@@ -172,6 +173,7 @@ impl Machine {
         if let Some(slot) = self.offers.slots.get_mut(&run.server) {
             slot.episodes.measured(duration);
             slot.silent = false;
+            slot.heard = now;
             slot.beaten = 0;
         }
         let value = |name: &str| message.metrics.get(name).copied();
@@ -252,7 +254,7 @@ impl Machine {
             .finished(run.server, &Job::Episode(hash.to_owned()));
         self.over(hash, run.server, false);
         let blame = match blame {
-            Blame::Lost if run.begun() => Blame::Server,
+            Blame::Lost if run.begun() => Blame::Gone,
             blame => blame,
         };
         self.record_run(&run, Some(reason.to_owned()), None, now);
@@ -321,7 +323,7 @@ impl Machine {
         }
         let blame = if own_fault {
             self.failed(id, &reason, now);
-            Blame::Server
+            Blame::Lost
         } else {
             Blame::Nobody
         };
@@ -357,19 +359,24 @@ impl Machine {
                 self.actions.push(Action::Overdue(run.server));
                 continue;
             }
-            let (server, waiting) = (run.server, run.waiting_for(now).to_string());
+            let (server, heard) = (run.server, run.heard);
+            let waiting = run.waiting_for(now).to_string();
             let run_refused = run.refused.clone();
             let reason = run_refused
                 .as_ref()
                 .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
             self.warn(format!("{reason}; the episode is tried again elsewhere"));
             self.end_run(server, &hash);
-            if run_refused.is_none() {
+            let blame = if run_refused.is_none() {
                 self.counts.time_outs += 1;
                 self.offers.fell_silent(server);
-            }
+                let others = self.offers.anyone_spoke(heard, now);
+                Blame::Silent { others }
+            } else {
+                Blame::Answer
+            };
             self.failed(server, &reason, now);
-            self.fail_episode(&hash, &reason, Blame::Server, now);
+            self.fail_episode(&hash, &reason, blame, now);
         }
     }
 

@@ -48,6 +48,16 @@ pub struct Ending {
     pub at: Option<At>,
 }
 
+impl Ending {
+    fn blame(&self) -> Blame {
+        if self.outside {
+            Blame::Gone
+        } else {
+            Blame::Crash
+        }
+    }
+}
+
 /// What the pool and whoever watches the processes tell each other, from any thread.
 #[derive(Clone)]
 pub struct Supervision {
@@ -195,11 +205,7 @@ impl Machine {
         self.counts.server_failures += 1;
         self.warn_alike(format!("{}; it is started again", ending.reason));
         let jobs = self.offers.left(server);
-        let blame = if ending.outside {
-            Blame::Lost
-        } else {
-            Blame::Server
-        };
+        let blame = ending.blame();
         for (index, job) in jobs.into_iter().enumerate() {
             // What waited only is not to blame.
             let blame = if index == 0 { blame } else { Blame::Nobody };
@@ -263,11 +269,6 @@ impl Machine {
             ..Attempt::default()
         };
         self.record(attempt, &culprit, request.started, now);
-        let blame = if ending.outside {
-            Blame::Lost
-        } else {
-            Blame::Server
-        };
-        self.retry(culprit, ending.server, reason, blame, now);
+        self.retry(culprit, ending.server, reason, ending.blame(), now);
     }
 }

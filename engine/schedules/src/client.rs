@@ -70,6 +70,7 @@ impl Simulator<'_> {
             let plan = &self.schedule.servers[server];
             let id = self.schedule.id(server);
             self.servers[server] = Some(Server::new(plan, server, id, incarnation));
+            self.set_broken(server);
         }
         self.note(|| format!("{} starts", self.schedule.name(who)));
         self.plan(self.now, Event::Connect { who, incarnation });

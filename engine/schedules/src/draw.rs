@@ -60,6 +60,13 @@ pub fn draw(seed: u64) -> Schedule {
     if random.chance(15) {
         twins(&mut schedule, length, &mut random);
     }
+    let mut random = Random::new(mix(&[seed, 3]));
+    if random.chance(8) {
+        broken(&mut schedule, length, &mut random);
+    }
+    if random.chance(6) {
+        storm(&mut schedule, length, &mut random);
+    }
     schedule
 }
 
@@ -90,6 +97,49 @@ fn twins(schedule: &mut Schedule, length: Time, random: &mut Random) {
         ..schedule.servers[server].clone()
     };
     schedule.servers.push(twin);
+}
+
+/// Some installations are broken, from the start or after a while, or all of them are.
+fn broken(schedule: &mut Schedule, length: Time, random: &mut Random) {
+    let all = random.chance(15);
+    for server in 0..schedule.servers.len() {
+        if all || random.chance(50) {
+            let at = if random.chance(50) {
+                0
+            } else {
+                random.below(length)
+            };
+            let lasts = if random.chance(30) {
+                random.magnitude(10 * MILLI, 30 * SECOND)
+            } else {
+                200 * SECOND
+            };
+            let what = What::Break(server);
+            schedule.disturbances.push(Disturbance { at, lasts, what });
+        }
+    }
+}
+
+/// All servers die, or are stopped, at the same time, again and again.
+fn storm(schedule: &mut Schedule, length: Time, random: &mut Random) {
+    let dies = random.chance(50);
+    let lasts = random.magnitude(100 * MILLI, 8 * SECOND);
+    let pause = random.magnitude(10 * MILLI, 4 * SECOND);
+    let mut at = random.below(length);
+    for _ in 0..random.between(3, 8) {
+        for server in 0..schedule.servers.len() {
+            let what = if dies {
+                What::Crash {
+                    server,
+                    power: false,
+                }
+            } else {
+                What::Freeze(Who::Server(server))
+            };
+            schedule.disturbances.push(Disturbance { at, lasts, what });
+        }
+        at += lasts + pause;
+    }
 }
 
 fn tool(plain: bool, random: &mut Random) -> Tool {

@@ -41,6 +41,7 @@ pub fn check(schedule: &Schedule, log: bool) -> Report {
             fingerprint: 0,
             scored: 0,
             failed: 0,
+            ended: 0,
             log: Vec::new(),
         }
     })

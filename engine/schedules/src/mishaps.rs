@@ -3,7 +3,9 @@
 use crate::client::THINKS;
 use crate::network::Packet;
 use crate::random::mix;
-use crate::schedule::{BROKER_PATIENCE, CLIENT_PATIENCE, MILLI, Memory, Schedule, What, Who};
+use crate::schedule::{
+    BROKER_PATIENCE, CLIENT_PATIENCE, Disturbance, MILLI, Memory, Schedule, What, Who,
+};
 use crate::simulator::{Event, Simulator};
 use crate::tool::Stage;
 
@@ -76,6 +78,7 @@ impl Simulator<'_> {
                 self.kill(who, false, number)
             }
             (What::Leave(server), Some(who)) => self.leave(who, server),
+            (What::Break(server), _) => self.set_broken(server),
             (What::Interrupt(tool), Some(who)) => self.interrupt(who, tool),
             (What::Broker(memory), _) => self.stop_broker(memory),
             _ => {}
@@ -109,7 +112,17 @@ impl Simulator<'_> {
                 }
             }
             What::Crash { .. } | What::Leave(_) | What::Restart(_) => self.start(who),
+            What::Break(server) => self.set_broken(server),
             _ => {}
+        }
+    }
+
+    /// Tells a server's process whether its installation is broken now.
+    pub(crate) fn set_broken(&self, server: usize) {
+        let breaks = |one: &Disturbance| one.what == What::Break(server);
+        let broken = self.active.iter().any(|(_, one)| breaks(one));
+        if let Some(process) = &self.servers[server] {
+            process.set_broken(broken);
         }
     }
 

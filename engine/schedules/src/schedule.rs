@@ -9,8 +9,6 @@ pub type Time = u64;
 
 /// A second.
 pub const SECOND: Time = 1_000_000;
-/// More attempts than anybody makes.
-const UNLIMITED: u64 = u64::MAX / 1000;
 /// A millisecond.
 pub const MILLI: Time = 1_000;
 
@@ -203,6 +201,8 @@ pub enum What {
         /// How much.
         by: Time,
     },
+    /// A server's installation is broken: everything fails on it at once.
+    Break(usize),
     /// A server computes more slowly.
     Slow {
         /// Which.
@@ -234,31 +234,15 @@ impl Disturbance {
         matches!(self.what, What::Delay { .. })
     }
 
-    /// How many attempts at one evaluation it may use up, of a tool with this time-out. `server`: the one that it hits.
-    fn cost(&self, step_timeout: Time, server: Option<&Server>) -> u64 {
-        let silences = |time: Time| 1 + time / step_timeout;
-        // Nobody is told what becomes of a server without presence.
-        let plain = server.is_some_and(|server| server.plain);
+    /// Whether it may look to a tool with this time-out as if a candidate were to blame. `server`: the one that it hits.
+    fn incriminates(&self, step_timeout: Time, server: Option<&Server>) -> bool {
         match self.what {
-            What::Crash { .. } | What::Leave(_) if plain => silences(self.lasts),
-            What::Cut(Who::Server(_)) | What::Crash { power: false, .. } => 1,
-            What::Crash { power: true, .. } => silences(self.lasts.min(BROKER_PATIENCE)),
-            What::Partition(_) | What::Freeze(Who::Server(_)) => silences(self.lasts),
-            What::Freeze(Who::Tool(_)) => 1,
-            What::Delay { by, .. } => u64::from(by > step_timeout / 4),
             // An episode that takes longer than the time-out fails every time.
             What::Slow { times, .. } => {
-                let episode = server.map_or(0, |server| 5 * server.pace * times);
-                if episode < step_timeout { 0 } else { UNLIMITED }
+                server.is_some_and(|server| 5 * server.pace * times >= step_timeout)
             }
-            What::Lose { .. } | What::Reorder { .. } => UNLIMITED,
-            What::Cut(Who::Tool(_))
-            | What::Cross { .. }
-            | What::Duplicate { .. }
-            | What::Broker(_)
-            | What::Leave(_)
-            | What::Restart(_)
-            | What::Interrupt(_) => 0,
+            What::Lose { .. } | What::Reorder { .. } => true,
+            _ => false,
         }
     }
 
@@ -274,9 +258,10 @@ impl Disturbance {
             | What::Reorder { who, .. }
             | What::Cross { who, .. }
             | What::Delay { who, .. } => who,
-            What::Crash { server, .. } | What::Leave(server) | What::Slow { server, .. } => {
-                Who::Server(server)
-            }
+            What::Crash { server, .. }
+            | What::Leave(server)
+            | What::Break(server)
+            | What::Slow { server, .. } => Who::Server(server),
             What::Restart(tool) | What::Interrupt(tool) => Who::Tool(tool),
             What::Broker(_) => return None,
         })
@@ -300,32 +285,39 @@ impl Schedule {
             .any(|other| self.id(other) == self.id(server))
     }
 
-    /// How many attempts at one evaluation of a tool the disturbances may use up, the other tools included.
+    /// Whether a sound candidate of a tool may be reported failed: where messages are lost, nobody can tell why a server
+    /// does not answer.
     #[must_use]
-    pub fn budget(&self, tool: &Tool) -> u64 {
-        let costs = self.disturbances.iter().map(|disturbance| {
+    pub fn may_fail(&self, tool: &Tool) -> bool {
+        self.disturbances.iter().any(|disturbance| {
             let server = match disturbance.who() {
                 Some(Who::Server(server)) => self.servers.get(server),
                 _ => None,
             };
-            disturbance.cost(tool.step_timeout, server)
-        });
-        costs
-            .fold(0, u64::saturating_add)
-            .saturating_add(self.rivalry(tool))
+            disturbance.incriminates(tool.step_timeout, server)
+        })
     }
 
-    /// How many attempts at one evaluation of a tool the other tools may use up: their candidates bring servers down
-    /// that have this tool's work, too, and nobody sees who has a server that knows only the seven topics.
-    fn rivalry(&self, tool: &Tool) -> u64 {
-        let others = || self.tools.iter().filter(|other| *other != tool);
-        let works =
-            others().flat_map(|other| other.works.iter().map(|work| (other.attempts, work)));
-        let deaths = works.map(|(attempts, work)| {
-            work.deadly.len() as u64 * work.episodes as u64 * u64::from(attempts)
-        });
-        let plain = self.servers.iter().any(|server| server.plain) && others().next().is_some();
-        deaths.sum::<u64>() + if plain { u64::from(tool.attempts) } else { 0 }
+    /// Whether work may end without results, to be resumed: where servers are broken, or lost again and again.
+    #[must_use]
+    pub fn may_end(&self) -> bool {
+        let mut works = self.tools.iter().flat_map(|tool| &tool.works);
+        let mut what = self.disturbances.iter().map(|disturbance| disturbance.what);
+        // A server that knows only the seven topics cannot say that a candidate failed.
+        let plain = self.servers.iter().any(|server| server.plain);
+        works.any(|work| !work.deadly.is_empty() || (plain && !work.failing.is_empty()))
+            || what.any(|what| {
+                matches!(
+                    what,
+                    What::Break(_)
+                        | What::Lose { .. }
+                        | What::Reorder { .. }
+                        | What::Crash { .. }
+                        | What::Freeze(_)
+                        | What::Partition(_)
+                        | What::Slow { .. }
+                )
+            })
     }
 
     /// When the last disturbance has ended and everybody is there.
@@ -437,6 +429,11 @@ impl fmt::Display for Disturbance {
                     Seconds(by)
                 )
             }
+            What::Break(server) => write!(
+                formatter,
+                "{} fails everything for {lasts}",
+                Who::Server(server)
+            ),
             What::Slow { server, times } => {
                 write!(
                     formatter,

@@ -40,6 +40,7 @@ pub struct Server {
     instance: String,
     host: String,
     died: Arc<AtomicBool>,
+    broken: Arc<AtomicBool>,
     /// What is computed.
     pub job: Option<Job>,
     /// How many jobs there were.
@@ -68,7 +69,8 @@ impl Server {
             Some(twin) if twin.foreign => "another",
             _ => TITLE,
         };
-        let trail = Box::new(Trail::new(title, Arc::clone(&died)));
+        let broken = Arc::new(AtomicBool::new(false));
+        let trail = Box::new(Trail::new(title, Arc::clone(&died), Arc::clone(&broken)));
         Self {
             machine: Machine::new(
                 identity,
@@ -81,6 +83,7 @@ impl Server {
             instance,
             host,
             died,
+            broken,
             job: None,
             jobs: 0,
             computed: false,
@@ -127,6 +130,11 @@ impl Server {
     #[must_use]
     pub fn has_died(&self) -> bool {
         self.died.load(Ordering::Relaxed)
+    }
+
+    /// Everything fails on it from now on, or nothing that is sound.
+    pub fn set_broken(&self, broken: bool) {
+        self.broken.store(broken, Ordering::Relaxed);
     }
 
     /// Whether nobody has it and nothing is computed.

@@ -164,6 +164,7 @@ fn each(
         | What::Delay { who, .. } => party(who),
         What::Crash { server: index, .. }
         | What::Leave(index)
+        | What::Break(index)
         | What::Slow { server: index, .. } => server(index),
         What::Restart(index) | What::Interrupt(index) => tool(index),
         What::Broker(_) => {}

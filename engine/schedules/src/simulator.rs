@@ -84,6 +84,8 @@ pub struct Report {
     pub scored: usize,
     /// Evaluations that were reported failed although they could have been computed.
     pub failed: usize,
+    /// Runs that ended without results, to be resumed.
+    pub ended: usize,
     /// What happened, if it was asked for.
     pub log: Vec<String>,
 }
@@ -122,6 +124,7 @@ pub fn run(schedule: &Schedule, log: bool) -> Report {
         fingerprint: simulator.fingerprint,
         scored: tools().map(|tool| tool.scored).sum(),
         failed: tools().map(|tool| tool.failed).sum(),
+        ended: tools().map(|tool| tool.ended).sum(),
         violation: simulator.violation,
         log: simulator.log.unwrap_or_default(),
     }
@@ -143,7 +146,9 @@ impl<'a> Simulator<'a> {
             ),
             clients: (0..clients).map(|_| Client::default()).collect(),
             tools: tools
-                .map(|(index, plan)| Tool::new(plan, index, schedule.budget(plan)))
+                .map(|(index, plan)| {
+                    Tool::new(plan, index, schedule.may_fail(plan), schedule.may_end())
+                })
                 .collect(),
             servers: schedule.servers.iter().map(|_| None).collect(),
             active: Vec::new(),

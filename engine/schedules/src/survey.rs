@@ -20,6 +20,8 @@ pub struct Survey {
     pub scored: u64,
     /// Evaluations that were reported failed although they could have been computed.
     pub failed: u64,
+    /// Runs that ended without results, to be resumed.
+    pub ended: u64,
     /// What is to be said of those that break a property.
     pub failures: Vec<String>,
 }
@@ -28,12 +30,14 @@ impl fmt::Display for Survey {
     fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
         write!(
             formatter,
-            "{} schedules from seed {}, {} events, {} candidates scored, {} evaluations reported failed, {} violations",
+            "{} schedules from seed {}, {} events, {} candidates scored, {} evaluations reported failed, {} runs ended for want of \
+             sound servers, {} violations",
             self.schedules,
             self.first,
             self.events,
             self.scored,
             self.failed,
+            self.ended,
             self.failures.len()
         )
     }
@@ -68,6 +72,7 @@ pub fn survey(first: u64, count: u64, jobs: usize, most: usize) -> Survey {
                 survey.events += report.events;
                 survey.scored += report.scored as u64;
                 survey.failed += report.failed as u64;
+                survey.ended += report.ended as u64;
                 survey.failures.extend(failure.clone());
             });
             if !goes_on {

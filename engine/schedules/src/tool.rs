@@ -18,6 +18,9 @@ use crate::trail;
 /// How long a server that is new waits for its first work, as in the pool's shell.
 const PROBATION: Duration = Duration::from_millis(30);
 
+/// How long servers may fail all before the work ends, as by default.
+const PATIENCE: Duration = Duration::from_secs(10);
+
 /// How far a tool is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
@@ -49,8 +52,16 @@ pub struct Tool {
     results: Vec<Option<Vec<f64>>>,
     expected: Vec<Option<f64>>,
     journal: Vec<Attempt>,
-    /// How many attempts at one evaluation the disturbances may use up.
-    budget: u64,
+    /// Whether sound candidates may be reported failed.
+    may_fail: bool,
+    /// Whether work may end without results, to be resumed.
+    may_end: bool,
+    /// Sound candidates that were reported failed since the process was given the work, and whether any evaluation has
+    /// succeeded since.
+    wronged: Vec<String>,
+    succeeded: bool,
+    /// Works that ended so.
+    pub ended: usize,
     /// Evaluations that were reported failed although they could have been computed.
     pub failed: usize,
     /// Candidates whose results came.
@@ -62,7 +73,7 @@ pub struct Tool {
 impl Tool {
     /// A tool that has not begun.
     #[must_use]
-    pub fn new(plan: &schedule::Tool, number: usize, budget: u64) -> Self {
+    pub fn new(plan: &schedule::Tool, number: usize, may_fail: bool, may_end: bool) -> Self {
         Self {
             plan: plan.clone(),
             number: number as u64,
@@ -75,7 +86,11 @@ impl Tool {
             results: Vec::new(),
             expected: Vec::new(),
             journal: Vec::new(),
-            budget,
+            may_fail,
+            may_end,
+            wronged: Vec::new(),
+            succeeded: false,
+            ended: 0,
             failed: 0,
             scored: 0,
             warnings: VecDeque::new(),
@@ -155,6 +170,8 @@ impl Tool {
             .into();
         self.sent = left;
         self.journal.clear();
+        self.wronged.clear();
+        self.succeeded = false;
         let work = trail::work(plan, salt, &self.sent)?;
         if let Some(machine) = &mut self.machine {
             machine.submit(work, now);
@@ -175,6 +192,9 @@ impl Tool {
         else {
             return Ok(());
         };
+        if let Some(reason) = machine.undecided(PATIENCE, now) {
+            return self.end(&reason);
+        }
         self.journal.extend(
             machine
                 .take_journal()
@@ -221,9 +241,33 @@ impl Tool {
         for (row, fitness) in rows {
             self.score(row, fitness)?;
         }
+        if finished && !self.wronged.is_empty() && !self.succeeded {
+            let wronged = self.wronged.join("; ");
+            return self.end(&format!("every candidate failed: {wronged}"));
+        }
+        if finished || self.succeeded {
+            if let Some(wronged) = self.wronged.first() {
+                return Err(wronged.clone());
+            }
+        }
         if finished {
             self.conclude()?;
         }
+        Ok(())
+    }
+
+    /// The run ends without results, and can be resumed.
+    fn end(&mut self, reason: &str) -> Result<(), String> {
+        if !self.may_end {
+            return Err(format!(
+                "the run ended although nothing explains it: {reason}"
+            ));
+        }
+        if let Some(machine) = &mut self.machine {
+            machine.cancel();
+        }
+        self.ended += 1;
+        self.stage = Stage::Finished;
         Ok(())
     }
 
@@ -274,8 +318,8 @@ impl Tool {
             match self.expected[candidate * episodes + episode] {
                 None if value.is_nan() => {}
                 None => return Err(format!("{place} cannot be computed, but {value} came")),
-                Some(_) if value.is_nan() => self.explain(row, episode, &place)?,
-                Some(expected) if expected.to_bits() == value.to_bits() => {}
+                Some(_) if value.is_nan() => self.explain(row, episode, &place),
+                Some(expected) if expected.to_bits() == value.to_bits() => self.succeeded = true,
                 Some(expected) => {
                     return Err(format!("{place}: {value} came, expected {expected}"));
                 }
@@ -287,7 +331,7 @@ impl Tool {
     }
 
     /// An evaluation was reported failed that could have been computed.
-    fn explain(&mut self, row: usize, episode: usize, place: &str) -> Result<(), String> {
+    fn explain(&mut self, row: usize, episode: usize, place: &str) {
         let covers = |attempt: &&Attempt| {
             (attempt.candidate..attempt.candidate + attempt.candidates).contains(&row)
                 && (attempt.episode..attempt.episode + attempt.episodes).contains(&episode)
@@ -307,39 +351,12 @@ impl Tool {
                 )
             })
             .collect();
-        // Copies have numbers of their own; what nobody was to blame for does not count.
-        let blamed = |attempt: &&Attempt| {
-            attempt.error.as_ref().is_some_and(|error| {
-                !error.contains("the connection to the broker")
-                    && !error.contains("was faster")
-                    && !error.contains("is given up")
-            })
-        };
-        // Where messages get lost, a server may twice say the same of a tool that did answer.
-        let unanswered = |attempt: &&Attempt| {
-            attempt
-                .error
-                .as_ref()
-                .is_some_and(|error| error.contains("has not sent the actuators"))
-        };
-        let enough = failures().filter(blamed).count() >= self.plan.attempts as usize
-            || failures().filter(unanswered).count() >= 2;
-        if !enough {
-            return Err(format!(
-                "{place} was reported failed before its attempts were used up: {told:?}"
-            ));
+        if self.may_fail {
+            self.failed += 1;
+        } else {
+            let text = format!("{place} was reported failed, but is sound: {told:?}");
+            self.wronged.push(text);
         }
-        // A deadly companion may cost all but the last attempt, at which everybody is alone.
-        let deadly =
-            self.plan.works[self.work].deadly.len() as u64 * u64::from(self.plan.attempts - 1);
-        if self.budget + deadly < u64::from(self.plan.attempts) {
-            return Err(format!(
-                "{place} was reported failed, but the disturbances explain at most {} failures: {told:?}",
-                self.budget + deadly
-            ));
-        }
-        self.failed += 1;
-        Ok(())
     }
 
     /// What is to be sent.

@@ -36,12 +36,14 @@ pub struct Trail {
     step: u32,
     /// Set when the process that runs this would have died.
     died: Arc<AtomicBool>,
+    /// Whether everything fails.
+    broken: Arc<AtomicBool>,
 }
 
 impl Trail {
-    /// A trail that tells with `died` that its process would have died.
+    /// A trail that tells with `died` that its process would have died, and fails as long as it is `broken`.
     #[must_use]
-    pub fn new(title: &'static str, died: Arc<AtomicBool>) -> Self {
+    pub fn new(title: &'static str, died: Arc<AtomicBool>, broken: Arc<AtomicBool>) -> Self {
         Self {
             title,
             seed: 0.0,
@@ -50,6 +52,7 @@ impl Trail {
             acting: Vec::new(),
             step: 0,
             died,
+            broken,
         }
     }
 
@@ -73,6 +76,9 @@ impl Simulation for Trail {
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        if self.broken.load(Ordering::Relaxed) {
+            fail("a library is missing".to_owned());
+        }
         #[expect(
             clippy::cast_possible_truncation,
             reason = "small numbers, and binary32 on the wire"
@@ -141,7 +147,8 @@ impl Simulation for Trail {
     }
 
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {
-        Some(Box::new(Self::new(self.title, Arc::clone(&self.died))))
+        let (died, broken) = (Arc::clone(&self.died), Arc::clone(&self.broken));
+        Some(Box::new(Self::new(self.title, died, broken)))
     }
 }
 
@@ -231,7 +238,7 @@ pub fn parameters() -> Map<String, Value> {
 pub fn expected(plan: &schedule::Work, salt: u64) -> Result<Vec<Option<f64>>, WorkError> {
     let all: Vec<usize> = (0..plan.candidates).collect();
     let work = work(plan, salt, &all)?;
-    let mut trail = Trail::new(TITLE, Arc::default());
+    let mut trail = Trail::new(TITLE, Arc::default(), Arc::default());
     let mut results = Vec::new();
     for candidate in all {
         let genome = work.genomes_of(candidate..candidate + 1);

@@ -80,6 +80,7 @@ fn all_that_can_happen_is_drawn() {
         "ParameterSet",
         "auto",
         "batched",
+        "break",
         "broker",
         "crash",
         "cross",

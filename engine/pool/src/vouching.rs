@@ -1,0 +1,187 @@
+//! Whether a server is broken or what it failed: it is given something to evaluate that has succeeded before.
+
+use std::time::{Duration, Instant};
+
+use crate::failures::Blame;
+use crate::ledger::Piece;
+use crate::machine::Machine;
+use crate::slot::Slot;
+use crate::suspicion::{Resolved, Verdict};
+
+/// How many times as long it is waited where a server that may be sound is silent.
+const SILENT: u32 = 4;
+
+impl Machine {
+    /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
+    pub(crate) fn vouch(&mut self, server: u64) {
+        self.offers.health.succeeded(server);
+        self.broken_since = None;
+        let watched = &self.watched;
+        let own = watched.contains(&server);
+        // The tool's own servers are one installation.
+        let alike = |other: u64| own && watched.contains(&other);
+        self.ledger.suspicions.succeeded(server, alike);
+    }
+
+    /// Servers that have failed several candidates and succeeded with none get nothing new before they have shown that
+    /// they can evaluate what succeeded elsewhere; before anything has, as long as others may succeed.
+    pub(crate) fn suspend(&mut self) {
+        if !self.offers.health.has_doubtful() {
+            return;
+        }
+        let health = &self.offers.health;
+        let sound = |id: &u64| !health.is_doubtful(*id);
+        let slots = &self.offers.slots;
+        let hope = slots.iter().any(|(id, slot)| sound(id) && !slot.silent);
+        let known = self.ledger.good().is_some();
+        let doubtful: Vec<u64> = slots.keys().copied().filter(|id| !sound(id)).collect();
+        for (id, slot) in &mut self.offers.slots {
+            slot.suspended = (known || hope) && doubtful.contains(id);
+        }
+        if doubtful.is_empty() {
+            self.offers.health.none_doubtful();
+        }
+    }
+
+    /// Gives what succeeded before to servers that are to show that they are sound, and have nothing else to do.
+    pub(crate) fn probe(&mut self, now: Instant) {
+        let Some(good) = self.ledger.good() else {
+            return;
+        };
+        if self.finished() {
+            return self.drop_probes(now);
+        }
+        if self.ledger.suspicions.is_empty() && !self.offers.health.has_doubtful() {
+            return;
+        }
+        let awaited = self.ledger.suspicions.awaited();
+        let own = awaited.iter().any(|id| self.watched.contains(id));
+        let waits = self.ledger.queued() > 0;
+        let servers = self.usable_servers();
+        let slots = self.offers.slots.iter();
+        let idle = slots
+            .filter(|(_, slot)| slot.jobs.is_empty() && slot.benched.is_none() && !slot.silent);
+        let is_due = |id: u64| {
+            self.offers.health.is_doubtful(id)
+                || awaited.contains(&id)
+                || (own && self.watched.contains(&id))
+                || (waits && self.ledger.waits_for_proof(id, &servers))
+        };
+        let due: Vec<u64> = idle.map(|(id, _)| *id).filter(|id| is_due(*id)).collect();
+        for server in due {
+            self.start(Piece::probe(good), server, now);
+        }
+    }
+
+    /// A server did not evaluate what had succeeded before.
+    pub(crate) fn probe_failed(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
+        match blame {
+            Blame::Nobody | Blame::Broker | Blame::Lost | Blame::Gone | Blame::Silent { .. } => {}
+            Blame::Evaluation | Blame::Answer | Blame::Crash => {
+                self.counts.server_failures += 1;
+                self.counts.benched += 1;
+                self.offers.broke(server, reason, now);
+                self.ledger.suspicions.discredit(server);
+                self.complain(format!(
+                    "server {server} is broken: it fails what succeeded before; it gets no other work until that succeeds \
+                     on it, and what it failed is evaluated elsewhere; the reason: {reason}"
+                ));
+            }
+        }
+    }
+
+    /// Evaluations that were put aside and wait for nobody have failed, or are tried again.
+    pub(crate) fn resolve(&mut self, now: Instant) {
+        if !self.ledger.suspicions.any_aside() {
+            return;
+        }
+        for server in self.ledger.suspicions.awaited() {
+            let slot = self.offers.slots.get(&server);
+            let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
+            // The tool's own servers come back, and each can vouch for the others.
+            if gone && !self.watched.contains(&server) {
+                self.ledger.suspicions.discredit(server);
+            }
+        }
+        let all = self.nothing_succeeds();
+        for resolved in self.ledger.suspicions.resolve(&self.config.faults, all) {
+            match resolved {
+                Resolved::Again(piece) => {
+                    self.counts.retries += 1;
+                    self.ledger.put_back(&piece);
+                }
+                Resolved::Failed(piece, verdict, downs, reason) => {
+                    self.condemn(&piece, verdict, downs, &reason, now);
+                }
+            }
+        }
+    }
+
+    /// Whether all has been tried on all servers and nothing has succeeded: then nobody can tell servers from evaluations.
+    fn nothing_succeeds(&mut self) -> bool {
+        let busy = !self.runs.is_empty() || !self.requests.is_empty();
+        if self.ledger.good().is_some() || busy || self.ledger.queued() > 0 {
+            return false;
+        }
+        let health = &self.offers.health;
+        let slots = self.offers.slots.iter();
+        let untried: Vec<u64> = slots
+            .filter(|(id, slot)| !slot.silent && !health.has_failed(**id))
+            .map(|(id, _)| *id)
+            .collect();
+        for server in untried {
+            for piece in self.ledger.suspicions.take_aside_for(server) {
+                self.ledger.put_back(&piece);
+            }
+        }
+        self.ledger.queued() == 0
+    }
+
+    fn condemn(&mut self, piece: &Piece, verdict: Verdict, downs: u32, reason: &str, now: Instant) {
+        let quarantined = verdict == Verdict::Quarantined;
+        self.warn_alike(if quarantined {
+            format!(
+                "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
+            )
+        } else {
+            format!("an evaluation failed after {} attempts: {reason}", piece.tries)
+        });
+        self.counts.quarantined += u64::from(quarantined);
+        self.give_up(piece, quarantined, now);
+    }
+
+    /// Notes since when all servers have been broken.
+    pub(crate) fn judge(&mut self, now: Instant) {
+        let health = &self.offers.health;
+        let slots = &self.offers.slots;
+        let hope = |(id, slot): (&u64, &Slot)| !health.is_broken(*id) && !slot.silent;
+        if slots.iter().any(hope) || self.finished() {
+            self.broken_since = None;
+        } else if !slots.is_empty() {
+            self.broken_since.get_or_insert(now);
+        }
+    }
+
+    /// Why the work cannot be done although nothing tells that its candidates are to blame. `patience`: how long it is
+    /// waited for servers that fail what succeeded before.
+    #[must_use]
+    pub fn undecided(&self, patience: Duration, now: Instant) -> Option<String> {
+        if self.undecided.is_some() {
+            return self.undecided.clone();
+        }
+        let since = self.broken_since?;
+        let health = &self.offers.health;
+        let is_silent = |id: &u64| !health.is_broken(*id);
+        let patience = if self.offers.slots.keys().any(is_silent) {
+            patience * SILENT
+        } else {
+            patience
+        };
+        (now.saturating_duration_since(since) >= patience).then(|| {
+            format!(
+                "all servers fail what was evaluated before: {}",
+                self.describe()
+            )
+        })
+    }
+}

@@ -1,0 +1,101 @@
+//! Servers that fail whatever they get: they are found out, and what they failed is evaluated elsewhere.
+
+mod common;
+
+use std::time::Duration;
+
+use common::{Extended, Line, Net, Party, server, tool, tool_in_mode, work};
+use swarmwright_pool::Mode;
+
+const SEEDS: [u64; 1] = [3];
+const CANDIDATES: usize = 57;
+
+fn undisturbed() -> Vec<f64> {
+    let mut net = Net::new(0);
+    let now = net.now;
+    let index = net.add(Party::Tool(Box::new(tool("a", 0, now))));
+    net.add(Party::Server(Box::new(server(1, Line::new()))));
+    net.submit(index, work(CANDIDATES, &SEEDS));
+    net.finish(index)
+}
+
+fn extended(id: u64, broken: bool) -> Party {
+    Party::Extended(Box::new(Extended {
+        fails_on: broken.then_some(SEEDS[0]),
+        pace: Duration::from_millis(if broken { 1 } else { 50 }),
+        ..Extended::new(id, &["stepwise", "batched", "offloaded"])
+    }))
+}
+
+/// A tool with work, and servers of which the first `sound` are.
+fn begin(net: &mut Net, sound: u64, all: u64) -> (usize, Vec<usize>) {
+    let servers = (1..=all).map(|id| net.add(extended(id, id > sound)));
+    let servers = servers.collect();
+    let tool = tool_in_mode(Mode::Auto, "a", 0, net.now);
+    let index = net.add(Party::Tool(Box::new(tool)));
+    net.submit(index, work(CANDIDATES, &SEEDS));
+    (index, servers)
+}
+
+#[test]
+fn servers_that_fail_everything_cost_no_candidate_and_are_named_once() {
+    // All say that they repeat themselves to the bit.
+    for (sound, random) in [(1, 1), (1, 2), (2, 3), (2, 4), (3, 5)] {
+        let mut net = Net::new(random);
+        let (index, _) = begin(&mut net, sound, 4);
+        assert_eq!(net.finish(index), undisturbed(), "{:?}", net.warnings);
+        assert_eq!(net.tool(index).counts().failed, 0);
+        let told = |id: u64| {
+            let words = format!("server {id} is broken: it fails what succeeded before");
+            let found = net.warnings.iter().filter(|text| text.contains(&words));
+            found.count()
+        };
+        assert_eq!((1..=sound).map(told).sum::<usize>(), 0);
+        let named: Vec<usize> = (sound + 1..=4).map(told).collect();
+        assert!(named.iter().all(|times| *times <= 1), "{named:?}");
+        assert!(named.contains(&1), "{:?}", net.warnings);
+        // None gets much before it is found out.
+        let failed = net.journal(index).into_iter();
+        let failed = failed.filter(|attempt| attempt.error.is_some()).count();
+        assert!(failed < CANDIDATES, "{failed}");
+    }
+}
+
+#[test]
+fn servers_that_all_break_end_the_work_with_the_reason_and_no_results() {
+    let mut net = Net::new(3);
+    let (index, servers) = begin(&mut net, 2, 2);
+    while net.tool(index).done() < 10 {
+        net.turn();
+    }
+    for party in servers {
+        if let Party::Extended(server) = &mut net.parties[party] {
+            server.fails_on = Some(SEEDS[0]);
+        }
+    }
+    let (start, patience) = (net.now, Duration::from_secs(10));
+    let reason = loop {
+        net.turn();
+        let now = net.now;
+        if let Some(reason) = net.tool(index).undecided(patience, now) {
+            break reason;
+        }
+        assert!(now - start < Duration::from_secs(30), "{:?}", net.warnings);
+        assert!(!net.tool(index).finished());
+    };
+    assert!(
+        reason.contains("all servers fail what was evaluated before")
+            && reason.contains("a wheel came off"),
+        "{reason}"
+    );
+    assert_eq!(net.tool(index).counts().failed, 0);
+}
+
+#[test]
+fn servers_that_are_broken_from_the_start_fail_every_candidate() {
+    let mut net = Net::new(3);
+    let (index, _) = begin(&mut net, 0, 3);
+    let start = net.now;
+    assert!(net.finish(index).iter().all(|fitness| fitness.is_nan()));
+    assert!(net.now - start < Duration::from_secs(5));
+}
