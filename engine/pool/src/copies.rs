@@ -102,7 +102,7 @@ impl Machine {
                 .all(|one| self.ledger.has_ended(one))
     }
 
-    /// Ends the probes that are under way: there is nothing more to tell.
+    /// Ends the probes that are under way: there is nothing more to tell, nor to record.
     pub(crate) fn drop_probes(&mut self, now: Instant) {
         let reason = "all work is done";
         self.drop_all(|_, piece| piece.purpose == Purpose::Probe, reason, now);
@@ -125,7 +125,9 @@ impl Machine {
                 Job::Episode(hash) => {
                     if let Some(run) = self.runs.remove(&hash) {
                         self.over(&hash, server, false);
-                        self.record_run(&run, Some(reason.to_owned()), None, now);
+                        if run.piece.purpose != Purpose::Probe {
+                            self.record_run(&run, Some(reason.to_owned()), None, now);
+                        }
                         self.end_run(server, &hash);
                     }
                 }
@@ -133,7 +135,9 @@ impl Machine {
                     let Some(request) = self.requests.remove(&number) else {
                         continue;
                     };
-                    self.record_request(&request, Some(reason.to_owned()), now);
+                    if request.piece.purpose != Purpose::Probe {
+                        self.record_request(&request, Some(reason.to_owned()), now);
+                    }
                     if let Some(batch) = &request.batch {
                         // On its own topic: what is said of control, all servers hear.
                         let step = batch.steps().saturating_sub(1);
