@@ -79,7 +79,8 @@ class Faults(Options):
     attempts: int = Field(default=3, ge=1, le=1000)
     """How often an evaluation is tried before it has failed. Tries together with others, of which nobody
     knows which one was to blame, do not count, nor do those on servers that succeed with nothing
-    afterwards. Servers that declare themselves deterministic to the bit need say only twice that it failed."""
+    afterwards. Servers that declare themselves deterministic to the bit need say only twice that it
+    failed."""
     quarantine: int = Field(default=3, ge=1, le=1000)
     """After how many servers that went down, or hung, with nothing but one evaluation it has failed, too. Of
     servers that the run did not start, at least 3, which did well with others while no other was lost."""

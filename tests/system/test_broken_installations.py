@@ -1,5 +1,7 @@
-"""Servers that fail whatever they get, and servers that are lost or stopped again and again: the record is as if nothing
-had been, or the run ends, says why, and can be resumed."""
+"""Servers that fail whatever they get, and servers that are lost or stopped again and again.
+
+The record is as if nothing had been, or the run ends, says why, and can be resumed.
+"""
 
 import os
 import signal
@@ -19,7 +21,7 @@ from tests.system.runs import record, warnings
 
 pytestmark = pytest.mark.timeout(180)
 
-SIMULATION = '''\
+SIMULATION = """\
 import os
 import time
 from pathlib import Path
@@ -48,7 +50,7 @@ class Work(swarmwright.Simulation):
 
     def fitness(self):
         return self.sum
-'''
+"""
 EXPERIMENT = """\
 simulation: {simulation}
 requirements: {{dimensions: 1}}
