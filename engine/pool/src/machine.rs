@@ -111,6 +111,8 @@ pub struct Machine {
     pub(crate) unproven: BTreeMap<u64, (usize, usize)>,
     /// Since when all servers have failed what succeeded before.
     pub(crate) broken_since: Option<Instant>,
+    /// Servers that are to vouch for what they said, and are not there: since when.
+    pub(crate) absent: BTreeMap<u64, Instant>,
     /// Servers are lost again and again, and nobody can tell why.
     pub(crate) undecided: Option<String>,
 }
@@ -177,6 +179,7 @@ impl Machine {
             disagreement: None,
             unproven: BTreeMap::new(),
             broken_since: None,
+            absent: BTreeMap::new(),
             undecided: None,
             config,
         }
@@ -219,6 +222,7 @@ impl Machine {
         self.refused_at = None;
         self.disagreement = None;
         self.broken_since = None;
+        self.absent.clear();
         self.undecided = None;
         self.offers.health.new_work();
         self.work_number += 1;

@@ -230,9 +230,12 @@ impl Suspicions {
         open.map(|(failure, _)| failure.server).collect()
     }
 
-    /// Evaluations put aside that wait for nobody; `all`: whoever they wait for.
+    /// Evaluations put aside that wait for nobody; `all`: whoever they wait for, unless one is to be tried again, which
+    /// may yet succeed.
     pub fn resolve(&mut self, faults: &Faults, all: bool) -> Vec<Resolved> {
         let mut resolved = Vec::new();
+        let again = |one: &Suspicion| one.aside.is_some() && one.verdict(faults).is_none();
+        let all = all && !self.by_evaluation.values().any(again);
         for suspicion in self.by_evaluation.values_mut() {
             let open = !all && suspicion.failures.iter().any(|(_, vouched)| !vouched);
             if suspicion.aside.is_none() || (open && suspicion.verdict(faults).is_some()) {

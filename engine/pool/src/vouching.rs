@@ -10,6 +10,8 @@ use crate::suspicion::{Resolved, Verdict};
 
 /// How many times as long it is waited where a server that may be sound is silent.
 const SILENT: u32 = 4;
+/// What servers said that have been away for so long counts for nothing: longer than another tool has one in its turn.
+const AWAY: Duration = Duration::from_secs(30);
 
 impl Machine {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
@@ -95,14 +97,7 @@ impl Machine {
         if !self.ledger.suspicions.any_aside() {
             return;
         }
-        for server in self.ledger.suspicions.awaited() {
-            let slot = self.offers.slots.get(&server);
-            let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
-            // The tool's own servers come back, and each can vouch for the others.
-            if gone && !self.watched.contains(&server) {
-                self.ledger.suspicions.discredit(server);
-            }
-        }
+        self.discredit_absent(now);
         let all = self.nothing_succeeds();
         for resolved in self.ledger.suspicions.resolve(&self.config.faults, all) {
             match resolved {
@@ -113,6 +108,27 @@ impl Machine {
                 Resolved::Failed(piece, verdict, downs, reason) => {
                     self.condemn(&piece, verdict, downs, &reason, now);
                 }
+            }
+        }
+    }
+
+    /// What servers said that do not come back counts for nothing, where others can be asked instead.
+    fn discredit_absent(&mut self, now: Instant) {
+        let awaited = self.ledger.suspicions.awaited();
+        self.absent.retain(|server, _| awaited.contains(server));
+        for server in awaited {
+            let slots = &self.offers.slots;
+            let slot = slots.get(&server);
+            let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
+            // The tool's own servers come back, and each can vouch for the others.
+            if !gone || self.watched.contains(&server) {
+                self.absent.remove(&server);
+                continue;
+            }
+            let since = *self.absent.entry(server).or_insert(now);
+            let others = slots.iter().any(|(id, slot)| *id != server && !slot.silent);
+            if others && now.saturating_duration_since(since) >= AWAY {
+                self.ledger.suspicions.discredit(server);
             }
         }
     }
