@@ -103,6 +103,9 @@ impl Machine {
                 How::Lost
             }
         };
+        // What it did before was a success.
+        let sound =
+            self.ledger.suspicions.is_proven(server) && !self.offers.health.has_failed(server);
         if how != How::Lost {
             let candidate = piece.first() / self.ledger.episodes();
             self.offers.health.failed_candidate(server, candidate);
@@ -117,7 +120,7 @@ impl Machine {
                 server,
                 reason: reason.to_owned(),
                 how,
-                repeats: self.offers.repeats_itself(server),
+                certain: sound && self.offers.repeats_itself(server),
                 at: now,
             };
             let suspicions = &mut self.ledger.suspicions;

@@ -315,15 +315,22 @@ impl Ledger {
     /// Which piece is next for a server: one that it may have and has not failed, or which all of `servers` have.
     fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
         let found = self.queue.iter().position(|piece| {
-            let suspect = self.suspicions.is_suspect(piece.first());
-            let barred = suspect && !self.suspicions.is_proven(server);
-            !barred && self.may_have(piece, server, servers)
+            !self.needs_proof(piece, server) && self.may_have(piece, server, servers)
         });
-        // A server that can be proven otherwise does not get what others were lost with.
+        // A server that can be proven otherwise does not get what others were lost with, nor again what it failed.
         found.or_else(|| match self.good {
             Some(_) => None,
             None => self.barred(server, servers),
         })
+    }
+
+    /// Whether a server has to succeed with something else first: after others were lost with a piece, and after it
+    /// failed it itself.
+    fn needs_proof(&self, piece: &Piece, server: u64) -> bool {
+        let suspicions = &self.suspicions;
+        let evaluation = piece.first();
+        (suspicions.is_suspect(evaluation) && !suspicions.is_proven(server))
+            || suspicions.is_open(evaluation, server)
     }
 
     /// What a server could have if it had succeeded with something.
@@ -342,7 +349,7 @@ impl Ledger {
         free && !waits && (!failed(&server) || servers.iter().all(failed))
     }
 
-    /// Whether nothing waits for a server but what others were lost with, and it has not succeeded with anything yet.
+    /// Whether nothing waits for a server but what it may have only once it has succeeded with something.
     pub fn waits_for_proof(&self, server: u64, servers: &[u64]) -> bool {
         self.position(server, servers).is_none() && self.barred(server, servers).is_some()
     }
@@ -480,6 +487,15 @@ impl Ledger {
         }
     }
 
+    /// Takes an evaluation that was put aside and that a server has not failed.
+    pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
+        let piece = self.suspicions.take_aside_for(server)?;
+        if let Some(place) = self.place(piece.first()) {
+            self.holders[place] = 1;
+        }
+        Some(piece)
+    }
+
     /// An evaluation has ended with the result of a server. Whether that is news: what comes later is not heard.
     pub fn settle(
         &mut self,
@@ -592,6 +608,11 @@ impl Ledger {
         }
         let open = &self.open;
         self.fresh.retain(|candidate| open[candidate - base] == 0);
+        self.good = self.good.or_else(|| {
+            let has_succeeded = |place: &usize| !self.results.fitness[*place].is_nan();
+            let found = (0..self.settled.len()).rev().find(has_succeeded);
+            found.map(|place| self.forgotten + place)
+        });
         (reopened, lost)
     }
 

@@ -367,13 +367,15 @@ impl Pool {
         let mut free_since = asked;
         let result = loop {
             self.poll(asked + ASK);
+            // What ends during the step is taken by the next one.
+            let all = self.machine.finished();
             match step(self) {
                 Ok(true) => {}
                 Ok(false) => break Ok(()),
                 Err(error) => break Err(error),
             }
             let now = Instant::now();
-            if self.machine.finished() {
+            if all && self.machine.finished() {
                 on_progress(self, self.machine.done(), "");
                 let status = self.stand(now);
                 self.reporter.tell(&Report::Status(

@@ -38,8 +38,8 @@ pub(crate) struct Failure {
     pub server: u64,
     pub reason: String,
     pub how: How,
-    /// Whether the server repeats itself to the bit.
-    pub repeats: bool,
+    /// Whether the server repeats itself to the bit, and had just succeeded with something else.
+    pub certain: bool,
     pub at: Instant,
 }
 
@@ -73,11 +73,12 @@ impl Suspicion {
         let [said, crashed, lost] = [How::Said, How::Crashed, How::Lost].map(|how| self.count(how));
         let quarantined =
             crashed >= faults.quarantine || crashed + lost >= faults.quarantine.max(LEAST_LOST);
-        // Where the last one repeats itself to the bit, what it says is said again elsewhere, too.
+        // Where servers repeat themselves to the bit, what two of them say is said by a third one, too.
         let certain = |last: &Failure| {
-            let same = |one: &Failure| one.how == How::Said && one.reason == last.reason;
+            let said = |one: &Failure| one.certain && one.how == How::Said;
+            let same = |one: &Failure| said(one) && one.reason == last.reason;
             let times = self.failures.iter().filter(|(one, _)| same(one)).count();
-            last.repeats && same(last) && times > 1
+            said(last) && times > 1
         };
         if quarantined {
             Some(Verdict::Quarantined)
@@ -194,15 +195,38 @@ impl Suspicions {
         others
     }
 
-    /// A server has succeeded with something: what it said before counts. `alike`: whether another one is the same
-    /// installation.
+    /// Whether a server was lost a moment ago, and may soon be back.
+    pub fn lost_lately(&self, now: Instant) -> bool {
+        let last = self.losses.back();
+        last.is_some_and(|(at, _)| now.saturating_duration_since(*at) <= TOGETHER)
+    }
+
+    /// A server has succeeded with something: what it said before counts, once for each evaluation however often it was
+    /// tried since the last success, as the server may have been broken for a moment. `alike`: whether another one is
+    /// the same installation.
     pub fn succeeded(&mut self, server: u64, alike: impl Fn(u64) -> bool) {
         self.proven.insert(server);
         for suspicion in self.by_evaluation.values_mut() {
+            let mut told = BTreeSet::new();
+            // The last one of each server stays.
+            suspicion.failures.reverse();
+            suspicion.failures.retain(|(failure, vouched)| {
+                *vouched || failure.how != How::Said || told.insert(failure.server)
+            });
+            suspicion.failures.reverse();
             for (failure, vouched) in &mut suspicion.failures {
                 *vouched |= failure.server == server || alike(failure.server);
             }
         }
+    }
+
+    /// Whether a server failed an evaluation and has succeeded with nothing since.
+    pub fn is_open(&self, evaluation: usize, server: u64) -> bool {
+        let found = self.by_evaluation.get(&evaluation);
+        let open = |(failure, vouched): &(Failure, bool)| {
+            !vouched && failure.server == server && failure.how == How::Said
+        };
+        found.is_some_and(|one| one.failures.iter().any(open))
     }
 
     /// What a server said since it last succeeded with something counts for nothing.
@@ -255,13 +279,13 @@ impl Suspicions {
         resolved
     }
 
-    /// Takes back what was put aside and that a server has not failed.
-    pub fn take_aside_for(&mut self, server: u64) -> Vec<Piece> {
-        let aside = self
+    /// Takes back one evaluation that was put aside and that a server has not failed.
+    pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
+        let mut aside = self
             .by_evaluation
             .values_mut()
             .map(|suspicion| &mut suspicion.aside);
         let other = |piece: &mut Piece| !piece.has_failed_on(server);
-        aside.filter_map(|piece| piece.take_if(other)).collect()
+        aside.find_map(|piece| piece.take_if(other))
     }
 }

@@ -98,7 +98,7 @@ impl Machine {
             return;
         }
         self.discredit_absent(now);
-        let all = self.nothing_succeeds();
+        let all = self.nothing_succeeds(now);
         for resolved in self.ledger.suspicions.resolve(&self.config.faults, all) {
             match resolved {
                 Resolved::Again(piece) => {
@@ -134,23 +134,38 @@ impl Machine {
     }
 
     /// Whether all has been tried on all servers and nothing has succeeded: then nobody can tell servers from evaluations.
-    fn nothing_succeeds(&mut self) -> bool {
+    fn nothing_succeeds(&mut self, now: Instant) -> bool {
         let busy = !self.runs.is_empty() || !self.requests.is_empty();
-        if self.ledger.good().is_some() || busy || self.ledger.queued() > 0 {
+        let lost = self.ledger.suspicions.lost_lately(now);
+        if self.ledger.good().is_some() || busy || lost || self.ledger.queued() > 0 {
             return false;
         }
         let health = &self.offers.health;
         let slots = self.offers.slots.iter();
         let untried: Vec<u64> = slots
-            .filter(|(id, slot)| !slot.silent && !health.has_failed(**id))
+            // A server that is broken is given nothing, so that it cannot tell either.
+            .filter(|(id, slot)| !slot.silent && !slot.suspended && !health.has_failed(**id))
             .map(|(id, _)| *id)
             .collect();
+        // It has a pause: the others need not try again meanwhile.
+        let pauses = |id: &u64| {
+            self.offers
+                .slots
+                .get(id)
+                .is_some_and(|slot| slot.benched.is_some())
+        };
+        if untried.iter().any(pauses) {
+            return false;
+        }
+        let mut given = false;
         for server in untried {
-            for piece in self.ledger.suspicions.take_aside_for(server) {
-                self.ledger.put_back(&piece);
+            // Not by way of the queue: a slow server would be passed over.
+            if let Some(piece) = self.ledger.take_aside_for(server) {
+                given = true;
+                self.start(piece, server, now);
             }
         }
-        self.ledger.queued() == 0
+        !given
     }
 
     fn condemn(&mut self, piece: &Piece, verdict: Verdict, downs: u32, reason: &str, now: Instant) {

@@ -298,6 +298,13 @@ impl Schedule {
         })
     }
 
+    /// Whether servers may fail whatever they are given.
+    #[must_use]
+    pub fn may_break(&self) -> bool {
+        let mut what = self.disturbances.iter().map(|disturbance| disturbance.what);
+        what.any(|what| matches!(what, What::Break(_)))
+    }
+
     /// Whether work may end without results, to be resumed: where servers are broken, or lost again and again.
     #[must_use]
     pub fn may_end(&self) -> bool {

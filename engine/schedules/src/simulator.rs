@@ -132,7 +132,6 @@ pub fn run(schedule: &Schedule, log: bool) -> Report {
 
 impl<'a> Simulator<'a> {
     fn new(schedule: &'a Schedule, log: bool) -> Self {
-        let tools = schedule.tools.iter().enumerate();
         let clients = schedule.tools.len() + schedule.servers.len();
         Self {
             base: Instant::now(),
@@ -145,10 +144,8 @@ impl<'a> Simulator<'a> {
                 schedule.servers.iter().any(|server| server.plain),
             ),
             clients: (0..clients).map(|_| Client::default()).collect(),
-            tools: tools
-                .map(|(index, plan)| {
-                    Tool::new(plan, index, schedule.may_fail(plan), schedule.may_end())
-                })
+            tools: (0..schedule.tools.len())
+                .map(|index| Tool::new(schedule, index))
                 .collect(),
             servers: schedule.servers.iter().map(|_| None).collect(),
             active: Vec::new(),

@@ -11,7 +11,7 @@ use swarmwright_protocol::{Requirements, Topic, Topics};
 
 use crate::network::Filter;
 use crate::random::mix;
-use crate::schedule;
+use crate::schedule::{self, Schedule};
 use crate::server::Outgoing;
 use crate::trail;
 
@@ -54,6 +54,8 @@ pub struct Tool {
     journal: Vec<Attempt>,
     /// Whether sound candidates may be reported failed.
     may_fail: bool,
+    /// Whether servers may fail whatever they are given.
+    may_break: bool,
     /// Whether work may end without results, to be resumed.
     may_end: bool,
     /// Sound candidates that were reported failed since the process was given the work, and whether any evaluation has
@@ -73,7 +75,8 @@ pub struct Tool {
 impl Tool {
     /// A tool that has not begun.
     #[must_use]
-    pub fn new(plan: &schedule::Tool, number: usize, may_fail: bool, may_end: bool) -> Self {
+    pub fn new(schedule: &Schedule, number: usize) -> Self {
+        let plan = &schedule.tools[number];
         Self {
             plan: plan.clone(),
             number: number as u64,
@@ -86,8 +89,9 @@ impl Tool {
             results: Vec::new(),
             expected: Vec::new(),
             journal: Vec::new(),
-            may_fail,
-            may_end,
+            may_fail: schedule.may_fail(plan),
+            may_break: schedule.may_break(),
+            may_end: schedule.may_end(),
             wronged: Vec::new(),
             succeeded: false,
             ended: 0,
@@ -203,6 +207,8 @@ impl Tool {
         );
         let plan = &self.plan.works[self.work];
         let mut rows = Vec::new();
+        // What ends while others are handed over comes the next time.
+        let all = machine.finished();
         if plan.window.is_some() {
             let settled = machine.take_settled();
             let fitness = settled.fitness.chunks(plan.episodes);
@@ -225,7 +231,7 @@ impl Tool {
                 .map_err(|error| error.to_string())?;
             self.sent.extend(more);
         }
-        let finished = machine.finished();
+        let finished = all && machine.finished();
         if finished && plan.window.is_none() {
             let results = machine.take_results();
             let fitness = results.fitness.chunks(plan.episodes).map(<[f64]>::to_vec);
@@ -351,7 +357,9 @@ impl Tool {
                 )
             })
             .collect();
-        if self.may_fail {
+        // Candidates that are handed over one by one cannot wait until any succeeds: up to then they are believed to fail.
+        let alone = self.may_break && self.plan.works[self.work].window.is_some();
+        if self.may_fail || (alone && !self.succeeded) {
             self.failed += 1;
         } else {
             let text = format!("{place} was reported failed, but is sound: {told:?}");
