@@ -70,7 +70,7 @@ impl Machine {
         let lost = presence.state == State::Lost && self.offers.slots.contains_key(&id);
         let (ended, discover) = self.offers.present(presence, &self.config.tool);
         if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {
-            self.ledger.suspicions.shaken(id, None, now);
+            self.ledger.suspicions.shaken(None, now);
         }
         if let Some(mut ended) = ended {
             if !ended.own_fault {

@@ -151,7 +151,7 @@ impl Machine {
         let shared = self.ledger.is_shared(evaluation);
         let suspicions = &mut self.ledger.suspicions;
         let proven = suspicions.is_proven(server);
-        let together = suspicions.shaken(server, alone.then_some(evaluation), now);
+        let together = suspicions.shaken(alone.then_some(evaluation), now);
         if !alone {
             return false;
         }

@@ -14,6 +14,9 @@ use crate::ledger::Piece;
 const LEAST_LOST: u32 = 3;
 /// Evaluations with which so many servers were lost are tried one after another.
 const DUBIOUS: u32 = 2;
+/// So often a server has to succeed with something else before it gets an evaluation with which others were lost: one
+/// that is lost again and again for reasons of its own hardly comes so far.
+const PROOF: u32 = 3;
 /// Servers that are lost within this time of each other have a common cause.
 const TOGETHER: Duration = Duration::from_secs(5);
 /// After so many lost servers, for each one with which an evaluation would be quarantined, nothing can be told any more,
@@ -104,8 +107,8 @@ pub(crate) enum Resolved {
 #[derive(Debug, Default)]
 pub(crate) struct Suspicions {
     by_evaluation: BTreeMap<usize, Suspicion>,
-    /// Servers that have succeeded with something since they were lost last.
-    proven: BTreeSet<u64>,
+    /// How often servers have succeeded with something since any was lost last.
+    proven: BTreeMap<u64, u32>,
     /// The last losses of servers: when, and with which evaluation alone.
     losses: VecDeque<(Instant, Option<usize>)>,
 }
@@ -143,7 +146,9 @@ impl Suspicions {
     }
 
     pub fn is_proven(&self, server: u64) -> bool {
-        self.proven.contains(&server)
+        self.proven
+            .get(&server)
+            .is_some_and(|times| *times >= PROOF)
     }
 
     /// An evaluation has ended.
@@ -175,10 +180,11 @@ impl Suspicions {
         (suspicion.lost, suspicion.lost >= most && long)
     }
 
-    /// A server was lost, perhaps with one evaluation alone. It has to prove itself again, and speaks for all others with
-    /// which servers were lost at the same time. Whether others were lost at the same time without this evaluation.
-    pub fn shaken(&mut self, server: u64, with: Option<usize>, now: Instant) -> bool {
-        self.proven.remove(&server);
+    /// A server was lost, perhaps with one evaluation alone. All have to prove themselves again, as others may be gone
+    /// for the same reason, and only nobody knows yet. It speaks for all other evaluations with which servers were lost
+    /// at the same time. Whether others were lost at the same time without this evaluation.
+    pub fn shaken(&mut self, with: Option<usize>, now: Instant) -> bool {
+        self.proven.clear();
         let recent = |at: Instant| now.saturating_duration_since(at) <= TOGETHER;
         self.losses.retain(|(at, _)| recent(*at));
         let others = self
@@ -205,7 +211,7 @@ impl Suspicions {
     /// tried since the last success, as the server may have been broken for a moment. `alike`: whether another one is
     /// the same installation.
     pub fn succeeded(&mut self, server: u64, alike: impl Fn(u64) -> bool) {
-        self.proven.insert(server);
+        *self.proven.entry(server).or_default() += 1;
         for suspicion in self.by_evaluation.values_mut() {
             let mut told = BTreeSet::new();
             // The last one of each server stays.
