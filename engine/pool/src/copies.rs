@@ -237,8 +237,12 @@ impl Machine {
         pieces.sort_by_key(Piece::first);
         for piece in pieces.into_iter().rev() {
             if self.may_copy(&piece) && !self.is_shared(&piece) {
-                let copy = piece.backup(server);
-                if self.ledger.hold(&copy) {
+                // Of a batch some episodes may be over.
+                let mut rest = piece.evaluations.clone();
+                while let Some(open) = self.ledger.first_open(&rest) {
+                    rest.start = open.end;
+                    let copy = piece.part(open).backup(server);
+                    self.ledger.hold(&copy);
                     self.ledger.queue(copy);
                     self.counts.backups += 1;
                     given = true;

@@ -428,16 +428,13 @@ impl Ledger {
         Some(self.holders[place])
     }
 
-    /// Notes that what of a piece has not ended will be in one more place. Whether there is any.
-    pub fn hold(&mut self, piece: &Piece) -> bool {
-        let mut any = false;
+    /// Notes that what of a piece has not ended will be in one more place.
+    pub fn hold(&mut self, piece: &Piece) {
         for evaluation in piece.evaluations.clone() {
             if let Some(place) = self.place(evaluation) {
                 self.holders[place] = self.holders[place].saturating_add(1);
-                any = true;
             }
         }
-        any
     }
 
     /// A copy of work under way, or an audit, waits for a server: copies before all else.

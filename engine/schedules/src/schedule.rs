@@ -17,6 +17,9 @@ pub const BROKER_PATIENCE: Time = 45 * SECOND;
 /// After this time of silence a client gives up a connection: a ping after 30 s, no answer for 20 s.
 pub const CLIENT_PATIENCE: Time = 50 * SECOND;
 
+/// A candidate with which servers are lost so often is in quarantine.
+const MANY_LOSSES: usize = 3;
+
 /// All that there is to know of a simulation: the same schedule gives the same events.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Schedule {
@@ -246,6 +249,17 @@ impl Disturbance {
         }
     }
 
+    /// Whether a server seems to be gone while it lasts.
+    fn loses_a_server(&self) -> bool {
+        matches!(
+            self.what,
+            What::Crash { .. }
+                | What::Partition(Who::Server(_))
+                | What::Freeze(Who::Server(_))
+                | What::Cut(Who::Server(_))
+        )
+    }
+
     /// The party that it hits; none for the broker.
     #[must_use]
     pub fn who(&self) -> Option<Who> {
@@ -289,13 +303,17 @@ impl Schedule {
     /// does not answer.
     #[must_use]
     pub fn may_fail(&self, tool: &Tool) -> bool {
-        self.disturbances.iter().any(|disturbance| {
+        let incriminates = |disturbance: &Disturbance| {
             let server = match disturbance.who() {
                 Some(Who::Server(server)) => self.servers.get(server),
                 _ => None,
             };
             disturbance.incriminates(tool.step_timeout, server)
-        })
+        };
+        // Where one is alone, nobody else shows that a candidate with which it is lost again and again is sound.
+        let losses = self.disturbances.iter().filter(|one| one.loses_a_server());
+        let lonely = self.servers.len() == 1 && losses.count() >= MANY_LOSSES;
+        lonely || self.disturbances.iter().any(incriminates)
     }
 
     /// Whether servers may fail whatever they are given.

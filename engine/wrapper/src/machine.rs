@@ -222,7 +222,7 @@ impl Machine {
             Ok(Message::ToServer(ToServer::Evaluate(message))) => self.evaluate(message, now),
             Ok(Message::ToServer(ToServer::Start(message))) => self.start_batch(message, now),
             Ok(Message::ToServer(ToServer::Actuators(message))) => self.step_batch(&message, now),
-            Ok(Message::Presence(presence)) => self.other_presence(&presence, now),
+            Ok(Message::Presence(presence)) => self.other_presence(&presence, retained, now),
             Ok(_) => {}
             Err(error) => {
                 if topic == Topic::ToServer {

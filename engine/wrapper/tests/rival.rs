@@ -33,6 +33,14 @@ impl Server {
         self.receive(&Topics::default().presence(ID), &presence(instance, state));
     }
 
+    /// As the broker remembers it.
+    fn finds(&mut self, instance: &str, state: &str) {
+        let topic = Topics::default().presence(ID);
+        self.machine
+            .receive(&topic, &presence(instance, state), true, self.now);
+        self.collect();
+    }
+
     fn comes_back(&mut self) {
         self.machine.disconnected("gone", self.now);
         self.machine.connected(String::new(), self.now);
@@ -83,6 +91,34 @@ fn one_that_comes_back_to_an_id_that_is_in_use_goes() {
     server.hears_of(&own, "ready");
     server.hears_of("dead", "lost");
     assert!(server.rivals.is_empty());
+}
+
+#[test]
+fn one_that_only_the_broker_remembers_is_asked_to_speak_up() {
+    let returned = || {
+        let mut server = Server::of_walks();
+        server.comes_back();
+        server.finds("!", "busy");
+        server.finds("!", "busy");
+        let [(Topic::Presence, payload)] = &server.published[..] else {
+            panic!("it says once that it is lost: {:?}", server.published);
+        };
+        let said: Value = serde_json::from_slice(payload).unwrap();
+        assert_eq!(said["state"], "lost");
+        server.published.clear();
+        assert!(server.rivals.is_empty());
+        server.pass(LISTEN);
+        assert!(server.published.is_empty());
+        server
+    };
+    let mut server = returned();
+    server.hears_of("!", "ready");
+    assert_eq!(server.rivals.len(), 1);
+    // A ghost says nothing.
+    let mut server = returned();
+    server.pass(Duration::from_secs(1));
+    assert!(server.rivals.is_empty());
+    assert_eq!(server.says(Topic::Presence), 1);
 }
 
 #[test]

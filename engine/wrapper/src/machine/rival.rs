@@ -1,8 +1,9 @@
 //! Another server with the same id: one of the two goes.
 //!
 //! A server that was away, since its machine slept or its connection was cut, may find that another one has its id by now.
-//! So it says and does nothing for a moment when the connection is there again; where it hears the presence of another
-//! living start of the id, it goes. Two that come back at once, as after a restart of the broker, hear of each other when
+//! So it does nothing for a moment when the connection is there again; where it hears the presence of another start of
+//! the id, it goes. Where only the broker remembers that presence, it says that it is lost itself, which another one that
+//! lives contradicts. Two that come back at once, as after a restart of the broker, hear of each other when
 //! both are at work again: the one whose instance is the greater text goes, and the other one says that it is there.
 //! Decided here: [docs/decisions/004](../../../../docs/decisions/004-presence-and-reservation.md).
 
@@ -15,6 +16,9 @@ use crate::notice::{Action, Rival};
 
 /// For how long a server whose connection has come back listens for another one with its id.
 const LISTEN: Duration = Duration::from_millis(100);
+/// For how long it waits for another one of which only the broker has said something to speak up itself: a broker that
+/// was restarted may have presence of servers that are long gone.
+const SPEAK_UP: Duration = Duration::from_secs(1);
 /// Messages that are kept meanwhile.
 const KEPT: usize = 1000;
 
@@ -25,6 +29,10 @@ type Unheard = (String, Vec<u8>);
 #[derive(Debug)]
 pub(super) struct Listening {
     until: Instant,
+    /// When it was connected, in RFC 3339.
+    since: String,
+    /// Whether another one was asked to speak up.
+    asked: bool,
     unheard: Vec<Unheard>,
 }
 
@@ -58,6 +66,8 @@ impl Machine {
         }
         self.listening = Some(Listening {
             until: now + LISTEN,
+            since: stamp,
+            asked: false,
             unheard: Vec::new(),
         });
     }
@@ -113,7 +123,8 @@ impl Machine {
         })
     }
 
-    pub(super) fn other_presence(&mut self, presence: &Presence, now: Instant) {
+    /// Presence of a server with this id, as it was said or (`retained`) as the broker remembers it.
+    pub(super) fn other_presence(&mut self, presence: &Presence, retained: bool, now: Instant) {
         let other = presence.capabilities.swarmwright.as_ref();
         let instance = other.and_then(|other| other.instance.as_ref());
         if presence.server != self.identity.id || instance == Some(&self.identity.instance) {
@@ -135,8 +146,18 @@ impl Machine {
         if self.alone {
             return;
         }
-        if self.listening.is_some() {
-            return self.actions.push(Action::GiveWay(rival));
+        if let Some(listening) = &mut self.listening {
+            if !retained {
+                return self.actions.push(Action::GiveWay(rival));
+            }
+            // One that is there answers to this that it is.
+            if !std::mem::replace(&mut listening.asked, true) {
+                listening.until = now + SPEAK_UP;
+                let since = listening.since.clone();
+                let lost = self.presence(PresenceState::Lost, since).encode();
+                self.actions.push(Action::Publish(Topic::Presence, lost));
+            }
+            return;
         }
         self.leaving = None;
         if instance.is_some_and(|instance| *instance < self.identity.instance) {
