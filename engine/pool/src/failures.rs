@@ -118,6 +118,7 @@ impl Machine {
         if counts {
             let failure = Failure {
                 server,
+                instance: self.offers.instance(server),
                 reason: reason.to_owned(),
                 how,
                 certain: sound && self.offers.repeats_itself(server),

@@ -39,6 +39,8 @@ pub(crate) enum How {
 #[derive(Debug, Clone)]
 pub(crate) struct Failure {
     pub server: u64,
+    /// Which start of it, where it says so.
+    pub instance: Option<String>,
     pub reason: String,
     pub how: How,
     /// Whether the server repeats itself to the bit, and had just succeeded with something else.
@@ -210,9 +212,19 @@ impl Suspicions {
     /// A server has succeeded with something: what it said before counts, once for each evaluation however often it was
     /// tried since the last success, as the server may have been broken for a moment. `alike`: whether another one is
     /// the same installation.
-    pub fn succeeded(&mut self, server: u64, alike: impl Fn(u64) -> bool) {
+    pub fn succeeded(
+        &mut self,
+        server: u64,
+        instance: Option<&String>,
+        alike: impl Fn(u64) -> bool,
+    ) {
         *self.proven.entry(server).or_default() += 1;
         for suspicion in self.by_evaluation.values_mut() {
+            // What another start said, perhaps on another machine, this one cannot vouch for.
+            suspicion.failures.retain(|(failure, vouched)| {
+                let same = failure.server != server || failure.instance.as_ref() == instance;
+                *vouched || same || failure.how != How::Said
+            });
             let mut told = BTreeSet::new();
             // The last one of each server stays.
             suspicion.failures.reverse();

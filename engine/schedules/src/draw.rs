@@ -2,8 +2,8 @@
 
 use crate::random::{Random, mix};
 use crate::schedule::{
-    BROKER_PATIENCE, Disturbance, Kind, MILLI, Memory, SECOND, Schedule, Server, Time, Tool, Twin,
-    What, Who, Work,
+    BROKER_PATIENCE, Disturbance, FOR_GOOD, Kind, MILLI, Memory, SECOND, Schedule, Server, Time,
+    Tool, Twin, What, Who, Work,
 };
 
 /// Steps of an episode, about.
@@ -112,7 +112,7 @@ fn broken(schedule: &mut Schedule, length: Time, random: &mut Random) {
             let lasts = if random.chance(30) {
                 random.magnitude(10 * MILLI, 30 * SECOND)
             } else {
-                200 * SECOND
+                FOR_GOOD
             };
             let what = What::Break(server);
             schedule.disturbances.push(Disturbance { at, lasts, what });

@@ -20,6 +20,11 @@ pub const CLIENT_PATIENCE: Time = 50 * SECOND;
 /// A candidate with which servers are lost so often is in quarantine.
 const MANY_LOSSES: usize = 3;
 
+/// So many failures may be enough for a candidate to be believed to fail.
+const FEW_ATTEMPTS: usize = 2;
+/// What lasts so long lasts as long as the simulation.
+pub const FOR_GOOD: Time = 200 * SECOND;
+
 /// All that there is to know of a simulation: the same schedule gives the same events.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Schedule {
@@ -312,8 +317,14 @@ impl Schedule {
         };
         // Where one is alone, nobody else shows that a candidate with which it is lost again and again is sound.
         let losses = self.disturbances.iter().filter(|one| one.loses_a_server());
-        let lonely = self.servers.len() == 1 && losses.count() >= MANY_LOSSES;
-        lonely || self.disturbances.iter().any(incriminates)
+        let first = self.id(0);
+        let alone = (0..self.servers.len()).all(|server| self.id(server) == first);
+        let lonely = alone && losses.count() >= MANY_LOSSES;
+        // What a server failed while it was broken for a moment counts once, as it succeeds before and afterwards.
+        let breaks =
+            |one: &&Disturbance| matches!(one.what, What::Break(_)) && one.lasts < FOR_GOOD;
+        let moments = self.disturbances.iter().filter(breaks).count();
+        lonely || moments >= FEW_ATTEMPTS || self.disturbances.iter().any(incriminates)
     }
 
     /// Whether servers may fail whatever they are given.
@@ -338,6 +349,7 @@ impl Schedule {
                         | What::Lose { .. }
                         | What::Reorder { .. }
                         | What::Crash { .. }
+                        | What::Leave(_)
                         | What::Freeze(_)
                         | What::Partition(_)
                         | What::Slow { .. }
