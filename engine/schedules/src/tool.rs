@@ -251,10 +251,10 @@ impl Tool {
             let wronged = self.wronged.join("; ");
             return self.end(&format!("every candidate failed: {wronged}"));
         }
-        if finished || self.succeeded {
-            if let Some(wronged) = self.wronged.first() {
-                return Err(wronged.clone());
-            }
+        if (finished || self.succeeded)
+            && let Some(wronged) = self.wronged.first()
+        {
+            return Err(wronged.clone());
         }
         if finished {
             self.conclude()?;
