@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 PAUSE = 10.0
 """Seconds between two counts of one kind."""
 _NUMBER = re.compile(r"\d+(\.\d+)?")
+_SERVER = re.compile(r"\bserver (\d+)")
+NAMED = 10
+"""Servers that a count names, at most."""
 _COUNT = re.compile(r"and \d+ more alike: ")
 """How those lines begin that count already, the pool's and those below."""
 
@@ -43,7 +46,7 @@ class Warnings:
             self._kinds[key] = _Kind(text)
             _show(text)
             return
-        kind.more += 1
+        kind.add(text)
         if time.monotonic() - kind.told >= PAUSE:
             kind.count()
 
@@ -58,11 +61,20 @@ class _Kind:
         self.text = text
         self.more = 0
         self.told = time.monotonic()
+        self._servers: dict[str, None] = {}
+
+    def add(self, text: str) -> None:
+        self.more += 1
+        self._servers.update(dict.fromkeys(_SERVER.findall(text)))
 
     def count(self) -> None:
         if self.more:
-            _show(f"and {self.more} more alike: {self.text}")
+            others = [server for server in self._servers if server not in _SERVER.findall(self.text)]
+            named = ", ".join(others[:NAMED]) + (", ..." if len(others) > NAMED else "")
+            which = f" (server{'s' * (len(others) > 1)} {named})" if others else ""
+            _show(f"and {self.more} more alike{which}: {self.text}")
         self.more, self.told = 0, time.monotonic()
+        self._servers.clear()
 
 
 def _show(text: str) -> None:
