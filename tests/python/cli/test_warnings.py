@@ -14,7 +14,7 @@ import numpy as np
 from swarmwright import Simulation
 
 class Fragile(Simulation):
-    title, dimensions, sensors, actuators, determinism = "fragile", 1, 1, 1, "bitwise"
+    title, dimensions, sensors, actuators = "fragile", 1, 1, 1
 
     def reset(self, parameters, seed):
         self.x, self.left = 0.0, 5
@@ -46,13 +46,11 @@ def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_p
     result = Run.open(tmp_path / "run")
     reasons = [attempt.error for attempt in result.attempts() if attempt.error]
     failed = int((result.record.episodes != result.record.episodes).sum())
-    assert failed > 10
-    assert 2 * failed <= len(reasons) <= 3 * failed, "nothing of it is lost"
+    assert len(reasons) == 3 * failed > 20, "nothing of it is lost"
     reason = "Fragile.step: ValueError: the wheel came off (fragile.py:14)"
     assert set(reasons) == {reason}
     lines = [line for line in done.stderr.splitlines() if "failed" in line]
-    once = next(line.removeprefix("swarmwright: ") for line in lines if reason in line and "after" in line)
-    assert once in {f"an evaluation failed after {attempts} attempts: {reason}" for attempts in (2, 3)}
+    once = f"an evaluation failed after 3 attempts: {reason}"
     assert lines[1:] == [f"swarmwright: {once}", f"swarmwright: and {failed - 1} more alike: {once}"]
     logged = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     told = [line["message"] for line in logged if line["event"] == "warning"]
