@@ -1,8 +1,11 @@
 """A server that was away comes back to an id that another one has: the record is an undisturbed run's."""
 
+import json
 import signal
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,6 +13,7 @@ from tests.java import JavaServer
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.fault_proxy import FaultProxy
+from tests.system.peer import PRESENCE, Peer
 from tests.system.processes import Program, Servers
 from tests.system.runs import attempts, record
 
@@ -103,3 +107,53 @@ def test_a_java_server_that_slept_leaves(
         finally:
             sleeper.stop()
     assert record(path.parent / "noisy") == record(path.parent / "quiet")
+
+
+@pytest.mark.parametrize("language", ["rust", "java"])
+def test_a_server_does_not_leave_for_one_that_only_the_broker_remembers(
+    embedded: BrokerProcess, tmp_path: Path, language: str
+) -> None:
+    """As after a restart of a broker that stores what is retained now and then."""
+    ghost = {
+        "version": 1,
+        "server": 1,
+        "state": "ready",
+        "simulations": ["minisim"],
+        "since": "2026-01-01T00:00:00Z",
+        "capabilities": {
+            "dimensions": 2,
+            "swarmwright": {"version": 1, "host": "far", "pid": 3, "instance": "!"},
+        },
+    }
+    topic = f"{PRESENCE}1"
+    with (
+        FaultProxy(embedded.port, 1, delayed=0, doubled=0, lifetime=1e9) as way,
+        Peer(embedded.url, topic) as peer,
+    ):
+        server = (Servers if language == "rust" else JavaServer)(way.url, cwd=tmp_path)
+        try:
+            own = until_state(peer, "ready")["capabilities"]
+            if isinstance(server, Servers):
+                server.signal_server(1, signal.SIGSTOP)
+            else:
+                server.signal(signal.SIGSTOP)
+            way.cut()
+            until_state(peer, "lost")
+            peer.publish(topic, json.dumps(ghost), retain=True, qos=1)
+            assert until_state(peer, "ready")["capabilities"] != own
+            if isinstance(server, Servers):
+                server.signal_server(1, signal.SIGCONT)
+            else:
+                server.signal(signal.SIGCONT)
+            assert until_state(peer, "ready")["capabilities"] == own
+            assert server.process.poll() is None
+        finally:
+            server.stop()
+
+
+def until_state(peer: Peer, state: str) -> dict[str, Any]:
+    """Wait for presence in this state."""
+    while True:
+        said = peer.inbox.get(timeout=30).json
+        if said["state"] == state:
+            return said

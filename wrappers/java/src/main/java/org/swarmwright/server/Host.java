@@ -34,6 +34,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   /** For how long a server that starts or comes back listens for another with its ID. */
   private static final long LISTEN_MILLIS = 100;
 
+  /** For how long one that comes back waits for another that only the broker remembers. */
+  private static final long SPEAK_UP_MILLIS = 1000;
+
   private final Object lock = new Object();
   private final Identity identity;
   private final Topics topics;
@@ -58,6 +61,11 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   private String lost;
 
   private Presence rival;
+
+  /** Whether the other server said so itself, and whether it was asked to. */
+  private boolean spoke;
+
+  private boolean asked;
   private boolean closed;
   private final CountDownLatch end = new CountDownLatch(1);
 
@@ -171,7 +179,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       } else if (!topic.equals(presenceTopic())) {
         early.add(() -> receive(topic, payload, retained));
       } else if (payload.length > 0) {
-        noteRival(payload);
+        noteRival(payload, retained);
       }
     }
   }
@@ -192,10 +200,13 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     }
   }
 
-  private void noteRival(byte[] payload) {
+  private void noteRival(byte[] payload, boolean retained) {
     try {
       Presence presence = Messages.readPresence(payload);
-      rival = isRival(presence) ? presence : rival;
+      if (isRival(presence)) {
+        rival = presence;
+        spoke |= !retained;
+      }
     } catch (MessageException error) {
       notices.accept(
           "warning: refusing a message on " + presenceTopic() + ": " + error.getMessage());
@@ -210,6 +221,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       }
       early = new ArrayList<>();
       rival = null;
+      spoke = false;
+      asked = false;
       int now = ++changes;
       clock.schedule(() -> returned(now), LISTEN_MILLIS, TimeUnit.MILLISECONDS);
     }
@@ -221,8 +234,15 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       if (closed || change != changes) {
         return;
       }
-      if (rival != null) {
+      if (rival != null && spoke) {
         giveWay(Identity.words(rival.getCapabilities().getSwarmwright()));
+        return;
+      }
+      if (rival != null && !asked) {
+        // A broker that was restarted may remember servers that are long gone. One that is there contradicts this.
+        asked = true;
+        presence(Messages.write(machine.presence(Presence.State.LOST, stamp())));
+        clock.schedule(() -> returned(change), SPEAK_UP_MILLIS, TimeUnit.MILLISECONDS);
         return;
       }
       List<Runnable> waiting = early;
