@@ -228,7 +228,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     }
   }
 
-  /** The connection has been there again for a moment: another server has the ID by now, or none. */
+  /**
+   * The connection has been there again for a moment: another server has the ID by now, or none.
+   */
   private void returned(int change) {
     synchronized (lock) {
       if (closed || change != changes) {
@@ -239,7 +241,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
         return;
       }
       if (rival != null && !asked) {
-        // A broker that was restarted may remember servers that are long gone. One that is there contradicts this.
+        // A broker that was restarted may remember servers that are long gone. One that is there
+        // contradicts this.
         asked = true;
         presence(Messages.write(machine.presence(Presence.State.LOST, stamp())));
         clock.schedule(() -> returned(change), SPEAK_UP_MILLIS, TimeUnit.MILLISECONDS);

@@ -40,8 +40,7 @@ abstract class Requests extends Occupancy {
     try {
       if (!identity.isMeant(request.instance)) {
         if (state == State.FREE && offer.description().title().equals(request.simulation)) {
-          throw new Refusal(
-              Refusal.Kind.TAKEN, "it is meant for another server with this id");
+          throw new Refusal(Refusal.Kind.TAKEN, "it is meant for another server with this id");
         }
         return;
       }

@@ -93,8 +93,7 @@ abstract class MachineFixture {
 
   final Recorder out = new Recorder();
   final Identity identity = new Identity(7);
-  final Machine machine =
-      new Machine(identity, Offer.of(Walk::new), new Topics(""), 60, out);
+  final Machine machine = new Machine(identity, Offer.of(Walk::new), new Topics(""), 60, out);
   long now;
 
   void say(String topic, String fields) {
