@@ -33,6 +33,7 @@ __all__ = [
     "hash_for_mosquitto",
     "hash_password",
     "levels",
+    "log_line",
     "log_to",
     "serve",
     "servers",
