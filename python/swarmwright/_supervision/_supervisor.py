@@ -118,6 +118,7 @@ class Supervisor:
         self._tell = tell
         self._step, self._episode = step_timeout, episode_timeout
         self._supervision: _engine.Supervision | None = None
+        self._last: _engine.Supervision | None = None
         self._stopping = threading.Event()
         self._news = threading.Event()
         self._lock = threading.Lock()
@@ -170,7 +171,13 @@ class Supervisor:
         """Tell a pool from now on what becomes of the servers; None: no pool any more."""
         with self._lock:
             self._supervision = supervision
-            self._output.place = (lambda _request: None) if supervision is None else supervision.place
+            if supervision is not None:
+                # What they printed for the pool before may still come. No number of a request is used twice.
+                before = self._last
+                self._last = supervision
+                self._output.place = lambda request: (
+                    supervision.place(request) or (before and before.place(request))
+                )
             self._count()
 
     def _begin(self, place: _Place) -> None:
