@@ -1,0 +1,149 @@
+//! Presence, control, parameters and all other messages of a run, changed and sent again by a stranger at any time: neither tool nor
+//! server panics, keeps more than the messages are worth, or is of no use afterwards.
+
+mod common;
+
+use common::{Line, Message, Net, Party, server, tool_in_mode, work};
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+use std::time::Duration;
+use swarmwright_fuzzing::{Counting, config, mutated, peak};
+use swarmwright_pool::Mode;
+use swarmwright_protocol::Topics;
+
+#[global_allocator]
+static MEMORY: Counting = Counting;
+
+const SEEDS: [u64; 2] = [3, 4];
+const CANDIDATES: usize = 3;
+const MODES: [Mode; 3] = [Mode::Stepwise, Mode::Batched, Mode::Offloaded];
+/// Messages of one topic that are changed.
+const OF_TOPIC: usize = 40;
+/// How long a tool waits for a server, as by default.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Turns after which everything has come to its end.
+const TURNS: usize = 300_000;
+
+/// A server and a tool in one mode.
+fn begin(mode: Mode, random: u64) -> (Net, usize) {
+    let mut net = Net::new(random);
+    net.presence = true;
+    net.add(Party::Server(Box::new(server(1, Line::new()))));
+    let tool = tool_in_mode(mode, "a", 0, net.now);
+    let tool = net.add(Party::Tool(Box::new(tool)));
+    net.submit(tool, work(CANDIDATES, &SEEDS));
+    (net, tool)
+}
+
+fn undisturbed() -> &'static [f64] {
+    static RESULTS: OnceLock<Vec<f64>> = OnceLock::new();
+    RESULTS.get_or_init(|| {
+        let (mut net, tool) = begin(Mode::Stepwise, 0);
+        net.finish(tool)
+    })
+}
+
+/// What was said in runs of each mode, by topic: with the hashes and numbers that the next run has as well.
+fn said() -> BTreeMap<String, Vec<Vec<u8>>> {
+    let mut said: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
+    for mode in MODES {
+        let (mut net, tool) = begin(mode, 0);
+        net.finish(tool);
+        net.tool(tool).release();
+        net.collect(tool);
+        for Message { topic, payload, .. } in net.log {
+            let known = said.entry(topic).or_default();
+            if known.len() < OF_TOPIC && !known.contains(&payload) {
+                known.push(payload);
+            }
+        }
+    }
+    let control = r#"{"server":1,"simulation_hash":"00","run":true,"tool":"b"}"#;
+    let parameters = r#"{"server":1,"simulation_hash":"00","numAgents":3,"seed":1}"#;
+    for (topic, text) in [("control", control), ("parameters", parameters)] {
+        said.entry(topic.to_owned()).or_default().push(text.into());
+    }
+    said
+}
+
+/// A message of a stranger, and how many turns pass after it.
+fn message() -> impl Strategy<Value = (String, Vec<u8>, usize)> {
+    let said = said();
+    let names: Vec<String> = said.keys().cloned().collect();
+    let presence = Topics::default().presence(2);
+    let all: Vec<_> = said
+        .into_iter()
+        .map(|(topic, payloads)| {
+            let exact = prop::sample::select(payloads.clone());
+            prop_oneof![exact, mutated(payloads)]
+                .prop_map(move |payload| (topic.clone(), payload))
+                .boxed()
+        })
+        .collect();
+    let stray = prop::sample::select([names, vec![presence]].concat());
+    let own = prop::strategy::Union::new(all);
+    (own, stray, 0..16u8, 0..30usize).prop_map(|((topic, payload), stray, odd, turns)| {
+        (if odd == 0 { stray } else { topic }, payload, turns)
+    })
+}
+
+/// Whether a tool has all its results, or would say why it cannot have them.
+fn has_ended(net: &mut Net, tool: usize) -> bool {
+    let now = net.now;
+    let machine = net.tool(tool);
+    machine.finished()
+        || machine.disagreement().is_some()
+        || machine.hopeless().is_some()
+        || machine.undecided(PATIENCE, now).is_some()
+        || machine.rejected(now).is_some()
+        || machine.lonely(now) >= PATIENCE
+}
+
+fn play(mode: Mode, random: u64, messages: &[(String, Vec<u8>, usize)]) {
+    let (mut net, tool) = begin(mode, random);
+    let stranger = net.add(Party::Gone);
+    for (topic, payload, turns) in messages {
+        net.publish(stranger, topic, payload);
+        for _ in 0..*turns {
+            net.turn();
+        }
+    }
+    // What a stranger makes up may be believed, and end a run. But it comes to an end.
+    for turn in 0.. {
+        if has_ended(&mut net, tool) {
+            break;
+        }
+        assert!(
+            turn < TURNS,
+            "{}; {:?}",
+            net.tool(tool).describe(),
+            net.warnings
+        );
+        net.turn();
+    }
+    assert!(net.tool(tool).done() <= CANDIDATES * SEEDS.len());
+    net.tool(tool).release();
+    net.collect(tool);
+    // The server serves the next one as if nothing had been.
+    let next = tool_in_mode(mode, "next", 1 << 40, net.now);
+    let next = net.add(Party::Tool(Box::new(next)));
+    net.submit(next, work(CANDIDATES, &SEEDS));
+    assert_eq!(net.finish(next), undisturbed());
+}
+
+proptest! {
+    // Each case is a dozen messages, into a whole run that another one follows.
+    #![proptest_config(ProptestConfig { cases: config().cases.div_ceil(12), ..config() })]
+
+    #[test]
+    fn strangers_disturb_nobody_for_long(
+        mode in prop::sample::select(MODES.to_vec()),
+        random in any::<u64>(),
+        messages in prop::collection::vec(message(), 1..24),
+    ) {
+        let length: usize = messages.iter().map(|(_, payload, _)| payload.len()).sum();
+        let ((), bytes) = peak(|| play(mode, random, &messages));
+        prop_assert!(bytes <= (16 << 20) + 100 * length, "{bytes} bytes for {length}");
+    }
+}
