@@ -33,9 +33,9 @@ class Broker:
 
 
 @contextlib.contextmanager
-def embedded() -> Iterator[Broker]:
-    """The embedded broker, by `swarmwright broker`."""
-    with _running([*PROGRAM, "broker", "--port", "0", "--json"]) as process:
+def embedded(*options: str) -> Iterator[Broker]:
+    """The embedded broker, by `swarmwright broker`. options: further ones of the command line."""
+    with _running([*PROGRAM, "broker", "--port", "0", "--json", *options]) as process:
         news = _line(process, "listening")
         yield Broker("embedded", int(news["port"]), process.pid)
 
