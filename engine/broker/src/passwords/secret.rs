@@ -2,12 +2,13 @@
 
 use crate::BrokerError;
 use argon2::{
-    Argon2,
-    password_hash::{PasswordHash, PasswordHasher, PasswordVerifier, SaltString},
+    Algorithm, Argon2, Block, Params, Version,
+    password_hash::{Output, PasswordHash, PasswordHasher, SaltString},
 };
 use base64::{Engine, engine::general_purpose::STANDARD};
 use ring::pbkdf2;
 use ring::rand::{SecureRandom, SystemRandom};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::io;
@@ -18,6 +19,9 @@ use std::num::NonZeroU32;
 const MOST_MEMORY: u32 = 1 << 20; // KiB
 const MOST_PASSES: u32 = 100;
 const MOST_ITERATIONS: u32 = 10_000_000;
+
+/// KiB that a thread keeps for the next password.
+const MOST_KEPT: usize = 64 << 10;
 
 /// Bytes of a hash that PBKDF2 with SHA-512 computes at a time.
 const BLOCK: usize = 64;
@@ -106,8 +110,10 @@ impl Secret {
     /// Is this the password?
     pub fn is(&self, password: &[u8]) -> bool {
         match self {
-            Self::Argon2(text) => PasswordHash::new(text)
-                .is_ok_and(|hash| Argon2::default().verify_password(password, &hash).is_ok()),
+            Self::Argon2(text) => PasswordHash::new(text).is_ok_and(|hash| {
+                // Compared in constant time.
+                hash.hash.is_some() && argon2_of(password, &hash) == hash.hash
+            }),
             Self::Pbkdf2 {
                 iterations,
                 salt,
@@ -122,6 +128,37 @@ impl Secret {
             .is_ok(),
         }
     }
+}
+
+thread_local! {
+    /// What argon2 computed in last in this thread. Allocated anew each time it would be kept by the system's allocator
+    /// several times over.
+    static BLOCKS: RefCell<Vec<Block>> = const { RefCell::new(Vec::new()) };
+}
+
+/// The hash of a password with the salt and the parameters of another hash.
+fn argon2_of(password: &[u8], like: &PasswordHash) -> Option<Output> {
+    let algorithm = Algorithm::try_from(like.algorithm).ok()?;
+    let version = like
+        .version
+        .map_or(Ok(Version::default()), Version::try_from);
+    let argon2 = Argon2::new(algorithm, version.ok()?, Params::try_from(like).ok()?);
+    let mut bytes = [0; 64];
+    let salt = like.salt?.decode_b64(&mut bytes).ok()?;
+    let count = argon2.params().block_count();
+    BLOCKS.with_borrow_mut(|blocks| {
+        if blocks.len() != count {
+            drop(std::mem::take(blocks));
+            blocks.resize(count, Block::default());
+        }
+        let found = Output::init_with(like.hash?.len(), |out| {
+            Ok(argon2.hash_password_into_with_memory(password, salt, out, &mut *blocks)?)
+        });
+        if count > MOST_KEPT {
+            *blocks = Vec::new();
+        }
+        found.ok()
+    })
 }
 
 /// What the hashes of a password file cost to compute. A check costs all of it, whoever's password is looked at.
