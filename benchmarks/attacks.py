@@ -11,8 +11,10 @@ import json
 import multiprocessing
 import os
 import socket
+import ssl
 import statistics
 import struct
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -22,7 +24,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.processes import Broker, embedded, peak_memory
+from benchmarks.processes import PROGRAM, Broker, embedded, peak_memory
 
 MIB = 1 << 20
 BUDGET = 64
@@ -61,9 +63,19 @@ def hello(identifier: str, *, will: int = 0, password: str = "") -> bytes:
     return packet(0x10, body)
 
 
+_contexts: list[ssl.SSLContext] = []
+"""The last one is that of the broker; none without TLS."""
+
+
+def dial(port: int, source: str = "127.0.0.1") -> socket.socket:
+    """A connection to the broker, with TLS where this is measured."""
+    stream = socket.create_connection(("127.0.0.1", port), 10, (source, 0))
+    return _contexts[-1].wrap_socket(stream, server_hostname="localhost") if _contexts else stream
+
+
 def join(port: int, identifier: str, *, source: str = "127.0.0.1", **options: object) -> socket.socket:
     """A client that is connected; OSError where it is refused."""
-    stream = socket.create_connection(("127.0.0.1", port), 10, (source, 0))
+    stream = dial(port, source)
     stream.sendall(hello(identifier, **options))  # type: ignore[arg-type]
     answer = stream.recv(4096)
     if len(answer) < 4 or answer[3]:
@@ -102,7 +114,7 @@ def websocket_pings(port: int, deadline: float) -> None:
     )
     streams = []
     for _ in range(4):
-        stream = socket.create_connection(("127.0.0.1", port + 1), 10)
+        stream = dial(port + 1)
         stream.sendall(request.encode())
         stream.recv(4096)
         streams.append(stream)
@@ -243,13 +255,15 @@ def at_work(attack: Callable[[int, float], None], port: int, deadline: float) ->
         process.join()
 
 
-def measure(attack: Callable[[int, float], None]) -> Found:
+def measure(attack: Callable[[int, float], None], *, tls: bool = False) -> Found:
     """One attack on a broker of its own."""
     secured = attack in (guesses, denied)
     password = PASSWORD if secured else ""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         log = Path(folder, "log")
         options = ["--memory", str(BUDGET), "--log", str(log)]
+        if tls:
+            options += _certificate(Path(folder, "tls"))
         if attack is websocket_pings:
             # Beside a port that is free, as a rule.
             broker = stack.enter_context(_with_websocket(options))
@@ -304,11 +318,16 @@ def _with_websocket(options: list[str]) -> Iterator[Broker]:
         yield broker
 
 
+def _certificate(folder: Path) -> list[str]:
+    """Options of a broker with TLS; from then on clients of this process connect with it."""
+    subprocess.run(
+        [*PROGRAM, "broker", "--init", str(folder), "--host", "localhost"], check=True, capture_output=True
+    )
+    _contexts.append(ssl.create_default_context(cafile=folder / "ca.pem"))
+    return ["--certificate", str(folder / "broker.pem"), "--key", str(folder / "broker-key.pem")]
+
+
 def _accounts(folder: Path) -> list[str]:
-    import subprocess
-
-    from benchmarks.processes import PROGRAM
-
     users, access = folder / "users", folder / "access"
     subprocess.run(
         [*PROGRAM, "broker", "--add-user", str(users), "ada"],
@@ -326,8 +345,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.attacks", description=__doc__)
     parser.add_argument("file", type=Path, metavar="FILE.json", help="where the figures go")
     parser.add_argument("--only", default="", metavar="NAME", help="attacks whose name contains this")
+    parser.add_argument("--tls", action="store_true", help="with TLS")
     arguments = parser.parse_args()
-    results = [measure(attack) for attack in ATTACKS if arguments.only in attack.__name__]
+    results = [measure(attack, tls=arguments.tls) for attack in ATTACKS if arguments.only in attack.__name__]
     table = Table(title=f"Budget {BUDGET} MiB, load {os.getloadavg()[0]:.1f}", title_justify="left")
     for heading in ("attack", "quiet, us", "median", "99 %", "memory, MiB", "log, MiB", "log-ins refused"):
         table.add_column(heading, justify="left" if heading == "attack" else "right")

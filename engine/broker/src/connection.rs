@@ -10,6 +10,9 @@ use std::time::Instant;
 /// Bytes read at a time.
 pub const CHUNK: usize = 1 << 16;
 
+/// Bytes that are read whatever they cost.
+const LEAST: usize = 512;
+
 /// Bytes that TLS and WebSocket may hold for a client that does not read; a piece of the outbox is half of it.
 const UNREAD: usize = 8 * CHUNK;
 
@@ -19,6 +22,8 @@ pub struct Connection {
     pub layers: Option<Layers>,
     /// The beginning of a packet whose end has not come.
     input: Vec<u8>,
+    /// Bytes that are read next: fewer where those of this client cost much.
+    portion: usize,
     pub is_ready: bool,
     /// The other side sends no more: read to the end.
     pub is_ended: bool,
@@ -33,11 +38,26 @@ impl Connection {
             socket,
             layers,
             input: Vec::new(),
+            portion: CHUNK,
             is_ready: false,
             is_ended: false,
             is_finished: false,
             closing_since: None,
         }
+    }
+
+    /// Bytes to read next.
+    pub fn portion(&self) -> usize {
+        self.portion
+    }
+
+    /// Notes what bytes that were read have cost, where they may cost `share`.
+    pub fn note_cost(&mut self, bytes: usize, work: usize, share: usize) {
+        self.portion = if work > share {
+            (bytes * share / work).max(LEAST)
+        } else {
+            (self.portion * 2).min(CHUNK)
+        };
     }
 
     /// Gives received bytes to the hub and keeps the beginning of a packet that is not complete.
@@ -133,5 +153,29 @@ impl Connection {
                 Err(error) => return Err(error),
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_clients_whose_bytes_cost_much_fewer_are_read_at_a_time() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let socket = std::net::TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let mut connection = Connection::new(TcpStream::from_std(socket), None);
+        assert_eq!(connection.portion(), CHUNK);
+        // Sixteen times as much as it may.
+        connection.note_cost(CHUNK, 16_000, 1000);
+        assert_eq!(connection.portion(), CHUNK / 16);
+        connection.note_cost(CHUNK / 16, 1000, 1000);
+        assert_eq!(connection.portion(), CHUNK / 8);
+        connection.note_cost(CHUNK / 8, 10_000_000, 1000);
+        assert_eq!(connection.portion(), LEAST);
+        for _ in 0..20 {
+            connection.note_cost(LEAST, 1, 1000);
+        }
+        assert_eq!(connection.portion(), CHUNK);
     }
 }

@@ -24,6 +24,10 @@ const HELD: Duration = Duration::from_millis(2);
 const LINGER: Duration = Duration::from_secs(2);
 /// How often a connection is read before the others get their turn.
 const CHUNKS: usize = 4;
+/// What all that is read in one turn may cost together, see `Hub::work`: half a millisecond.
+const TURN: usize = 1 << 14;
+/// What each connection may cost in a turn at least.
+const LEAST_SHARE: usize = 256;
 const WAKE: Token = Token(usize::MAX);
 /// Connections have the tokens after those of the listeners.
 const FIRST: usize = 2;
@@ -156,8 +160,10 @@ impl Server {
                 self.note(event, now);
             }
             self.renew(now);
-            for id in std::mem::take(&mut self.ready) {
-                self.read(id, now);
+            let ready = std::mem::take(&mut self.ready);
+            let share = (TURN / ready.len().max(1)).max(LEAST_SHARE);
+            for id in ready {
+                self.read(id, share, now);
             }
             self.admit(now);
             self.stuck = self.hub.is_searching() && !self.hub.search(now);
@@ -304,8 +310,14 @@ impl Server {
         Ok(())
     }
 
-    fn read(&mut self, id: usize, now: Instant) {
+    /// Reads a connection and has its packets handled, until they have cost their share.
+    fn read(&mut self, id: usize, share: usize, now: Instant) {
+        let before = self.hub.work();
         for _ in 0..CHUNKS {
+            let spent = self.hub.work() - before;
+            if spent >= share {
+                break;
+            }
             let Some(Some(connection)) = self.connections.get_mut(id) else {
                 return;
             };
@@ -316,10 +328,13 @@ impl Server {
             if connection.is_behind() || self.hub.is_held(id, now) {
                 break;
             }
-            match connection.socket.read(&mut self.chunk) {
+            let portion = connection.portion();
+            match connection.socket.read(&mut self.chunk[..portion]) {
                 Ok(0) => return self.close(id, now),
                 Ok(count) => {
+                    self.hub.note_bytes(count);
                     let outcome = connection.take(&self.chunk[..count], &mut self.hub, id, now);
+                    connection.note_cost(count, self.hub.work() - before - spent, share);
                     self.hub.note_buffers(id, connection.held(), now);
                     if let Err(why) = outcome {
                         log::debug!("connection {id}: {why}");
@@ -328,7 +343,7 @@ impl Server {
                         return self.close(id, now);
                     }
                     // A short read has emptied the socket; the next bytes are a new event.
-                    if count < self.chunk.len() && !connection.is_ended {
+                    if count < portion && !connection.is_ended {
                         connection.is_ready = false;
                         return;
                     }

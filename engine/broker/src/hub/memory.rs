@@ -2,8 +2,8 @@
 //!
 //! Counted are, by the capacity of their buffers: what is on its way to each client, packets that have not come whole, and what
 //! TLS and WebSocket hold; and by size: sessions with their subscriptions and messages, and retained messages. When a quarter of
-//! the budget is left, sessions without a connection are ended, the one that has been alone longest first; clients that publish are
-//! read later; and of clients that take nothing the one that holds most is disconnected. When nothing is left, that is done
+//! the budget is left, sessions without a connection are ended, the one that has been alone longest first; clients whose messages
+//! have to be kept (retained, or for readers that are behind) are read later; and of clients that take nothing the one that holds most is disconnected. When nothing is left, that is done
 //! without looking whether it takes anything. Who holds most is asked of accounts first (of addresses, where there are no
 //! accounts), and then of the connections of that account, so that many small connections do not drive out one that is large.
 
@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 const CONNECTION: usize = 4096;
 /// Sessions without a connection that are kept.
 const ABSENT: usize = 4096;
-/// Whoever published within this time is read later when memory is short.
-const PUBLISHED: Duration = Duration::from_secs(1);
+/// Whoever published within this time what has to be kept is read later when memory is short.
+const FILLED: Duration = Duration::from_secs(1);
 
 impl Hub {
     /// Bytes that all clients together make the broker keep, about.
@@ -31,8 +31,8 @@ impl Hub {
     }
 
     pub(super) fn must_wait(&self, link: &Link, now: Instant) -> bool {
-        let recent = |at: Instant| now.saturating_duration_since(at) < PUBLISHED;
-        link.published.is_some_and(recent) && self.is_short()
+        let recent = |at: Instant| now.saturating_duration_since(at) < FILLED;
+        link.filled.is_some_and(recent) && self.is_short()
     }
 
     /// The buffers of a connection outside the hub: packets that have not come whole, TLS, WebSocket.

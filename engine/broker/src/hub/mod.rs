@@ -38,6 +38,13 @@ const STANDSTILL: Duration = Duration::from_secs(2);
 /// Answers to a client's own packets, bytes, that it may leave unread; then it is read later.
 const UNREAD_ANSWERS: usize = 1 << 18;
 
+/// A reader with more bytes than this to read is behind.
+const BEHIND: usize = 1 << 16;
+/// What a packet costs whatever it says, and the bytes that are read, or copied for a reader, for one unit of work.
+const WORK_OF_PACKET: usize = 4;
+const BYTES_READ_OF_WORK: usize = 32;
+const BYTES_OF_WORK: usize = 256;
+
 /// Everything the broker knows.
 pub struct Hub {
     limits: Limits,
@@ -61,6 +68,8 @@ pub struct Hub {
     assigned: u64,
     /// Bytes kept for links and sessions, about; see `memory`.
     used: usize,
+    /// What clients' packets have cost so far; see `work`.
+    work: usize,
     /// Sessions without a connection.
     absent: usize,
     complaints: Complaints,
@@ -89,8 +98,8 @@ pub struct Link {
     /// Bytes that the server holds for it beside the outbox, and all that were counted.
     buffers: usize,
     counted: usize,
-    /// When it published last.
-    published: Option<Instant>,
+    /// When it last published what the broker has to keep: retained, or for readers that are behind.
+    filled: Option<Instant>,
     session: Option<usize>,
     /// It has not been let in.
     is_stranger: bool,
@@ -130,6 +139,7 @@ impl Hub {
             doomed: Vec::new(),
             assigned: 0,
             used: 0,
+            work: 0,
             absent: 0,
             complaints: Complaints::default(),
         }
@@ -159,7 +169,7 @@ impl Hub {
             lookups: VecDeque::new(),
             buffers: 0,
             counted: 0,
-            published: None,
+            filled: None,
             session: None,
             is_stranger: true,
             terms: Terms {
@@ -200,6 +210,7 @@ impl Hub {
             let start = done + head;
             done = start + body;
             self.links[id].allowance -= 1.0;
+            self.work += WORK_OF_PACKET;
             let version = self.links[id].terms.version;
             let outcome = codec::decode(first, &bytes[start..done], version)
                 .and_then(|packet| self.handle(id, packet, now));
@@ -234,6 +245,16 @@ impl Hub {
         };
         let frame = codec::frame(bytes, limit)?;
         Ok(frame.filter(|(_, head, body)| bytes.len() >= head + body))
+    }
+
+    /// Bytes came, whatever they say.
+    pub fn note_bytes(&mut self, count: usize) {
+        self.work += count / BYTES_READ_OF_WORK;
+    }
+
+    /// What the packets of all clients have cost so far, in units of some 25 ns.
+    pub fn work(&self) -> usize {
+        self.work
     }
 
     /// The connection is gone.

@@ -3,7 +3,7 @@
 use super::complaints::{Complaints, Kind};
 use super::connect::WINDOW;
 use super::memory::recount;
-use super::{Hub, Link, STANDSTILL, mark};
+use super::{BEHIND, BYTES_OF_WORK, Hub, Link, STANDSTILL, mark};
 use crate::codec::{Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason};
 use crate::message::Message;
 use crate::session::{Delivery, Session};
@@ -68,7 +68,6 @@ impl Hub {
         message: &Publish<'_>,
         now: Instant,
     ) -> Result<(), Refusal> {
-        self.links[id].published = Some(now);
         if !topic::is_name(message.topic) {
             return Err(Refusal::new(
                 reason::BAD_TOPIC,
@@ -142,6 +141,7 @@ impl Hub {
         let mut keep =
             || Arc::clone(kept.get_or_insert_with(|| Arc::new(Message::new(message, now))));
         let mut code = reason::NO_MATCHING_SUBSCRIBERS;
+        let mut is_kept = message.retain;
         if message.retain {
             code = reason::SUCCESS;
             if !self.retained.set(&keep()) {
@@ -164,7 +164,11 @@ impl Hub {
             if code == reason::NO_MATCHING_SUBSCRIBERS {
                 code = reason::SUCCESS;
             }
+            self.work += 1 + message.payload.len() / BYTES_OF_WORK;
             let session = &mut self.sessions[route.session];
+            let waiting = session.link.and_then(|id| self.links.get(id));
+            is_kept |= waiting.is_none_or(|link| link.out.len() > BEHIND);
+            is_kept |= session.queued_bytes() > BEHIND;
             let retain = message.retain && route.retain_as_published;
             let qos = message.qos.min(route.qos);
             let link = session
@@ -217,6 +221,9 @@ impl Hub {
             {
                 self.links[publisher].held_by = Some(reader);
             }
+        }
+        if is_kept && let Some(publisher) = from_link {
+            self.links[publisher].filled = Some(now);
         }
         code
     }

@@ -1,8 +1,8 @@
 //! SUBSCRIBE and UNSUBSCRIBE: MQTT 5.0, chapters 3.8 to 3.11.
 
-use super::Hub;
 use super::complaints::Kind;
 use super::lookups::Lookup;
+use super::{Hub, WORK_OF_PACKET};
 use crate::codec::{Filter, reason, suback, unsuback};
 use crate::subscriptions::{DEEPEST, Options};
 use crate::topic;
@@ -18,6 +18,7 @@ impl Hub {
         filters: &[Filter<'_>],
         now: Instant,
     ) {
+        self.work += WORK_OF_PACKET * filters.len();
         let mut codes = Vec::with_capacity(filters.len());
         let mut wanted = Vec::new();
         for filter in filters {

@@ -201,6 +201,27 @@ fn many_readers_that_stand_still_are_disconnected_before_memory_ends() {
 }
 
 #[test]
+fn while_memory_is_short_only_those_who_fill_it_are_read_later() {
+    let limits = Limits {
+        backlog: 8 * MIB,
+        ..small()
+    };
+    let mut stage = Stage::new(limits);
+    for number in 0..40 {
+        stage.reader(&format!("still{number}"), "flood", 0);
+    }
+    let honest = stage.reader("honest", "echo", 0);
+    let (writer, _) = stage.join(&connect("writer", true, 0, 0, None));
+    while !stage.hub.is_held(writer, stage.now) {
+        stage.say(writer, &publish("flood", 0, 0, &[], &vec![7; 100_000]));
+    }
+    assert!(stage.hub.memory() > 12 * MIB, "{}", stage.hub.memory());
+    stage.say(honest, &publish("echo", 0, 0, &[], b"still there?"));
+    assert_eq!(stage.payloads(honest), ["still there?"]);
+    assert!(!stage.hub.is_held(honest, stage.now) && stage.hub.is_held(writer, stage.now));
+}
+
+#[test]
 fn packets_that_never_come_whole_are_in_the_budget() {
     let mut stage = Stage::new(small());
     let honest = stage.reader("honest", "t", 0);
