@@ -8,7 +8,7 @@
 # make lint    every check that needs no run
 # make audit   look for known weaknesses in what we depend on (asks databases in the network)
 # make bench   measure, into build/bench.json
-# make docs    write the reference pages that are made of the code
+# make docs    write the reference pages that are generated from the code, build the site: build/site/index.html
 # make clean   remove what was built (results in runs/ stay)
 
 SHELL := /bin/bash
@@ -16,7 +16,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs clean fuzz
+.PHONY: brokers test-brokers help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -148,10 +148,29 @@ clean:
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
 
-docs: $(VENV)/.engine
+docs: $(VENV)/.engine $(VENV)/.docs build/site-scripts/.fetched
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright._reference > docs/reference/experiment.md
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo build/site/index.html
+
+# The reference pages in the repository are those that the code makes.
+check-docs: docs
+	git diff --exit-code -- $(addprefix docs/reference/,command-line.md experiment.md conformance.md)
+
+# Search in pages that were opened from files, and diagrams; put into the site so that it needs no network.
+build/site-scripts/.fetched: docs/site/scripts.sha256
+	@command -v npm > /dev/null || { $(call install,nodejs npm); }
+	rm -rf $(@D)
+	mkdir -p $(@D)
+	cd $(@D)
+	npm pack --silent mermaid@11.17.2 iframe-worker@1.0.4 > /dev/null
+	tar -xzOf mermaid-11.17.2.tgz package/dist/mermaid.min.js > mermaid.min.js
+	tar -xzOf iframe-worker-1.0.4.tgz package/shim/index.js > iframe-worker.js
+	rm -- *.tgz
+	sha256sum --check --quiet $(CURDIR)/docs/site/scripts.sha256
+	touch .fetched
 
 # The wrapper with all that it needs, and the example server in it.
 $(JAVA): $(JAVA_SOURCES)
@@ -212,8 +231,13 @@ $(VENV)/.tools: $(VENV)/.created pyproject.toml
 	touch $@
 
 # What tests and checks need.
-$(VENV)/.dev: $(VENV)/.engine pyproject.toml
+$(VENV)/.dev: $(VENV)/.engine $(VENV)/.docs pyproject.toml
 	$(BIN)/python -m pip install --quiet --group checks
+	touch $@
+
+# What builds the documentation.
+$(VENV)/.docs: $(VENV)/.tools pyproject.toml
+	$(BIN)/python -m pip install --quiet --group docs
 	touch $@
 
 # What only benchmarks need: those that Swarmwright is compared with.
