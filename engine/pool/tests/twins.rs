@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use common::{Line, Net, Party, server, tool, tool_in_mode, work};
 use serde_json::{Value, json};
+use swarmwright_pool::Action;
 use swarmwright_pool::Mode;
-use swarmwright_pool::machine::Action;
 use swarmwright_protocol::{Topic, Topics};
 use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation};
 use swarmwright_wrapper::{Identity, Machine};

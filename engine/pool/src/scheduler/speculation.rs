@@ -6,14 +6,14 @@
 
 use std::time::{Duration, Instant};
 
-use crate::dispatch::number;
-use crate::failures::Blame;
-use crate::ledger::{Piece, Purpose, rectangle};
-use crate::machine::Machine;
 use crate::mode::Way;
-use crate::requests::Request;
-use crate::run::Run;
-use crate::slot::Job;
+use crate::scheduler::Machine;
+use crate::scheduler::dispatch::number;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::modes::episode::Run;
+use crate::scheduler::modes::requests::Request;
+use crate::scheduler::queue::ledger::{Piece, Purpose, rectangle};
+use crate::scheduler::retry::Blame;
 
 /// A copy must be expected to be done in this part of the time that the other one still takes.
 const WORTH: f64 = 0.5;

@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use crate::crowd::Crowd;
-use crate::ledger::Piece;
-use crate::machine::Machine;
 use crate::mode::Way;
-use crate::slot::Slot;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::capacity::Crowd;
+use crate::scheduler::fleet::slot::Slot;
+use crate::scheduler::queue::ledger::Piece;
 
 /// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
 const BLOCK: f64 = 0.020;

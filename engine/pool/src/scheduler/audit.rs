@@ -7,11 +7,11 @@ use std::time::Instant;
 
 use swarmwright_protocol::Announcement;
 
-use crate::copies::Found;
-use crate::failures::Blame;
-use crate::ledger::Piece;
-use crate::machine::Machine;
-use crate::offers::Offers;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::offers::Offers;
+use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::retry::Blame;
+use crate::scheduler::speculation::Found;
 
 /// Results of one evaluation that are not agreed upon yet.
 #[derive(Debug, Clone)]

@@ -7,15 +7,15 @@ use swarmwright_protocol::{
     ReadingWriter, SensorReading, Topic, shortened,
 };
 
-use crate::copies::Found;
-use crate::failures::Blame;
-use crate::ledger::Piece;
-use crate::machine::{Action, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
-use crate::run::Run;
-use crate::slot::Job;
-use crate::supervision::WORD;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::modes::episode::Run;
+use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::retry::Blame;
+use crate::scheduler::speculation::Found;
+use crate::scheduler::{Action, Machine};
+use crate::shell::supervision::WORD;
 use crate::work::Attempt;
 
 /// How long a server that sent a message that was refused may take to send a better one.

@@ -12,13 +12,13 @@ use swarmwright_protocol::{Activity, Status, Topic, TopicError, Topics};
 use crate::config::{Config, Faults};
 use crate::counts::Counts;
 use crate::demand::Demand;
-use crate::discovery::PROBATION;
-use crate::ledger::{Results, Settled};
-use crate::machine::{Action, Machine};
 use crate::mode::Mode;
-use crate::probe::Probe;
-use crate::report::{Listener, Report, Reporter};
-use crate::supervision::Supervision;
+use crate::scheduler::fleet::discovery::PROBATION;
+use crate::scheduler::queue::ledger::{Results, Settled};
+use crate::scheduler::{Action, Machine};
+use crate::shell::probe::Probe;
+use crate::shell::report::{Listener, Report, Reporter};
+use crate::shell::supervision::Supervision;
 use crate::work::{Attempt, Work, WorkError};
 
 /// How often the caller is asked whether to go on.

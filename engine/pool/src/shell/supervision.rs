@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use swarmwright_mqtt::Waker;
 
-use crate::failures::Blame;
-use crate::ledger::Piece;
-use crate::machine::Machine;
-use crate::slot::Job;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::retry::Blame;
 use crate::work::Attempt;
 
 /// How long whoever watches a server may take to say what became of it, once it was asked to look.

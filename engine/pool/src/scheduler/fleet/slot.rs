@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use swarmwright_protocol::Capabilities;
 
-use crate::lag::Answers;
 use crate::mode::Way;
-use crate::pace::Pace;
+use crate::scheduler::fleet::lag::Answers;
+use crate::scheduler::fleet::pace::Pace;
 
 /// Work that a server has for this tool.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use crate::dispatch::number;
-use crate::ledger::Piece;
-use crate::machine::Machine;
-use crate::slot::{Job, Slot};
+use crate::scheduler::Machine;
+use crate::scheduler::dispatch::number;
+use crate::scheduler::fleet::slot::{Job, Slot};
+use crate::scheduler::queue::ledger::Piece;
 
 /// Of more servers than these it is not worked out how they would share what is left.
 const MOST: usize = 256;

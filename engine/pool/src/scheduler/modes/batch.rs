@@ -5,7 +5,7 @@ use swarmwright_controllers::{Controller, ControllerError};
 use swarmwright_protocol::BatchSensors;
 
 use crate::metrics::needed;
-use crate::run::MOST_AGENTS;
+use crate::scheduler::modes::episode::MOST_AGENTS;
 
 /// Bytes of an index in a message.
 const INDEX: usize = size_of::<u32>();

@@ -3,14 +3,17 @@
 //! This tool's connection knows what it had sent when it ended. Of a server it is known what it was at, and that its
 //! process goes on: it comes back as the same instance. One that crashed does not, so that a crash is never taken for this.
 
+mod limit;
+
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::limit::Limit;
-use crate::machine::Machine;
+use limit::Limit;
+
 use crate::mode::Way;
-use crate::requests::Request;
-use crate::slot::Job;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::modes::requests::Request;
 
 /// Messages of so many bytes are taken by every broker.
 const SMALL: usize = 1024;

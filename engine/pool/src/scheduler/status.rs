@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Activity, MOST_LISTED, NoServer, Status, Used, Waiting};
 
-use crate::machine::Machine;
-use crate::slot::Slot;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::slot::Slot;
 
 /// After how long silence is worth a word.
 const SILENCE: Duration = Duration::from_secs(1);

@@ -7,9 +7,9 @@
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-use crate::failures::Blame;
-use crate::machine::Machine;
-use crate::slot::Job;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::retry::Blame;
 
 impl Machine {
     /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.

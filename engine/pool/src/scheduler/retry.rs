@@ -4,10 +4,10 @@ use std::time::Instant;
 
 use swarmwright_protocol::{MOST_REASON, MOST_STACK, shortened};
 
-use crate::ledger::{Piece, Purpose};
-use crate::machine::{Action, Machine};
-use crate::slot::Job;
-use crate::suspicion::{Failure, How};
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::queue::blame::{Failure, How};
+use crate::scheduler::queue::ledger::{Piece, Purpose};
+use crate::scheduler::{Action, Machine};
 use crate::work::Attempt;
 
 /// Different warnings that are remembered, so that each is made once.
@@ -71,7 +71,7 @@ impl Machine {
     /// Work that brought no result is queued again, or has failed.
     ///
     /// Where several evaluations were sent together nobody knows which one was to blame: smaller parts are tried until
-    /// one is alone. What counts against that one is in [`suspicion`](crate::suspicion).
+    /// one is alone. What counts against that one is in [`suspicion`](crate::scheduler::queue::blame).
     pub(crate) fn retry(
         &mut self,
         mut piece: Piece,

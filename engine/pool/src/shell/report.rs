@@ -7,7 +7,7 @@ use swarmwright_mqtt::Traffic;
 use swarmwright_protocol::{Message, State, Status, Topic};
 
 use crate::counts::Counts;
-use crate::machine::Machine;
+use crate::scheduler::Machine;
 use crate::work::Attempt;
 
 /// Something that happened.

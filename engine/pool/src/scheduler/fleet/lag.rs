@@ -9,7 +9,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use crate::machine::{Action, Machine};
+use crate::scheduler::{Action, Machine};
 
 /// Milliseconds by which answers are late: of Linux (measured: 42 to 48), twice that, or of macOS; of Windows.
 const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];

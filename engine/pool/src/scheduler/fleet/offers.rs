@@ -6,10 +6,10 @@ use std::time::Instant;
 use swarmwright_protocol::{Presence, ServerMessage, State, shortened};
 
 use crate::demand::Demand;
-use crate::health::Health;
-use crate::lag::Answers;
-use crate::pace::Pace;
-use crate::slot::{Job, Slot};
+use crate::scheduler::fleet::health::Health;
+use crate::scheduler::fleet::lag::Answers;
+use crate::scheduler::fleet::pace::Pace;
+use crate::scheduler::fleet::slot::{Job, Slot};
 
 /// All that is known of servers.
 #[derive(Debug, Default)]

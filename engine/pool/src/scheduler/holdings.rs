@@ -1,6 +1,6 @@
 //! What the machine remembers: that it does not grow without bound can be seen.
 
-use crate::machine::Machine;
+use crate::scheduler::Machine;
 
 /// How much a machine holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,25 +4,38 @@
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
 //! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
 
+pub(crate) mod attribution;
+pub(crate) mod audit;
+pub(crate) mod dispatch;
+pub(crate) mod duplicates;
+pub(crate) mod fleet;
+pub(crate) mod holdings;
+pub(crate) mod limits;
+pub(crate) mod modes;
+pub(crate) mod queue;
+pub(crate) mod retry;
+pub(crate) mod speculation;
+pub(crate) mod status;
+
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
 use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
 
-use crate::audit::Check;
 use crate::config::Config;
-use crate::copies::Ended;
 use crate::counts::Counts;
-use crate::discovery::{FIRST_ROUND, LATER_ROUND};
-use crate::failures::Blame;
-use crate::lag::Suspect;
-use crate::ledger::{Ledger, Results, Settled};
-use crate::limits::Limits;
-use crate::offers::Offers;
-use crate::requests::Request;
-use crate::run::Run;
-use crate::slot::{Job, Slot};
+use crate::scheduler::audit::Check;
+use crate::scheduler::fleet::discovery::{FIRST_ROUND, LATER_ROUND};
+use crate::scheduler::fleet::lag::Suspect;
+use crate::scheduler::fleet::offers::Offers;
+use crate::scheduler::fleet::slot::{Job, Slot};
+use crate::scheduler::limits::Limits;
+use crate::scheduler::modes::episode::Run;
+use crate::scheduler::modes::requests::Request;
+use crate::scheduler::queue::ledger::{Ledger, Results, Settled};
+use crate::scheduler::retry::Blame;
+use crate::scheduler::speculation::Ended;
 use crate::work::{Attempt, Work, WorkError};
 
 /// Servers that are told one by one that they are free.

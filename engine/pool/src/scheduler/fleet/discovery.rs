@@ -4,11 +4,11 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Discovery, Presence, ServerMessage, State, Topic};
 
-use crate::failures::Blame;
-use crate::machine::Machine;
-use crate::offers::Answer;
-use crate::run::Run;
-use crate::slot::Job;
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::offers::Answer;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::modes::episode::Run;
+use crate::scheduler::retry::Blame;
 /// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
 pub(crate) const FIRST_ROUND: Duration = Duration::from_millis(100);
 pub(crate) const LATER_ROUND: Duration = Duration::from_secs(2);

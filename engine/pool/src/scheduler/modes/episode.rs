@@ -5,7 +5,7 @@ use std::time::Instant;
 use swarmwright_controllers::Controller;
 use swarmwright_protocol::{Missing, PieceKind, ReadingWriter, SensorReading, Waiting};
 
-use crate::ledger::Piece;
+use crate::scheduler::queue::ledger::Piece;
 
 /// An episode under way.
 pub(crate) struct Run {

@@ -3,7 +3,7 @@
 use std::collections::{HashSet, VecDeque};
 use std::ops::Range;
 
-use crate::suspicion::Suspicions;
+use crate::scheduler::queue::blame::Suspicions;
 use crate::work::{Work, WorkError};
 
 /// How many of the evaluations `queued`, from the first on and at most `most`, make a rectangle: whole candidates, or

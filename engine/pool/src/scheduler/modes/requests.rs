@@ -7,15 +7,15 @@ use swarmwright_protocol::{
     Missing, PieceKind, Refusal, RefusalKind, ToServer, ToTool, U64s, Waiting,
 };
 
-use crate::batch::Batch;
-use crate::copies::Found;
-use crate::failures::Blame;
-use crate::ledger::Piece;
-use crate::machine::{Action, Machine};
 use crate::metrics::needed;
 use crate::mode::Mode;
-use crate::slot::Job;
-use crate::supervision::WORD;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::modes::batch::Batch;
+use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::retry::Blame;
+use crate::scheduler::speculation::Found;
+use crate::scheduler::{Action, Machine};
+use crate::shell::supervision::WORD;
 use crate::work::{Attempt, Work};
 
 /// A block is given to somebody else when it takes this many times as long as expected.

@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use crate::failures::Blame;
-use crate::ledger::Piece;
-use crate::machine::Machine;
-use crate::slot::Slot;
-use crate::suspicion::{Resolved, Verdict};
+use crate::scheduler::Machine;
+use crate::scheduler::fleet::slot::Slot;
+use crate::scheduler::queue::blame::{Resolved, Verdict};
+use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::retry::Blame;
 
 /// How many times as long it is waited where a server that may be sound is silent.
 const SILENT: u32 = 4;

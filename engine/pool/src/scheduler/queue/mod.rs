@@ -1,0 +1,4 @@
+//! Evaluations: which are queued, which are done, what is held against them.
+
+pub(crate) mod blame;
+pub(crate) mod ledger;

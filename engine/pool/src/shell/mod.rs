@@ -1,0 +1,7 @@
+//! Input and output: the connection, threads, the clock.
+
+pub(crate) mod pool;
+pub(crate) mod probe;
+pub(crate) mod report;
+pub(crate) mod supervision;
+pub(crate) mod watch;
