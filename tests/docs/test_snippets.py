@@ -1,6 +1,6 @@
-"""Every command and snippet of README and docs is run, page by page, from top to bottom, in one folder.
+"""Every command and snippet of README, CONTRIBUTING and docs is run, from top to bottom, one folder per page.
 
-What stands behind the language of a fenced block, which nobody sees on the page, says how:
+The words behind the language of a fenced block, which are not displayed, say how:
 
 - `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
 - `bash background ready="text"`: left running until the page's end; the next block waits for that text;
@@ -33,7 +33,8 @@ from tests.enki import ENKI, WHY_NOT
 from tests.java import JAR, jar
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")), *DOCS]
 SHOWN_ONLY = {"text", "mermaid", "json", "console"}
 SOURCES = {"javascript", "go"}
 """Shown as they stand in a file of the repository, which `tests/conformance/test_examples.py` compares."""
@@ -220,7 +221,7 @@ def _let_root_read(folder: Path) -> None:
 
 def test_every_page_is_in_the_index() -> None:
     linked = set(re.findall(r"\]\(([^)#]+)\)", (ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
-    pages = {str(page.relative_to(ROOT / "docs")) for page in PAGES[1:]} - {"index.md"}
+    pages = {str(page.relative_to(ROOT / "docs")) for page in DOCS} - {"index.md"}
     assert pages - linked == set()
 
 
