@@ -150,7 +150,7 @@ clean:
 
 docs: $(VENV)/.engine $(VENV)/.docs build/site-scripts/.fetched
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
-	$(BIN)/python -m swarmwright._reference > docs/reference/experiment.md
+	$(BIN)/python -m swarmwright.experiment.reference > docs/reference/experiment.md
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo build/site/index.html

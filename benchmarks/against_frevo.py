@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swarmwright import compare
-from swarmwright._results._comparison_figure import apart
-from swarmwright._results._style import COLORS, PAPER, SOFT, dress, new_figure, save
-from swarmwright._results._table import number, p_words
-from swarmwright._results._tests import difference, holm
+from swarmwright.analysis.significance import difference, holm
+from swarmwright.analysis.table import number, p_words
+from swarmwright.figures.comparison import apart
+from swarmwright.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from swarmwright._results.comparison import Group
+    from swarmwright.analysis.comparison import Group
 
 EVALUATIONS = 11_113
 """FREVO's in 300 generations: 50, then 37 in each."""

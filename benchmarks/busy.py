@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from benchmarks.measurement import Samples
 from benchmarks.stepwise import ARCHITECTURE
 from swarmwright import Simulation, _engine
-from swarmwright._own._host import Host
+from swarmwright.simulations.host import Host
 
 SERVERS = 16
 QUICKEST, SLOWEST = 0.020, 0.200

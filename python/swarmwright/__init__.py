@@ -48,22 +48,22 @@ Names are imported when they are first used, so that `import swarmwright` costs 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from swarmwright._errors import InputError, RunError, SwarmwrightError
+from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 
 if TYPE_CHECKING:
     from swarmwright import callbacks, templates
-    from swarmwright._controller import Controller
-    from swarmwright._evaluate import evaluate, simulate
-    from swarmwright._experiment import Experiment
-    from swarmwright._optimize import Generation, optimize, resume
-    from swarmwright._own._base import Simulation
-    from swarmwright._own._batch import BatchSimulation
-    from swarmwright._own._parameter import Parameter
-    from swarmwright._post_evaluation import PostEvaluation, post_evaluate
-    from swarmwright._repeat import Repeated, repeat
-    from swarmwright._results.comparison import Comparison, compare
-    from swarmwright._run import Run
-    from swarmwright._sweep._result import SweepResult, sweep
+    from swarmwright.analysis.comparison import Comparison, compare
+    from swarmwright.analysis.sweep.result import SweepResult, sweep
+    from swarmwright.evaluation.evaluate import evaluate, simulate
+    from swarmwright.experiment.experiment import Experiment
+    from swarmwright.optimization.optimize import Generation, optimize, resume
+    from swarmwright.representations.controller import Controller
+    from swarmwright.runs.post_evaluation import PostEvaluation, post_evaluate
+    from swarmwright.runs.repeat import Repeated, repeat
+    from swarmwright.runs.run import Run
+    from swarmwright.simulations.base import Simulation
+    from swarmwright.simulations.batches import BatchSimulation
+    from swarmwright.simulations.parameters import Parameter
 
     __version__: str
 
@@ -96,25 +96,25 @@ __all__ = [
 ]
 
 _LAZY = {
-    "BatchSimulation": "_own._batch",
-    "Comparison": "_results.comparison",
-    "Controller": "_controller",
-    "Experiment": "_experiment",
-    "Generation": "_optimize",
-    "Parameter": "_own._parameter",
-    "PostEvaluation": "_post_evaluation",
-    "Repeated": "_repeat",
-    "Run": "_run",
-    "Simulation": "_own._base",
-    "SweepResult": "_sweep._result",
-    "compare": "_results.comparison",
-    "evaluate": "_evaluate",
-    "optimize": "_optimize",
-    "post_evaluate": "_post_evaluation",
-    "repeat": "_repeat",
-    "resume": "_optimize",
-    "simulate": "_evaluate",
-    "sweep": "_sweep._result",
+    "BatchSimulation": "simulations.batches",
+    "Comparison": "analysis.comparison",
+    "Controller": "representations.controller",
+    "Experiment": "experiment.experiment",
+    "Generation": "optimization.optimize",
+    "Parameter": "simulations.parameters",
+    "PostEvaluation": "runs.post_evaluation",
+    "Repeated": "runs.repeat",
+    "Run": "runs.run",
+    "Simulation": "simulations.base",
+    "SweepResult": "analysis.sweep.result",
+    "compare": "analysis.comparison",
+    "evaluate": "evaluation.evaluate",
+    "optimize": "optimization.optimize",
+    "post_evaluate": "runs.post_evaluation",
+    "repeat": "runs.repeat",
+    "resume": "optimization.optimize",
+    "simulate": "evaluation.evaluate",
+    "sweep": "analysis.sweep.result",
 }
 
 

@@ -6,7 +6,7 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._own._host import Host
+from swarmwright.simulations.host import Host
 
 __all__ = [
     "Broker",
@@ -125,7 +125,7 @@ def decimals(genomes: NDArray[np.float32]) -> list[str]:
 
 @final
 class Stream:
-    """An endless sequence of random numbers with an address of its own, see `swarmwright._random`.
+    """An endless sequence of random numbers with an address of its own, see `swarmwright.core.random_numbers`.
 
     seed: of the experiment. purpose: what the numbers are for, like "nnga.mutate"; another purpose is another sequence.
     candidate: index within the generation. All numbers from 0 to 2**64 - 1, else OverflowError.

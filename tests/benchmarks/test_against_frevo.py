@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, evaluate, frevo, optimize
-from swarmwright._sweep import Sweep
+from swarmwright.analysis.sweep import Sweep
 
 BASE = Experiment.from_mapping(
     {

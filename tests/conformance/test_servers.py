@@ -93,8 +93,8 @@ SUBJECTS = {
     "pettingzoo": Subject(
         served("pettingzoo:mpe2.simple_spread_v3"), {"max_cycles": 8}, skipped=frozenset({"S9.5"})
     ),
-    "python": Subject(served(f"{ROOT}/tests/python/own/minisim.py:Minisim"), MANY),
-    "numpy": Subject(served(f"{ROOT}/tests/python/own/minisim_batch.py:Minisim"), MANY),
+    "python": Subject(served(f"{ROOT}/tests/python/simulations/minisim.py:Minisim"), MANY),
+    "numpy": Subject(served(f"{ROOT}/tests/python/simulations/minisim_batch.py:Minisim"), MANY),
     "mujoco rovers": Subject(served("swarmwright.adapters.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
     "mujoco quadrotors": Subject(served("swarmwright.adapters.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
     "vmas": Subject(

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.python.own import minisim
+from tests.python.simulations import minisim
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import EXPERIMENT, Experiment, Launch, Serve, ServeCpp, ServeJava
 from tests.system.runs import attempts, record

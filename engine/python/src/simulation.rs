@@ -1,4 +1,4 @@
-//! Simulations written in Python: what `swarmwright._own._host.Host` says becomes a [`Simulation`].
+//! Simulations written in Python: what `swarmwright.simulations.host.Host` says becomes a [`Simulation`].
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

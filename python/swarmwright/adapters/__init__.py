@@ -9,12 +9,12 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from swarmwright._errors import InputError
 from swarmwright.adapters._name import LIBRARIES, split
+from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:
-    from swarmwright._own._base import Simulation
-    from swarmwright._own._batch import BatchSimulation
+    from swarmwright.simulations.base import Simulation
+    from swarmwright.simulations.batches import BatchSimulation
 
 __all__ = ["simulation"]
 

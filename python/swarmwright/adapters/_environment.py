@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError, explained
-from swarmwright._own._base import Simulation
+from swarmwright.core.errors import InputError, explained
+from swarmwright.simulations.base import Simulation
 
 _ARRAY = "rgb_array"
 """The render mode that gives pictures as arrays."""

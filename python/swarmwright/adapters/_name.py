@@ -5,7 +5,7 @@ import json
 import re
 from typing import Any
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 
 LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas"}
 """Library, which is the adapter's module, too -> its class."""

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 
 Numbers = NDArray[np.float64]
 

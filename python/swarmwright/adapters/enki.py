@@ -16,10 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
-from swarmwright._own._base import Simulation
-from swarmwright._own._parameter import Parameter
+from swarmwright.core.errors import InputError
 from swarmwright.display import Body, Scene
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.parameters import Parameter
 
 _DEBIAN = Path("/usr/lib/python3/dist-packages")
 _TRIES = 10_000

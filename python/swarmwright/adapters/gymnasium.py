@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError, SimulationError, explained
 from swarmwright.adapters._environment import Environment, environment_seed
 from swarmwright.adapters._spaces import actuators, sensors
+from swarmwright.core.errors import InputError, SimulationError, explained
 
 
 class Gymnasium(Environment):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError, SimulationError
 from swarmwright.adapters._environment import Environment, environment_seed, total
 from swarmwright.adapters._spaces import actuators, sensors
+from swarmwright.core.errors import InputError, SimulationError
 
 
 class PettingZoo(Environment):

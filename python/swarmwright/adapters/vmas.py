@@ -13,9 +13,9 @@ import torch
 import vmas
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError, explained
-from swarmwright._own._batch import BatchSimulation
 from swarmwright.adapters._environment import environment_seed
+from swarmwright.core.errors import InputError, explained
+from swarmwright.simulations.batches import BatchSimulation
 
 
 class Vmas(BatchSimulation):

@@ -6,8 +6,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
-    from swarmwright._loop import Generation
-    from swarmwright._run import Run
+    from swarmwright.optimization.loop import Generation
+    from swarmwright.runs.run import Run
 
 
 class Callback(ABC):

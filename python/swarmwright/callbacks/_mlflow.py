@@ -7,14 +7,14 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from swarmwright._errors import InputError, RunError
-from swarmwright._flat import flat
 from swarmwright.callbacks._base import Callback, figures
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.flatten import flat
 
 if TYPE_CHECKING:
-    from swarmwright._experiment import Experiment
-    from swarmwright._loop import Generation
-    from swarmwright._run import Run
+    from swarmwright.experiment.experiment import Experiment
+    from swarmwright.optimization.loop import Generation
+    from swarmwright.runs.run import Run
 
 _log = logging.getLogger("swarmwright")
 _PERIOD = 1.0  # seconds between two messages to the server, however quick generations are

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright._errors import InputError
 from swarmwright.callbacks._base import Callback, figures
+from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:
-    from swarmwright._experiment import Experiment
-    from swarmwright._loop import Generation
-    from swarmwright._run import Run
+    from swarmwright.experiment.experiment import Experiment
+    from swarmwright.optimization.loop import Generation
+    from swarmwright.runs.run import Run
 
 
 class TensorBoard(Callback):
@@ -39,7 +39,7 @@ class TensorBoard(Callback):
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
         if experiment is not None:
-            from swarmwright._yaml import dump
+            from swarmwright.core.yaml import dump
 
             lines = dump(experiment.to_mapping()).splitlines()
             self._writer.add_text("experiment", "\n".join(f"    {line}" for line in lines))

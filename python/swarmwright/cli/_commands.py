@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from swarmwright._suggest import unknown
+from swarmwright.core.suggestions import unknown
 
 COMMANDS = (
     "optimize",

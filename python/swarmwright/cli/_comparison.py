@@ -9,7 +9,7 @@ import click
 from swarmwright.cli._output import Output, complain
 
 if TYPE_CHECKING:
-    from swarmwright._results.comparison import Comparison
+    from swarmwright.analysis.comparison import Comparison
 
 
 def run_folders(paths: Sequence[Path]) -> list[Path]:
@@ -33,7 +33,7 @@ def show_comparison(output: Output, runs: Sequence[Path], *, at: int | None = No
 
     at: evaluations after which to compare; None: at each run's end. Raises InputError.
     """
-    from swarmwright._results.comparison import compare
+    from swarmwright.analysis.comparison import compare
 
     comparison = compare(runs, at=at)
     output.block(str(comparison))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from swarmwright import _foreign
+from swarmwright.core import untrusted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -23,14 +23,14 @@ class EscapingConsole(Console):
 
 
 def _escaped(text: str) -> str:
-    return "\n".join(map(_foreign.one_line, text.split("\n")))
+    return "\n".join(map(untrusted.one_line, text.split("\n")))
 
 
 def text(words: str, style: str = "") -> "Text":
     """Return one line of text, escaped."""
     from rich.text import Text
 
-    return Text(_foreign.one_line(words), style)
+    return Text(untrusted.one_line(words), style)
 
 
 def add_row(table: "Table", cells: Sequence["str | Text"]) -> None:

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright._words import duration
 from swarmwright.cli._observing import Observing, observed
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._unseen import unseen_facts, unseen_words
+from swarmwright.core.durations import duration
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
-    from swarmwright._backend import Progress as OnProgress
-    from swarmwright._loop import OnGeneration
     from swarmwright.callbacks import Callback
+    from swarmwright.evaluation.backend import Progress as OnProgress
+    from swarmwright.optimization.loop import OnGeneration
 
 FILES = {
     "best.json": "the best controller",
@@ -69,7 +69,7 @@ def evolve(
         mlflow: MLflow's tracking server, if wanted.
         observing: log and figures for programs, if wanted.
     """
-    from swarmwright._optimize import InterruptedWithResults
+    from swarmwright.optimization.optimize import InterruptedWithResults
 
     try:
         return _evolve(output, experiment, work, tensorboard=tensorboard, mlflow=mlflow, observing=observing)
@@ -91,7 +91,7 @@ def _evolve(
     mlflow: str | None,
     observing: Observing,
 ) -> int:
-    from swarmwright._optimize import InterruptedAtEnd, InterruptedWithResults
+    from swarmwright.optimization.optimize import InterruptedAtEnd, InterruptedWithResults
 
     reader = Reader()
     with ExitStack() as stack:
@@ -200,14 +200,15 @@ def _conclude(output: Output, run: "Run") -> None:
 
 def _hint(output: Output, run: "Run") -> None:
     """Say how the best controller can be watched, where there is something to see."""
-    from swarmwright import SwarmwrightError, _simulations
+    from swarmwright import SwarmwrightError
+    from swarmwright.simulations import catalogue
 
     simulation = run.experiment.simulation
     folder = shlex.quote(str(run.path))
-    here = _simulations.is_here(simulation)
+    here = catalogue.is_here(simulation)
     if here:
         try:
-            _simulations.shown_as(simulation)
+            catalogue.shown_as(simulation)
         except SwarmwrightError:
             return  # it has nothing to show
     output.text()

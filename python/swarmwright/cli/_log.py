@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import click
 
-from swarmwright._errors import InputError
 from swarmwright.cli._options import WholeNumber
 from swarmwright.cli._output import finite
+from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:
-    from swarmwright._reports import Report
+    from swarmwright.evaluation.reports import Report
 
 LEVELS = ("debug", "info", "warning", "error")
 _NAMES = {logging.WARNING: "warning", logging.ERROR: "error", logging.CRITICAL: "error"}

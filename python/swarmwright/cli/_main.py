@@ -8,11 +8,11 @@ from contextlib import suppress
 
 import click
 
-from swarmwright import _foreign
-from swarmwright._trust import asking
 from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
+from swarmwright.core import untrusted
+from swarmwright.user_code.trust import asking
 
 FAILED = 1
 
@@ -68,7 +68,7 @@ def _ask(question: str) -> bool:
     """Ask a person at a terminal; elsewhere the answer is no."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    first, *rest = _foreign.lines(question)
+    first, *rest = untrusted.lines(question)
     return click.confirm("\n".join([first, *(f"  {line}" for line in rest)]), err=True)
 
 

@@ -14,7 +14,7 @@ from swarmwright.cli._warnings import Warnings
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
-    from swarmwright._prometheus import ServeFigures, ToolFigures
+    from swarmwright.monitoring.prometheus import ServeFigures, ToolFigures
 
 
 class Endpoint(click.ParamType[tuple[str, int]]):
@@ -97,7 +97,7 @@ class ToolObserver:
 @contextmanager
 def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
     """Open what is wanted of an optimization tool for the time of a `with` block, and show its warnings."""
-    from swarmwright._reports import listening
+    from swarmwright.evaluation.reports import listening
 
     with ExitStack() as stack:
         log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
@@ -107,7 +107,7 @@ def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
         if log:
             stack.enter_context(listening(log.report))
         if wanted.metrics is not None:
-            from swarmwright._prometheus import ToolFigures, offered
+            from swarmwright.monitoring.prometheus import ToolFigures, offered
 
             figures = ToolFigures()
             _say(output, log, stack.enter_context(offered(figures, *wanted.metrics)))
@@ -122,7 +122,7 @@ def observed_servers(output: Output, wanted: Observing) -> "Iterator[tuple[Log, 
         log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
         figures = None
         if wanted.metrics is not None:
-            from swarmwright._prometheus import ServeFigures, offered
+            from swarmwright.monitoring.prometheus import ServeFigures, offered
 
             figures = ServeFigures()
             _say(output, log, stack.enter_context(offered(figures, *wanted.metrics)))

@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import click
 
-from swarmwright._address import broker_problem, prefix_problem
-from swarmwright._suggest import did_you_mean
+from swarmwright.broker.address import broker_problem, prefix_problem
+from swarmwright.core.suggestions import did_you_mean
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
 BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
@@ -146,7 +146,7 @@ simulation_option: Decorator = click.option(
 
 def _trust(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from swarmwright._trust import trusting
+        from swarmwright.user_code.trust import trusting
 
         context.with_resource(trusting())
 

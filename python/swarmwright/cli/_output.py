@@ -1,8 +1,9 @@
 """What commands print: rich on a terminal, plain lines when piped, one JSON object a line with `--json`.
 
-All output passes through here, and here it is escaped, see `swarmwright._foreign`: any part of it may be
-text of a peer or of a file. Layout is what the functions below make of their arguments: each `text` is one
-line, further lines of a message are indented. So nothing that others wrote can begin a line at the margin.
+All output passes through here, and here it is escaped, see `swarmwright.core.untrusted`: any part of it
+may be text of a peer or of a file. Layout is what the functions below make of their arguments: each `text`
+is one line, further lines of a message are indented. So nothing that others wrote can begin a line at the
+margin.
 """
 
 import json
@@ -12,7 +13,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import IO, TYPE_CHECKING
 
-from swarmwright import _foreign
+from swarmwright.core import untrusted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,19 +51,19 @@ def complain(message: str, *, hint: str = "") -> None:
 
     hint: a line of its own behind it.
     """
-    first, *rest = _foreign.lines(message)
+    first, *rest = untrusted.lines(message)
     _print([f"swarmwright: {first}", *(f"  {line}" for line in rest), *([hint] if hint else [])], errors=True)
 
 
 def aside(line: str, below: Iterable[str] = ()) -> None:
     """Print a line on standard error, and others indented below it."""
-    _print([_foreign.one_line(line), *(f"  {_foreign.one_line(one)}" for one in below)], errors=True)
+    _print([untrusted.one_line(line), *(f"  {untrusted.one_line(one)}" for one in below)], errors=True)
 
 
 def document(text: str) -> None:
     """Print a document to standard output, as it is where a file or another program takes it."""
     if sys.stdout.isatty():
-        text = "".join(f"{line}\n" for line in _foreign.lines(text))
+        text = "".join(f"{line}\n" for line in untrusted.lines(text))
     sys.stdout.write(text)
     sys.stdout.flush()
 
@@ -97,37 +98,37 @@ class Output:
     def text(self, line: str = "") -> None:
         r"""Print a line for people, at once; a line break in it is shown as `\n`."""
         if not self.as_json:
-            _print([_foreign.one_line(line)])
+            _print([untrusted.one_line(line)])
 
     def item(self, text: str, indent: str = "  ") -> None:
         """Print a text whose further lines, if it has any, are indented below the first."""
         if not self.as_json:
-            first, *rest = _foreign.lines(text)
+            first, *rest = untrusted.lines(text)
             _print([first, *(f"{indent}{line}" for line in rest)])
 
     def block(self, text: str, indent: str = "") -> None:
         """Print the lines of a text of several, all of them indented.
 
-        indent: without any, what others wrote must have been escaped in it by `_foreign.one_line`.
+        indent: without any, what others wrote must have been escaped in it by `untrusted.one_line`.
         """
         if not self.as_json:
-            _print([f"{indent}{line}".rstrip() for line in _foreign.lines(text)])
+            _print([f"{indent}{line}".rstrip() for line in untrusted.lines(text)])
 
     def cells(self, row: Sequence[str]) -> None:
         """Print a row of a table for other programs, divided by tabs."""
         if not self.as_json:
-            _print(["\t".join(map(_foreign.one_line, row))])
+            _print(["\t".join(map(untrusted.one_line, row))])
 
     def status(self, text: str) -> None:
         """Write over the last line of the terminal, on standard error."""
-        sys.stderr.write(f"\r\x1b[K{_foreign.one_line(text)}")
+        sys.stderr.write(f"\r\x1b[K{untrusted.one_line(text)}")
         sys.stderr.flush()
 
     def json(self, record: Mapping[str, object]) -> None:
         """Print an object for machines, at once."""
         if self.as_json:
             encoded = json.dumps(finite(record), allow_nan=False, ensure_ascii=not self.unicode)
-            _print([_foreign.in_json(encoded)])
+            _print([untrusted.in_json(encoded)])
 
     def console(self) -> "Console":
         """A rich console on standard output; it reads NO_COLOR and the terminal's width itself.

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Protocol
 
-from swarmwright._budget import Budget
-from swarmwright._words import duration
 from swarmwright.cli._output import Output
+from swarmwright.core.durations import duration
+from swarmwright.experiment.budget import Budget
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult

@@ -5,17 +5,17 @@ from collections import Counter
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from swarmwright._code._copy import shown
-from swarmwright._foreign import one_line
-from swarmwright._words import duration
 from swarmwright.cli._output import Output
 from swarmwright.cli._unseen import unseen_facts, unseen_words
+from swarmwright.core.durations import duration
+from swarmwright.core.untrusted import one_line
+from swarmwright.user_code.copying import shown
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from swarmwright import Run
-    from swarmwright._store._verify import Verified
+    from swarmwright.runs.store.verification import Verified
 
 _WARNINGS = 10  # shown at most
 
@@ -72,7 +72,7 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
 
 def describe(output: Output, run: "Run") -> None:
     """Print everything worth knowing of a run."""
-    from swarmwright._run_code import remarks
+    from swarmwright.runs.code import remarks
 
     facts = facts_of(run)
     servers = _servers(run)

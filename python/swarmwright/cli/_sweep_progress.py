@@ -5,15 +5,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from swarmwright._words import duration
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import PATIENCE
+from swarmwright.core.durations import duration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
     from rich.table import Table
 
-    from swarmwright._sweep._remaining import Status, UnderWay
+    from swarmwright.analysis.sweep.remaining import Status, UnderWay
 
 EVERY = 30.0
 """Seconds between two plain lines that say how far it is."""

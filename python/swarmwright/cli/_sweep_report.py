@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from swarmwright import Generation, Run
-from swarmwright._sweep import Task
-from swarmwright._sweep._remaining import Status
+from swarmwright.analysis.sweep import Task
+from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.cli._observing import ToolObserver
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import check

@@ -4,11 +4,11 @@ import re
 import time
 from typing import TYPE_CHECKING
 
-from swarmwright._foreign import one_line
 from swarmwright.cli._output import complain
+from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright._reports import Report
+    from swarmwright.evaluation.reports import Report
 
 PAUSE = 10.0
 """Seconds between two counts of one kind."""

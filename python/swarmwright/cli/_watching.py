@@ -4,10 +4,10 @@ import datetime as dt
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from swarmwright._watch import SILENCE, ServerRow, ToolRow, View, views, words
-from swarmwright._words import duration
+from swarmwright.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import INTERRUPTED
+from swarmwright.core.durations import duration
 
 if TYPE_CHECKING:
     from rich.console import Group

@@ -234,7 +234,7 @@ def _loopback(host: str) -> bool:
 
 
 def _add_user(output: Output, file: Path, name: str) -> int:
-    from swarmwright._password_file import check_user, set_password
+    from swarmwright.broker.passwords import check_user, set_password
 
     check_user(name)
     if sys.stdin.isatty():
@@ -265,7 +265,7 @@ def _init(
     prefixes: tuple[str, ...],
     iterations: int | None,
 ) -> int:
-    from swarmwright._mosquitto import write_configuration
+    from swarmwright.broker.mosquitto import write_configuration
 
     if port == 0:
         raise click.UsageError("--init writes the port down; name one, such as 8883.")

@@ -45,14 +45,14 @@ def command(
     The best candidate of a run is drawn unless another is named.
     """
     from swarmwright import Controller, Run
-    from swarmwright._results import _style
-    from swarmwright._results._choice import choose
-    from swarmwright.display.controllers import figure
+    from swarmwright.figures import style
+    from swarmwright.figures.controllers import figure
+    from swarmwright.runs.choice import choose
 
     output = Output(as_json=as_json)
     if source.is_dir():
         target = file or source / "controller.png"
-        _style.check(target)
+        style.check(target)
         run = Run.open(source)
         chosen = choose(run, generation, candidate)
         specification = chosen.specification
@@ -68,9 +68,9 @@ def command(
         if generation is not None or candidate is not None:
             raise click.UsageError(f"{source}: is one controller; --generation and --candidate are for runs.")
         target = file or source.with_suffix(".png")
-        _style.check(target)
+        style.check(target)
         specification = Controller.load(source).specification
         drawn = figure(specification, title=source.name, simulation=simulation)
-    _style.save(drawn, target)
+    style.save(drawn, target)
     output.text(f"The controller is drawn in {target}")
     output.json({"picture": str(target), "kind": specification["kind"]})

@@ -24,7 +24,7 @@ from swarmwright.cli._server_output import server_output_option
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, PostEvaluation, Run
-    from swarmwright._statistics import Estimate
+    from swarmwright.core.statistics import Estimate
 
 
 @click.command(
@@ -82,8 +82,8 @@ def command(
     Where the code of the simulation was edited since, the copy in RUN is used, and it is said so.
     """
     from swarmwright import Run
-    from swarmwright._experiment import ELSEWHERE
-    from swarmwright._run_code import used_for
+    from swarmwright.experiment.experiment import ELSEWHERE
+    from swarmwright.runs.code import used_for
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -101,7 +101,7 @@ def command(
     if again:
         return _repeated(output, opened, experiment, candidate, generation, broker, servers)
     from swarmwright import post_evaluate
-    from swarmwright._post_evaluation import EPISODES
+    from swarmwright.runs.post_evaluation import EPISODES
 
     found = post_evaluate(
         opened,

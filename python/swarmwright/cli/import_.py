@@ -64,7 +64,7 @@ def command(
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
     from swarmwright import frevo
-    from swarmwright._files import write_text
+    from swarmwright.core.files import write_text
 
     imported = frevo.load(
         file,

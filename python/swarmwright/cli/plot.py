@@ -53,15 +53,15 @@ def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, a
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     from swarmwright import InputError, Run
-    from swarmwright._results import _style
-    from swarmwright._results._diversity import diversity
-    from swarmwright._results._run_figure import draw
+    from swarmwright.analysis.diversity import diversity
+    from swarmwright.figures import style
+    from swarmwright.figures.run import draw
 
-    _style.check(file)
+    style.check(file)
     run = Run.open(folder)
     if not run.history:
         raise InputError(f"{folder}: holds no finished generation to draw")
-    _style.save(draw(run, x=x), file)
+    style.save(draw(run, x=x), file)
     spread = [float(value) for value in diversity(run)]
     last = run.history[-1]
     output.text(
@@ -77,10 +77,10 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
 
 
 def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, at: int | None) -> None:
-    from swarmwright._results import _style
     from swarmwright.cli._comparison import show_comparison
+    from swarmwright.figures import style
 
-    _style.check(file)
+    style.check(file)
     comparison = show_comparison(output, runs, at=at)
     comparison.plot(file, x=x)
     output.text(f"The figure is in {file}")

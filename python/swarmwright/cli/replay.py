@@ -20,7 +20,7 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, show_warnings
 
 if TYPE_CHECKING:
-    from swarmwright._results.replay import Replay
+    from swarmwright.runs.replay import Replay
 
 
 @click.command(
@@ -97,7 +97,7 @@ def command(
     if file is not None:
         _check_file(file)
     from swarmwright import Run
-    from swarmwright._results.replay import Replay
+    from swarmwright.runs.replay import Replay
 
     output = Output(as_json=as_json)
     show_warnings()

@@ -77,8 +77,8 @@ def command(
     make it another run is refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
-    from swarmwright._optimize import prolonged
-    from swarmwright._run_code import check
+    from swarmwright.optimization.optimize import prolonged
+    from swarmwright.runs.code import check
 
     output = Output(as_json=as_json)
     show_warnings()

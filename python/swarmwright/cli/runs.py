@@ -26,8 +26,8 @@ def list_(folder: Path | None, as_json: bool) -> None:
     A folder that is no run, or one that is damaged, is named with the reason.
     """
     from swarmwright import InputError, Run
-    from swarmwright._folders import RUNS
-    from swarmwright._store import FILE
+    from swarmwright.runs.folders import RUNS
+    from swarmwright.runs.store import FILE
 
     output = Output(as_json=as_json)
     place = folder or RUNS
@@ -70,7 +70,7 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     The exit status is 0 when they have, else 1.
     """
     from swarmwright import Run
-    from swarmwright._differences import first_difference
+    from swarmwright.runs.differences import first_difference
 
     output = Output(as_json=as_json)
     first, second = Run.open(one), Run.open(other)
@@ -143,9 +143,9 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     exit status is then 1. Runs of versions before there were digests are looked through as far as that goes
     without them. Files beside runs, which a pattern such as results/* names as well, are left out.
     """
-    from swarmwright._store._verify import verify as verified
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._runs import verified_line
+    from swarmwright.runs.store.verification import verify as verified
 
     output = Output(as_json=as_json)
     damaged = False
@@ -167,7 +167,7 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     is 1 when the question was answered with no.
     """
     from swarmwright import Run
-    from swarmwright._folders import remove_run
+    from swarmwright.runs.folders import remove_run
 
     output = Output(as_json=as_json)
     opened = [Run.open(run) for run in {run.resolve(): run for run in runs}.values()]

@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright._credentials import prepare
-from swarmwright._suggest import unknown
-from swarmwright._supervision import Ended, Restarted, Supervisor
-from swarmwright._supervision import Output as Printed
-from swarmwright._supervision._supervisor import News
+from swarmwright.broker.credentials import prepare
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observed_servers
@@ -29,9 +25,13 @@ from swarmwright.cli._options import (
 )
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._signals import Terminated
+from swarmwright.core.suggestions import unknown
+from swarmwright.evaluation.supervision import Ended, Restarted, Supervisor
+from swarmwright.evaluation.supervision import Output as Printed
+from swarmwright.evaluation.supervision.supervisor import News
 
 if TYPE_CHECKING:
-    from swarmwright._prometheus import ServeFigures
+    from swarmwright.monitoring.prometheus import ServeFigures
 
 LARGEST_ID = 2**31 - 1
 
@@ -133,12 +133,12 @@ def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, resta
 
 def _title(simulation: str) -> str:
     """The title of what is to be offered; complains before any server is started."""
-    from swarmwright import _simulations
-    from swarmwright._own._names import is_own
+    from swarmwright.simulations import catalogue
+    from swarmwright.simulations.names import is_own
 
     if is_own(simulation):
-        return _simulations.title(simulation)
-    known = _simulations.titles()
+        return catalogue.title(simulation)
+    known = catalogue.titles()
     if simulation not in known:
         raise click.UsageError(
             f"{unknown('simulation', simulation, known)}; a class in Python is named like file.py:Class"

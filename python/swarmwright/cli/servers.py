@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from swarmwright._credentials import prepare
+from swarmwright.broker.credentials import prepare
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output

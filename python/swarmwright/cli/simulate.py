@@ -61,7 +61,7 @@ def command(
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
     from swarmwright import Controller, Experiment
-    from swarmwright._evaluate import episode
+    from swarmwright.evaluation.evaluate import episode
 
     output = Output(as_json=as_json)
     show_warnings()

@@ -75,7 +75,7 @@ def command(
     fails does not stop the others; it is named at the end, and the exit status is 1. At the end the
     comparison is printed, and drawn into comparison.png in the folder of the runs.
     """
-    from swarmwright._sweep import Sweep, conduct, tasks
+    from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.cli._sweep_report import Report
 
     output = Output(as_json=as_json)

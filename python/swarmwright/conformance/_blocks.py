@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
 from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._subject import Json, Server
+from swarmwright.core.errors import InputError
 
 TOOL = "conformance/a"
 OTHER = "conformance/b"
@@ -41,7 +41,7 @@ class Crew:
 
 def crew(server: Server, kind: str, candidates: int) -> Crew:
     """Controllers that fit the server, the same in every run; skips the rule where they are too large."""
-    from swarmwright._random import Streams
+    from swarmwright.core.random_numbers import Streams
     from swarmwright.representations import REPRESENTATIONS
 
     component = REPRESENTATIONS.get(kind)

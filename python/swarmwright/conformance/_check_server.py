@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from swarmwright._errors import InputError, RunError
 from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
@@ -16,6 +15,7 @@ from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
 from swarmwright.conformance._subject import Json, Settings
 from swarmwright.conformance.server import RULES
+from swarmwright.core.errors import InputError, RunError
 
 GUESSES = (2.0, 3.0, 1.0)
 """Dimensions that a server is asked for when nobody says how many it has."""

@@ -17,8 +17,8 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from swarmwright._errors import InputError, RunError
 from swarmwright.conformance._rules import Failure
+from swarmwright.core.errors import InputError, RunError
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 PRESENCE = "swarmwright/v1/presence/"

@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 
 GRACE = 10.0
 """Seconds for an end in good order."""

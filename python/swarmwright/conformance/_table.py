@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from swarmwright._foreign import lines
 from swarmwright.conformance._results import BAD, Report, Result, by_source, explained, summary
 from swarmwright.conformance._rules import Rule
+from swarmwright.core.untrusted import lines
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

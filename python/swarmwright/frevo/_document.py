@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from swarmwright._errors import InputError
-from swarmwright._suggest import did_you_mean
+from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import did_you_mean
 from swarmwright.frevo._xml import Element, read
 
 SECTIONS = ("problem", "method", "representation", "ranking")

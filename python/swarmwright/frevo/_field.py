@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
-from swarmwright._errors import InputError
-from swarmwright._parameter_files import read_object
+from swarmwright.core.errors import InputError
+from swarmwright.experiment.parameter_files import read_object
 from swarmwright.frevo import _java
 from swarmwright.frevo._document import Section
 
@@ -52,9 +52,9 @@ def find_field(problem: Section, session: Path, given: Path | None) -> FieldFile
 
 def _read(path: Path) -> dict[str, Any]:
     value = _java.read_field(path) if path.suffix.lower() == ".ser" else read_object(path)
-    from swarmwright import _simulations
+    from swarmwright.simulations import catalogue
 
-    problem = _simulations.parameters_problem("emergency_exit", {"field": value})
+    problem = catalogue.parameters_problem("emergency_exit", {"field": value})
     if problem is not None:
         raise InputError(f"{path}: {problem.removeprefix('parameter ')}")
     return value

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from swarmwright._errors import InputError
-from swarmwright._experiment import Experiment
-from swarmwright._own._names import absolute
-from swarmwright._registry import Registry
-from swarmwright._validate import check
-from swarmwright._yaml import parse
+from swarmwright.core.errors import InputError
+from swarmwright.core.registry import Registry
+from swarmwright.core.yaml import parse
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.validation import check
 from swarmwright.frevo._document import SECTIONS, Section, Session, open_session
 from swarmwright.frevo._field import FieldFile, as_yaml
 from swarmwright.frevo._mapped import EMERGENCY_EXIT, Line, Mapped, one_line
@@ -20,6 +19,7 @@ from swarmwright.frevo._mapping import Instead, map_session
 from swarmwright.methods import METHODS
 from swarmwright.rankings import RANKINGS
 from swarmwright.representations import REPRESENTATIONS
+from swarmwright.simulations.names import absolute
 
 
 @dataclass(frozen=True)
@@ -98,11 +98,11 @@ def _check_kind(option: str, kind: str | None, registry: Registry[Any]) -> None:
 
 def _sensors(simulation: str) -> int | None:
     """Return what an agent of a simulation senses; None for one that is not here."""
-    from swarmwright import _simulations
+    from swarmwright.simulations import catalogue
 
-    if not _simulations.is_here(simulation):
+    if not catalogue.is_here(simulation):
         return None
-    return int(_simulations.description(simulation)["sensors"])
+    return int(catalogue.description(simulation)["sensors"])
 
 
 def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:

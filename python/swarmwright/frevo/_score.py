@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmwright._errors import InputError, engine_errors
+from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.frevo._components import LAYERS, THREE_LAYERS, all_of, check
 from swarmwright.frevo._document import Section, open_session
 from swarmwright.frevo._networks import Network, networks

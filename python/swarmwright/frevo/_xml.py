@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from swarmwright._errors import InputError
-from swarmwright._files import read_bytes
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import read_bytes
 
 _LARGEST = 1 << 28  # bytes
 _MOST = 2_000_000  # elements and attributes; some 400 bytes each

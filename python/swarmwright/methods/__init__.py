@@ -1,6 +1,6 @@
 """How candidates come about: one file and one line below for each method."""
 
-from swarmwright._registry import Registry
+from swarmwright.core.registry import Registry
 from swarmwright.methods._base import Method, MethodOptions
 
 __all__ = ["METHODS", "Method", "MethodOptions"]

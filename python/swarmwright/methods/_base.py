@@ -7,12 +7,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from swarmwright._errors import InputError
-from swarmwright._options import Options
-from swarmwright._random import Stream, Streams
+from swarmwright.core.errors import InputError
+from swarmwright.core.options import Options
+from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._steady import SteadyState
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes
 
 NO_LIMIT = 1_000_000_000
 """As many generations as there can be."""

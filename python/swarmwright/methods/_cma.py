@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright._random import Stream
+from swarmwright.core.random_numbers import Stream
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._numbers import DISCRETE, center_and_reach, costs_near, one_thread, rounded
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes
 
 
 class CmaOptions(MethodOptions):

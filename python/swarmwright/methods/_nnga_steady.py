@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright._random import Stream, Streams
-from swarmwright.rankings._base import Fitness, best_first
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.rankings._base import best_first
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genome, Genomes
 
 if TYPE_CHECKING:
     from swarmwright.methods.nnga import NngaOptions

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._random import Streams
+from swarmwright.core.random_numbers import Streams
 
 _Numbers = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController

@@ -8,8 +8,8 @@ from pydantic import Field
 
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._numbers import DISCRETE, center_and_reach, costs, one_thread, rounded
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, Limits, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes, Limits
 
 
 class PymooOptions(MethodOptions):

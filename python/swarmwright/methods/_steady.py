@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from swarmwright._errors import InputError
-from swarmwright._random import Streams
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.core.errors import InputError
+from swarmwright.core.random_numbers import Streams
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Genome, Genomes
 
 if TYPE_CHECKING:
     from swarmwright.methods._base import MethodOptions

@@ -8,10 +8,10 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from swarmwright._random import Stream, Streams
+from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genome, Genomes
 
 _RANDOM_NEIGHBOURS = 8
 

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from swarmwright._random import Stream
+from swarmwright.core.random_numbers import Stream
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._nnga_steady import SteadyMembers
-from swarmwright.rankings._base import Fitness, best_first
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.rankings._base import best_first
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genome, Genomes
 
 _TRIALS = 100  # crossovers a generation may repeat because the child exists already
 _MOST_MEMBERS = 10_000_000

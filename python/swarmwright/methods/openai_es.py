@@ -10,8 +10,8 @@ from pydantic import Field
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._normal import normals
 from swarmwright.methods._numbers import DISCRETE, center_and_reach, rounded
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genomes, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes
 
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8  # Adam's own defaults
 _BATCH = 1 << 18  # random numbers that are made at once

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 
 from swarmwright.methods._pymoo import Pymoo, PymooOptions
-from swarmwright.representations._base import Genomes
+from swarmwright.typing import Genomes
 
 
 class PsoOptions(PymooOptions):

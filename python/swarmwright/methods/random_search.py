@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.rankings._base import Fitness
-from swarmwright.representations._base import Genome, Genomes, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genome, Genomes
 
 
 class RandomSearchOptions(MethodOptions):

@@ -1,6 +1,6 @@
 """How episodes become the order of candidates: one file and one line below for each ranking."""
 
-from swarmwright._registry import Registry
+from swarmwright.core.registry import Registry
 from swarmwright.rankings._base import Ranking, RankingOptions
 
 __all__ = ["RANKINGS", "Ranking", "RankingOptions"]

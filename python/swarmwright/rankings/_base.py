@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright._options import Options
-
-Fitness = NDArray[np.float64]
-"""A number for each candidate, more is better, NaN where the evaluation failed."""
+from swarmwright.core.options import Options
+from swarmwright.typing import Fitness
 
 
 class RankingOptions(Options):

@@ -7,8 +7,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmwright._statistics import quantile
-from swarmwright.rankings._base import Fitness, Ranking, RankingOptions
+from swarmwright.core.statistics import quantile
+from swarmwright.rankings._base import Ranking, RankingOptions
+from swarmwright.typing import Fitness
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -1,9 +1,10 @@
 """How a genome becomes a controller: one file and one line below for each representation."""
 
-from swarmwright._options import Options
-from swarmwright._random import Stream, Streams
-from swarmwright._registry import Registry
-from swarmwright.representations._base import Genome, Genomes, Limits, Representation
+from swarmwright.core.options import Options
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.core.registry import Registry
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Genome, Genomes, Limits
 
 __all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Limits", "Options", "Representation", "Stream", "Streams"]
 

@@ -6,15 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._options import Options
-from swarmwright._random import Stream, Streams
-
-Genome = NDArray[np.float32]
-"""One genome: float32, shape (genome_size,)."""
-Genomes = NDArray[np.float32]
-"""Several genomes: float32, shape (candidates, genome_size)."""
-Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""A lower and an upper limit for each gene: float64, shape (genome_size,) each."""
+from swarmwright.core.options import Options
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.typing import Genome, Genomes, Limits
 
 
 class Representation(ABC):

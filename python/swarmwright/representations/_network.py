@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from swarmwright import _engine
-from swarmwright._options import Options
-from swarmwright._random import Stream, Streams
-from swarmwright.representations._base import Genome, Genomes, Limits, Representation
+from swarmwright.core.options import Options
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Genome, Genomes, Limits
 
 OUTPUT_RANGE = {
     "tanh": (-1.0, 1.0),

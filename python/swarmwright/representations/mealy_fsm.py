@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from swarmwright._errors import InputError
-from swarmwright._options import Options
-from swarmwright._problems import shown
-from swarmwright._random import Stream
-from swarmwright.representations._base import Genome, Genomes, Limits, Representation, shortest
+from swarmwright.core.errors import InputError
+from swarmwright.core.options import Options
+from swarmwright.core.problems import shown
+from swarmwright.core.random_numbers import Stream
+from swarmwright.representations._base import Representation, shortest
+from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_LEVELS = 1000
 _LARGEST_TABLE = 1_000_000

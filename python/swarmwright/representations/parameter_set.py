@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from swarmwright._options import Options
-from swarmwright._problems import shown
-from swarmwright._random import Stream
-from swarmwright.representations._base import Genome, Genomes, Limits, Representation
+from swarmwright.core.options import Options
+from swarmwright.core.problems import shown
+from swarmwright.core.random_numbers import Stream
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Genome, Genomes, Limits
 
 _LARGEST_INTEGER = 1 << 24
 """Up to here every integer is a float32."""

@@ -14,8 +14,8 @@ def names() -> list[str]:
 
 def text(name: str) -> str:
     """Return the experiment file of a template; raise InputError for an unknown one."""
-    from swarmwright._errors import InputError
-    from swarmwright._suggest import unknown
+    from swarmwright.core.errors import InputError
+    from swarmwright.core.suggestions import unknown
 
     if name not in names():
         raise InputError(unknown("template", name, names()))

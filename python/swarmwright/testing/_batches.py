@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright._own._batch import BatchSimulation
-from swarmwright._own._host import Host
+from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.host import Host
 
 EPISODES = 7
 """Enough that vectors of numpy's loops are full, and some are not."""

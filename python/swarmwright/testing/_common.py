@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from swarmwright._descriptions import described
-from swarmwright._options import Options
-from swarmwright._registry import Registry
+from swarmwright.core.descriptions import described
+from swarmwright.core.options import Options
+from swarmwright.core.registry import Registry
 from swarmwright.representations import REPRESENTATIONS, Representation
 
 SHAPES = ((1, 1), (4, 1), (10, 2), (3, 5))

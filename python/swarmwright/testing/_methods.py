@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 from swarmwright.methods import METHODS, Method
-from swarmwright.rankings._base import Fitness
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.representations._base import Genomes
 from swarmwright.testing._common import alone, check_options, representation
 from swarmwright.testing._replay import check_replay
 from swarmwright.testing._samples import BoundedGenes, Choices
 from swarmwright.testing._steady import check_steady_state
+from swarmwright.typing import Fitness, Genomes
 
 _GENERATIONS = 6
 

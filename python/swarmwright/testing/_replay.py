@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright.methods import Method
-from swarmwright.rankings._base import Fitness
+from swarmwright.typing import Fitness
 
 _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.testing import _replay; _replay.main()"  # noqa: E501 - one line of a command
 

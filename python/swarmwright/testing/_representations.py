@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright._random import Stream, Streams
+from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.representations._base import Genome, Genomes
 from swarmwright.testing._common import SHAPES, check_options, representation
+from swarmwright.typing import Genome, Genomes
 
 
 def check_representation(kind: str, options: Mapping[str, Any] | None = None) -> None:

@@ -4,9 +4,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swarmwright._options import Options
-from swarmwright._random import Stream
-from swarmwright.representations._base import Genome, Limits, Representation
+from swarmwright.core.options import Options
+from swarmwright.core.random_numbers import Stream
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Genome, Limits
 
 _GENES = 12
 _VALUES = 4

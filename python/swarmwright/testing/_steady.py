@@ -5,9 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 from swarmwright.methods._base import Method
-from swarmwright.representations._base import Genome, Representation
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Genome
 
 _GENERATIONS = 3
 

@@ -12,12 +12,12 @@ import pytest
 from PIL import Image
 
 from swarmwright import Experiment, InputError, Run, adapters, optimize
-from swarmwright._own._shown import drawing, shown_as
-from swarmwright._results.replay import Replay
 from swarmwright.adapters.gymnasium import Gymnasium
 from swarmwright.display.files import FORMATS
 from swarmwright.display.pictures import PictureRecording, record, save
 from swarmwright.display.pictures import _record as recording
+from swarmwright.runs.replay import Replay
+from swarmwright.simulations.shown import drawing, shown_as
 
 CART = "gymnasium:CartPole-v1"
 SPREAD = "pettingzoo:mpe2.simple_spread_v3?max_cycles=6"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, callbacks, optimize
-from swarmwright._flat import flat
+from swarmwright.core.flatten import flat
 
 EXPERIMENT = Experiment.from_mapping(
     {

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Run
-from swarmwright._folders import remove_run
+from swarmwright.runs.folders import remove_run
 from tests.python.cli.processes import children, gone
 
 ENDLESS = "simulation: minisim\nmethod: {population: 6, generations: 1000000}\nservers: 1\n"

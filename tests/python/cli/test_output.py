@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright._words import duration
 from swarmwright.cli._output import Output, finite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
+from swarmwright.core.durations import duration
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

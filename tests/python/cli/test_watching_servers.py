@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from swarmwright._watch import ServerRow, ToolRow, View
+from swarmwright.broker.watching import ServerRow, ToolRow, View
 from swarmwright.cli._output import Output
 from swarmwright.cli._watching import Lines, Screen, cells, headline
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from swarmwright import Controller, Experiment, _engine
-from swarmwright._random import Stream
+from swarmwright.core.random_numbers import Stream
 from swarmwright.display import record
 from swarmwright.display._drawing import LEFT, RIGHT, STATUS, WIDTH, Picture
 from swarmwright.display._ground import cell_step

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Controller, Experiment, InputError, Run, RunError, frevo
-from swarmwright._parameter_files import read_object
-from swarmwright._password_file import set_password
-from swarmwright._store import FILE
-from swarmwright._sweep import Sweep
+from swarmwright.analysis.sweep import Sweep
+from swarmwright.broker.passwords import set_password
+from swarmwright.experiment.parameter_files import read_object
 from swarmwright.frevo import _java
+from swarmwright.runs.store import FILE
 from tests.conftest import ROOT
 from tests.python.frevo.test_field_files import LIST, SER
 from tests.python.fuzz.mutation import fuzz, mutated

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.methods import METHODS, Method
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.representations._base import Genomes
+from swarmwright.typing import Genomes
 
 Points = NDArray[np.float64]
 Function = Callable[[Points], NDArray[np.float64]]

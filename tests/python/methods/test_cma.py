@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright.methods import METHODS
 from swarmwright.methods._cma import Cma, Regimes
-from swarmwright.representations._base import Genomes
+from swarmwright.typing import Genomes
 from tests.python.methods.functions import (
     FUNCTIONS,
     Function,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtri
 
-from swarmwright._random import Streams
+from swarmwright.core.random_numbers import Streams
 from swarmwright.methods._normal import _inverse, normals
 from swarmwright.methods._numbers import FAILED, costs, costs_near, rounded
 from swarmwright.testing._samples import BoundedGenes

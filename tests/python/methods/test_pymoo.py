@@ -10,8 +10,8 @@ from pymoo.core.problem import Problem
 from pymoo.core.termination import NoTermination
 
 from swarmwright.methods._pymoo import Pymoo
-from swarmwright.representations._base import Genomes
 from swarmwright.testing._samples import BoundedGenes
+from swarmwright.typing import Genomes
 from tests.python.methods.functions import (
     FUNCTIONS,
     Function,

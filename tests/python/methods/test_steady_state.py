@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.methods import METHODS
-from swarmwright.representations._base import Genome
+from swarmwright.typing import Genome
 from tests.python.methods.functions import new, sphere
 
 STEADY = sorted(kind for kind in METHODS.built_in if METHODS.get(kind).steady_state)

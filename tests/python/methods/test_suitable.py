@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError
-from swarmwright._registry import Registry
-from swarmwright._validate import REGISTRIES
+from swarmwright.core.registry import Registry
+from swarmwright.experiment.validation import REGISTRIES
 from swarmwright.methods import METHODS
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations.layered import Layered, LayeredOptions
@@ -33,7 +33,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setattr(registry, "_load", lambda _: Table)
     monkeypatch.setitem(REGISTRIES, "controller", registry)
-    monkeypatch.setattr("swarmwright._experiment.REPRESENTATIONS", registry)
+    monkeypatch.setattr("swarmwright.experiment.experiment.REPRESENTATIONS", registry)
 
 
 @pytest.mark.parametrize("kind", COMPUTING)

@@ -5,7 +5,7 @@ import pytest
 
 from swarmwright import Controller
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.representations._base import Genome
+from swarmwright.typing import Genome
 from tests.python.methods.functions import new
 
 CASES = np.array([[0, 0], [0, 1], [1, 0], [1, 1]], dtype=np.float32)

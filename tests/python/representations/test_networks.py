@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from swarmwright import Controller, _engine
-from swarmwright._random import Stream, Streams
+from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
-from swarmwright.representations._base import Genome
 from swarmwright.representations._network import NodeNetwork
 from swarmwright.representations.layered import LayeredOptions
+from swarmwright.typing import Genome
 
 KINDS = ["layered", "fully_meshed"]
 SIZES = st.integers(1, 6)

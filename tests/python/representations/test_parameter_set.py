@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Controller, InputError
-from swarmwright._random import Stream
+from swarmwright.core.random_numbers import Stream
 from swarmwright.representations._base import shortest
 from swarmwright.representations.parameter_set import ParameterSet, ParameterSetOptions, _power
 from swarmwright.testing import check_representation

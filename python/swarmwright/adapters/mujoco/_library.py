@@ -2,7 +2,7 @@
 
 import os
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 
 _HOW = (
     "without a screen, install OSMesa (Debian's package libosmesa6) and PyOpenGL, and set MUJOCO_GL=osmesa; "

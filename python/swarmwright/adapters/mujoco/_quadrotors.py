@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._own._parameter import Parameter
 from swarmwright.adapters.mujoco._robots import SECTORS, Numbers, Robots
+from swarmwright.simulations.parameters import Parameter
 
 _GRAVITY = 9.81
 _MASS = 0.5  # kg

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._own._base import Simulation
-from swarmwright._own._parameter import Parameter
 from swarmwright.adapters.mujoco._arena import Arena
 from swarmwright.display import Body, Scene
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.parameters import Parameter
 
 Numbers = NDArray[np.float64]
 

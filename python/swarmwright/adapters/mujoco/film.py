@@ -13,16 +13,16 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from swarmwright._controller import Controller
-from swarmwright._errors import InputError, SwarmwrightError
-from swarmwright._foreign import one_line
-from swarmwright._own._load import load
-from swarmwright._own._parameter import declared, filled_in
-from swarmwright._run import Run
-from swarmwright._run_code import used_for
 from swarmwright.adapters.mujoco import undrawable
 from swarmwright.adapters.mujoco._library import cannot_draw
 from swarmwright.adapters.mujoco._robots import Robots
+from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.untrusted import one_line
+from swarmwright.representations.controller import Controller
+from swarmwright.runs.code import used_for
+from swarmwright.runs.run import Run
+from swarmwright.simulations.loading import load
+from swarmwright.simulations.parameters import declared, filled_in
 
 COLORS = 200
 LAST_FRAME = 1500  # milliseconds

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright._errors import InputError
+from swarmwright.core.errors import InputError
 from swarmwright.display._episode import Playable
 from swarmwright.display.pictures._text import as_text
 

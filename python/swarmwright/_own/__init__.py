@@ -1,1 +1,0 @@
-"""Simulations that users write in Python."""

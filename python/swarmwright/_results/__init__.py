@@ -1,1 +1,0 @@
-"""What comes of runs: which candidate is looked at, how runs compare, and their figures."""

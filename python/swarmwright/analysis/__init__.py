@@ -1,0 +1,1 @@
+"""What many runs say: comparisons with statistical tests, diversity, sweeps."""

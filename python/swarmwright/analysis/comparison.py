@@ -1,0 +1,201 @@
+"""Runs beside each other: groups, their final fitness, and whether the groups differ."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.analysis.curves import fitness_at
+from swarmwright.analysis.groups import Kin, group
+from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
+from swarmwright.core.errors import InputError
+from swarmwright.runs.run import Run
+from swarmwright.user_code.copying import shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FEW = 5
+"""Runs of a group below which a test says little."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs whose experiments differ in nothing but the seed."""
+
+    label: str
+    """What sets the group apart, in words."""
+    differs: dict[str, Any]
+    """Keys of the experiment that differ between the groups, with this group's values."""
+    runs: tuple[Run, ...]
+    final: NDArray[np.float64]
+    """Best fitness of each run, (runs,), more is better; NaN where no candidate could be evaluated."""
+
+    def quantile(self, share: float) -> float:
+        """Return a quantile of the final fitness; a run without any counts as minus infinity."""
+        values = np.sort(np.where(np.isnan(self.final), -np.inf, self.final))
+        position = share * (len(values) - 1)
+        low = int(position)
+        part = position - low
+        high = min(low + 1, len(values) - 1)
+        if part == 0 or values[low] == values[high]:
+            return float(values[low])
+        return float(values[low] * (1 - part) + values[high] * part)
+
+    @property
+    def median(self) -> float:
+        """Median of the final fitness."""
+        return self.quantile(0.5)
+
+    @property
+    def quartiles(self) -> tuple[float, float]:
+        """Lower and upper quartile of the final fitness."""
+        return self.quantile(0.25), self.quantile(0.75)
+
+    @property
+    def evaluations(self) -> tuple[int, int]:
+        """Evaluations of the shortest and of the longest run."""
+        counts = [run.evaluations for run in self.runs]
+        return min(counts), max(counts)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two groups, and how they differ."""
+
+    first: Group
+    second: Group
+    difference: Difference
+    """Figures of the first against the second."""
+    p_holm: float
+    """p, corrected for the number of pairs after Holm."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs in groups, with tests of their final fitness; made by `swarmwright.compare`.
+
+    `print(comparison)` shows it as a table, `figure()` as a picture, `to_mapping()` as plain values.
+    """
+
+    groups: tuple[Group, ...]
+    pairs: tuple[Pair, ...]
+    """Every group against every later one."""
+    kruskal: Kruskal | None
+    """Test of all groups at once; None for fewer than three."""
+    at: int | None
+    """Evaluations after which fitness is compared; None: at each run's end."""
+    notes: tuple[str, ...]
+    """What to keep in mind, a sentence each."""
+
+    def __str__(self) -> str:
+        from swarmwright.analysis.table import table
+
+        return table(self)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return everything as plain values, for JSON."""
+        from swarmwright.analysis.table import to_mapping
+
+        return to_mapping(self)
+
+    def figure(self, *, x: str = "evaluations") -> "Figure":
+        """Return a matplotlib figure: best fitness over `x`, and the final fitness of every run.
+
+        x: "evaluations" or "generations".
+        """
+        from swarmwright.figures.comparison import draw
+
+        return draw(self, x=x)
+
+    def plot(self, path: str | Path, *, x: str = "evaluations") -> Path:
+        """Draw `figure` into a file (.png, .svg or .pdf); return its path.
+
+        Raises InputError for another ending or a file that cannot be written.
+        """
+        from swarmwright.figures.style import save
+
+        return save(self.figure(x=x), Path(path))
+
+
+def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = None) -> Comparison:
+    """Compare runs: group them by what differs between their experiments, and test whether groups differ.
+
+    Runs that differ in their seed alone are one group; of runs with the same experiment and seed one counts.
+    The best fitness of each run is compared by Mann and Whitney's test, with Vargha and Delaney's A12 as the
+    size of the effect and Hodges and Lehmann's estimate of the difference with its 95 % confidence interval;
+    three groups and more by Kruskal and Wallis' test as well, and p of pairs is corrected after Holm.
+
+    Args:
+        runs: run folders, or runs. One group alone is described and not tested.
+        at: compare the best fitness after so many evaluations instead of at each run's end; runs that ended
+            earlier count with what they had.
+
+    Raises:
+        InputError: no run is given, a folder is no run, or a run holds no finished generation.
+    """
+    opened = [run if isinstance(run, Run) else Run.open(Path(run)) for run in runs]
+    if not opened:
+        raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
+    for run in opened:
+        if not run.history:
+            raise InputError(f"{run.path}: holds no finished generation to compare")
+    slowest = max(opened, key=lambda run: run.history[0].evaluations)
+    if at is not None and at < (needed := slowest.history[0].evaluations):
+        raise InputError(
+            f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
+        )
+    kins, notes = group(opened)
+    groups = tuple(_group(kin, at) for kin in kins)
+    pairs = tuple(combinations(groups, 2))
+    differences = [difference(one.final, other.final) for one, other in pairs]
+    corrected = holm([found.p for found in differences])
+    return Comparison(
+        groups,
+        tuple(
+            Pair(one, other, found, p)
+            for (one, other), found, p in zip(pairs, differences, corrected, strict=True)
+        ),
+        kruskal_wallis([one.final for one in groups]) if len(groups) > 2 else None,
+        at,
+        (*notes, *_cautions(groups, at)),
+    )
+
+
+def _group(kin: Kin, at: int | None) -> Group:
+    final = np.array([fitness_at(run, at) for run in kin.runs])
+    return Group(kin.label, kin.differs, kin.runs, final)
+
+
+def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
+    found = []
+    few = [one for one in groups if len(one.runs) < FEW]
+    if few and len(groups) > 1:
+        least = min(len(one.runs) for one in few)
+        counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
+        if len(few) > 3:
+            counts = f"{len(few)} groups have {least} or more"
+        found.append(f"with fewer than {FEW} runs in a group ({counts}) a test says little")
+    shortest = min(one.evaluations[0] for one in groups)
+    longest = max(one.evaluations[1] for one in groups)
+    if at is None and len(groups) > 1 and longest > 1.1 * shortest:
+        found.append(
+            f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its own end; "
+            f"--at {shortest} compares all after as many"
+        )
+    simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
+    if len(simulations) > 1:
+        found.append(f"fitness of different simulations is compared: {', '.join(sorted(simulations))}")
+    if any("code" in one.differs for one in groups):
+        found.append(
+            "fitness that different code computed is compared: `swarmwright runs show` names the files"
+        )
+    interrupted = [str(run.path) for one in groups for run in one.runs if run.interrupted]
+    if interrupted:
+        found.append(f"ended before their time: {', '.join(interrupted)}")
+    return found

@@ -1,0 +1,7 @@
+"""Sweeps: an experiment in many variants, each with several seeds, on the same servers."""
+
+from swarmwright.analysis.sweep.course import Listener, Outcome, conduct
+from swarmwright.analysis.sweep.file import Sweep, Variant
+from swarmwright.analysis.sweep.run import Crew, Task, tasks
+
+__all__ = ["Crew", "Listener", "Outcome", "Sweep", "Task", "Variant", "conduct", "tasks"]

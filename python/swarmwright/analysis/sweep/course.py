@@ -1,0 +1,160 @@
+"""Doing the runs of a sweep, one after the other or side by side, and telling how it goes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from swarmwright.analysis.sweep.file import Sweep
+from swarmwright.analysis.sweep.jobs import shares
+from swarmwright.analysis.sweep.run import Crew, Task, reason
+from swarmwright.evaluation.backend import HERE, Servers
+from swarmwright.optimization.loop import Generation
+from swarmwright.runs.run import Run
+
+
+class Listener:
+    """Is told how a sweep goes; does nothing with it."""
+
+    def found(self, task: Task, run: Run) -> None:
+        """A run was finished before."""
+
+    def planned(self, runs: int, jobs: int) -> None:
+        """So many runs are to be done, so many at a time."""
+
+    def begun(self, task: Task) -> None:
+        """A run begins, or goes on."""
+
+    def generation(self, task: Task, generation: Generation) -> None:
+        """A run has evaluated a generation."""
+
+    def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
+        """Within a generation; see `swarmwright.optimize`."""
+
+    def ended(self, task: Task, run: Run) -> None:
+        """A run is finished."""
+
+    def failed(self, task: Task, message: str) -> None:
+        """A run failed; the others go on."""
+
+    def tick(self) -> None:
+        """Some time has passed, a quarter of a second or less."""
+
+
+@dataclass
+class Outcome:
+    """What came of the runs of a sweep."""
+
+    tasks: Sequence[Task]
+    runs: dict[Task, Run] = field(default_factory=dict)
+    """Finished ones."""
+    failures: dict[Task, str] = field(default_factory=dict)
+    """Why runs failed."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it before all runs were done."""
+
+    @property
+    def finished(self) -> list[Run]:
+        """Finished runs, in the order of the tasks."""
+        return [self.runs[task] for task in self.tasks if task in self.runs]
+
+
+class _Noting(Listener):
+    """Notes what came out, and tells somebody else all of it."""
+
+    def __init__(self, outcome: Outcome, listener: Listener) -> None:
+        self._outcome = outcome
+        self._listener = listener
+        self.begun = listener.begun  # type: ignore[method-assign] # passed on as it is
+        self.generation = listener.generation  # type: ignore[method-assign]
+        self.evaluating = listener.evaluating  # type: ignore[method-assign]
+        self.planned = listener.planned  # type: ignore[method-assign]
+        self.tick = listener.tick  # type: ignore[method-assign]
+
+    def found(self, task: Task, run: Run) -> None:
+        self._outcome.runs[task] = run
+        self._listener.found(task, run)
+
+    def ended(self, task: Task, run: Run) -> None:
+        self._outcome.runs[task] = run
+        self._listener.ended(task, run)
+
+    def failed(self, task: Task, message: str) -> None:
+        self._outcome.failures[task] = message
+        self._listener.failed(task, message)
+
+
+def conduct(
+    sweep: Sweep,
+    tasks: Sequence[Task],
+    listener: Listener,
+    *,
+    jobs: int | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+) -> Outcome:
+    """Do all runs of a sweep that are not finished; return what came out.
+
+    A run that fails does not stop the others. Ctrl-C does; then `interrupted` is set, and what was finished
+    is kept.
+
+    Args:
+        sweep: whose runs.
+        tasks: the runs, in the order in which they are begun.
+        listener: is told how it goes.
+        jobs: runs at a time; default: see `shares`.
+        broker: as in `optimize`.
+        servers: as in `optimize`, for all runs together.
+
+    Raises:
+        InputError: a folder holds something else, or there are fewer servers than jobs.
+        RunError: no broker, or servers do not start.
+    """
+    outcome = Outcome(tasks)
+    noting = _Noting(outcome, listener)
+    before = {task: task.found() for task in tasks}  # complain before anything is started
+    left = []
+    for task, run in before.items():
+        if run is not None and not run.interrupted:
+            noting.found(task, run)
+        else:
+            left.append(task)
+    experiments = [one.experiment for one in sweep.variants]
+    if broker is None and servers not in HERE and experiments[0].servers not in HERE:
+        broker = experiments[0].broker
+    try:
+        parts = shares(experiments, len(left), jobs, broker=broker, servers=servers) if left else []
+        noting.planned(len(left), len(parts))
+        if len(parts) > 1:
+            from swarmwright.analysis.sweep.workers import SideBySide
+
+            SideBySide(sweep.variants, broker=broker, servers=parts, listener=noting).run(left)
+        elif left:
+            outcome.interrupted = not _one_after_another(sweep, left, noting, broker, parts[0])
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+    return outcome
+
+
+def _one_after_another(
+    sweep: Sweep, tasks: Sequence[Task], listener: Listener, broker: str | None, servers: Servers | None
+) -> bool:
+    """Do tasks in this process; return whether all were done."""
+    with Crew(sweep, broker=broker, servers=servers) as crew:
+        for task in tasks:
+            listener.begun(task)
+            try:
+                run = crew.run(task, _of(listener.generation, task), _of(listener.evaluating, task))
+            except BrokenPipeError:  # nobody reads what the listener prints
+                raise
+            except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
+                listener.failed(task, reason(error))
+                continue
+            if run.interrupted:
+                return False
+            listener.ended(task, run)
+            listener.tick()
+    return True
+
+
+def _of(tell: Callable[..., None], task: Task) -> Callable[..., None]:
+    """Return a callback of `optimize` that says which task it is of."""
+    return lambda *values: tell(task, *values)

@@ -1,0 +1,257 @@
+"""Sweep files: which variants of an experiment, with which seeds, where the results go."""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
+
+from swarmwright.analysis.groups import label_of
+from swarmwright.core.errors import InputError
+from swarmwright.core.problems import shown
+from swarmwright.core.registry import Registry
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.yaml import Source, read
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.validation import REGISTRIES
+from swarmwright.runs.folders import RUNS
+
+_KEYS = ("experiment", "grid", "seeds", "out")
+_SEEDS = 5
+_MOST_RUNS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One variant of the experiment."""
+
+    label: str
+    """What sets it apart, in words."""
+    folder: str
+    """The label as part of a file name, no other variant's."""
+    experiment: Experiment
+    """With the seed of the file; each run has its own."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep file says, checked: every variant can be run."""
+
+    variants: tuple[Variant, ...]
+    seeds: tuple[int, ...]
+    out: Path
+
+    @classmethod
+    def load(cls, path: str | Path, *, out: Path | None = None, settings: Iterable[str] = ()) -> Self:
+        """Read a sweep file (YAML).
+
+        Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
+        keys of the experiment (`method.population`) to lists of values, of which every combination is a
+        variant, or a list of such mappings; `seeds`, how many (1, 2, ..), or a list, default 5; `out`, a
+        folder, relative to where the program is started, default runs/<name of the file>.
+
+        Where a variant has another kind of method, controller or ranking than the experiment, the options
+        that the experiment names and the other kind can have as well are kept.
+
+        Args:
+            path: of the file.
+            out: instead of the file's.
+            settings: as in `Experiment.load`, for all variants.
+
+        Raises:
+            InputError: the file or a variant is wrong; the message says where.
+        """
+        file = Path(path)
+        source = read(file)
+        if source.problems:
+            raise InputError("\n".join(f"{file}:{line}: {what}" for _, line, what in source.problems))
+        if not isinstance(source.values, Mapping):
+            raise InputError(f"{file}: is no sweep; a sweep begins like 'experiment: minisim.yaml'")
+        return cls._checked(source, file, out, settings)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any], *, out: Path | None = None) -> Self:
+        """Make a sweep of plain values with the keys of a file, see `load`.
+
+        The experiment can be an `Experiment`, a mapping with its keys, or the path of its file. Without `out`
+        the folder is runs/<simulation>-sweep.
+        """
+        plain = {key: value if key == "experiment" else _listed(value) for key, value in values.items()}
+        return cls._checked(Source("", values=plain), None, out, ())
+
+    @classmethod
+    def _checked(cls, source: Source, file: Path | None, out: Path | None, settings: Iterable[str]) -> Self:
+        values = source.values
+        for key in values:
+            if key not in _KEYS:
+                raise InputError(f"{source.place((str(key),))}unknown key{did_you_mean(str(key), _KEYS)}")
+        experiment = _experiment(source, file, settings)
+        seeds = _seeds(source)
+        variants = _variants(source, experiment)
+        if len(variants) * len(seeds) > _MOST_RUNS:
+            raise InputError(
+                f"{source.place(())}{len(variants)} variants with {len(seeds)} seeds each are too many runs, "
+                f"at most {_MOST_RUNS} are possible"
+            )
+        stem = f"{experiment.label}-sweep" if file is None else file.stem
+        return cls(variants, seeds, out or _out(source, stem))
+
+
+def _listed(value: Any) -> Any:  # noqa: ANN401 - any value
+    """Return a value in which whatever is a sequence or an array is a list, as in a file."""
+    if isinstance(value, Mapping):
+        return {key: _listed(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [_listed(inner) for inner in value]
+    return _listed(value.tolist()) if hasattr(value, "tolist") else value
+
+
+def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> Experiment:
+    name = source.values.get("experiment")
+    if file is None and isinstance(name, Experiment):
+        return name
+    if file is None and isinstance(name, Mapping):
+        return Experiment.from_mapping(name)
+    if file is None and isinstance(name, str | Path):
+        return Experiment.load(name)
+    if file is None:
+        raise InputError(
+            "experiment: must be an Experiment, a mapping with its keys, or the path of its file"
+        )
+    if not isinstance(name, str):
+        raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
+    path = file.parent / name
+    if not path.is_file():
+        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file")
+    return Experiment.load(path, settings)
+
+
+def _seeds(source: Source) -> tuple[int, ...]:
+    seeds = source.values.get("seeds", _SEEDS)
+    if _whole(seeds) and 1 <= seeds <= _MOST_RUNS:
+        return tuple(range(1, seeds + 1))
+    if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
+        return tuple(dict.fromkeys(seeds))
+    raise InputError(
+        f"{source.place(('seeds',))}must be a number of seeds, or a list of seeds, not {shown(seeds)}"
+    )
+
+
+def _whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _out(source: Source, stem: str) -> Path:
+    out = source.values.get("out")
+    if out is None:
+        return RUNS / stem
+    if not isinstance(out, str | Path) or not str(out):
+        raise InputError(f"{source.place(('out',))}must be the path of a folder, not {shown(out)}")
+    return Path(out)
+
+
+def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
+    grid = source.values.get("grid")
+    grids = grid if isinstance(grid, list) and grid else [grid]
+    found: list[Variant] = []
+    names: set[str] = set()
+    for index, one in enumerate(grids):
+        at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
+        for changes in _combinations(source, one, at):
+            label = label_of(changes)
+            try:
+                experiment = _changed(base, changes)
+            except InputError as error:
+                raise InputError(f"{source.place(at)}with {label}: {error}") from error
+            if any(experiment == other.experiment for other in found):
+                continue  # grids may overlap
+            folder = _unique(_file_name(label), names)
+            found.append(Variant(label, folder, experiment))
+    return tuple(found)
+
+
+def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
+    """Return every combination of a grid's values."""
+    if not isinstance(grid, Mapping) or not grid:
+        raise InputError(
+            f"{source.place(at)}must be a mapping from keys of the experiment to lists of values, such as "
+            "method.population: [20, 50]"
+        )
+    for key, values in grid.items():
+        if not isinstance(values, list) or not values:
+            raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
+        if key == "seed":
+            raise InputError(f"{source.place((*at, key))}seeds are no part of the grid; see the key 'seeds'")
+        section, _, option = str(key).partition(".")
+        if option and section in grid:
+            raise InputError(
+                f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
+            )
+    count = math.prod(map(len, grid.values()))
+    if count > _MOST_RUNS:
+        raise InputError(f"{source.place(at)}makes {count} variants; at most {_MOST_RUNS} are possible")
+    return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+
+
+def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
+    """Return the experiment with changed keys; kinds first, for other keys may be theirs."""
+    merged: dict[str, Any] = {}
+    for key in sorted(changes, key=lambda key: not key.endswith(".kind")):
+        value = changes[key]
+        section, _, option = key.partition(".")
+        if not option:
+            merged[section] = value
+            continue
+        if section not in merged:
+            merged[section] = {}
+        if option == "kind" and section in REGISTRIES:
+            merged[section].update(_kept(base, section, REGISTRIES[section], value))
+        merged[section][option] = value
+    return base.replace(**merged)
+
+
+def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return the options of the experiment's file that another kind can have as well."""
+    options = getattr(base, section)
+    if not isinstance(kind, str) or kind == options.kind:
+        return {}
+    # Defaults are not kept: another kind has its own.
+    old = options.model_dump(exclude_none=True, exclude_unset=True)
+    known = registry.get(kind).options_model.model_fields
+    return {
+        name: value
+        for name, value in old.items()
+        if name in known and name != "kind" and _fits(known[name], value)
+    }
+
+
+def _fits(field: FieldInfo, value: Any) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether an option of the same name can have this value: `hidden` is a number here, a list there."""
+    wanted: Any = field.annotation
+    for constraint in field.metadata:
+        wanted = Annotated[wanted, constraint]
+    try:
+        TypeAdapter(wanted).validate_python(value)
+    except ValidationError:
+        return False
+    return True
+
+
+def _file_name(label: str) -> str:
+    safe = "".join(sign if sign.isalnum() or sign in "-.+" else "_" for sign in label)
+    while "__" in safe:
+        safe = safe.replace("__", "_")
+    return safe.strip("_.")[:80] or "variant"
+
+
+def _unique(name: str, names: set[str]) -> str:
+    found, number = name, 1
+    while found in names:
+        number += 1
+        found = f"{name}_{number}"
+    names.add(found)
+    return found

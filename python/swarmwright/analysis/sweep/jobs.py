@@ -1,0 +1,91 @@
+"""How many runs of a sweep go on at a time, and which servers each of them has."""
+
+import json
+from collections.abc import Sequence
+
+from swarmwright import _engine
+from swarmwright.broker.credentials import from_keyring
+from swarmwright.core.errors import InputError
+from swarmwright.evaluation import backend
+from swarmwright.evaluation.backend import Servers
+from swarmwright.evaluation.local_servers import automatic_count, processors
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.simulations import catalogue
+
+_LISTEN = 1.0
+"""Seconds for servers on a broker to say that they are there."""
+
+
+def shares(
+    experiments: Sequence[Experiment],
+    runs: int,
+    jobs: int | None,
+    *,
+    broker: str | None,
+    servers: Servers | None,
+) -> list[Servers | None]:
+    """Return for each run that goes on at a time which servers it starts; None: none, it uses the broker's.
+
+    Without `jobs`, there are as many as have work to do at a time without taking it from each other:
+
+    - evaluated in this process: a run for each processor;
+    - servers that are started: a run for each of them, with a broker of its own;
+    - servers on a broker: as many runs as they can serve, where each takes as many as its generation has
+      evaluations.
+
+    Args:
+        experiments: of the variants.
+        runs: that are to be done.
+        jobs: how many at a time.
+        broker: whose servers are used.
+        servers: which are started, instead of the first experiment's.
+
+    Raises:
+        InputError: fewer servers are to be started than runs go on at a time.
+    """
+    first = experiments[0]
+    wanted: Servers = first.servers if servers is None else servers
+    if broker is None and wanted == "auto" and backend.in_process_is_better(first):
+        wanted = "local"
+    if any(one.simulation.startswith("__main__:") for one in experiments):
+        jobs = 1  # a class of this session, which no other process finds
+    most = max(runs, 1)
+    if broker is None and wanted in backend.HERE:
+        jobs = min(jobs or processors(), most)
+        if wanted == "in-process" or not all(backend.has_workers(one.simulation) for one in experiments):
+            return [wanted] * jobs
+        wanted = max(processors(), jobs)  # all runs together, not each of them
+    if broker is not None and not isinstance(servers, int):
+        return [None] * min(jobs or _served(experiments, broker), most)
+    count = wanted if isinstance(wanted, int) else max(automatic_count(), jobs or 1)
+    if jobs is None:
+        jobs = count if broker is None else 1
+    if jobs > count:
+        raise InputError(
+            f"jobs: {jobs} runs at a time need as many servers, and {count} are to be started; give a larger "
+            "number of servers, or fewer jobs"
+        )
+    jobs = min(jobs, most)
+    return [count // jobs + (place < count % jobs) for place in range(jobs)]
+
+
+def _served(experiments: Sequence[Experiment], broker: str) -> int:
+    """Return how many runs the servers on a broker can serve at a time."""
+    from_keyring(broker)
+    first = experiments[0]
+    found = json.loads(_engine.servers(broker, prefix=first.prefix, wait=_LISTEN))
+    titles = {catalogue.title(one.simulation) for one in experiments}
+    able = [
+        one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())
+    ]
+    return max(1, len(able) // max(_at_a_time(one) for one in experiments))
+
+
+def _at_a_time(experiment: Experiment) -> int:
+    """Return how many evaluations of a run can be made at a time, each on another server."""
+    options = experiment.method
+    if options.operation == "steady_state":
+        return options.in_flight * experiment.ranking.episodes
+    population = getattr(options, "population", None)
+    candidates = population if isinstance(population, int) else 50
+    return candidates * int(getattr(options, "populations", 1)) * experiment.ranking.episodes

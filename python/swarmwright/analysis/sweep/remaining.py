@@ -1,0 +1,141 @@
+"""How far a sweep is: what is finished, what goes on, and how long the rest takes."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from swarmwright.analysis.sweep.course import Listener
+from swarmwright.analysis.sweep.file import Variant
+from swarmwright.analysis.sweep.run import Task
+from swarmwright.optimization.loop import Generation
+from swarmwright.runs.run import Run
+
+_MANY = 1000  # generations, where nobody knows how many there will be
+
+
+@dataclass
+class UnderWay:
+    """A run that goes on."""
+
+    task: Task
+    begun: float
+    """By the clock, when it was begun or gone on with."""
+    generation: Generation | None = None
+    """The last one."""
+    heard: float = 0.0
+    """By the clock, when that was told."""
+    part: float = 0.0
+    """How much of the generation under way is evaluated, 0 to 1."""
+    waiting_for: str = ""
+
+    @property
+    def done(self) -> int:
+        """Generations that are done."""
+        return 0 if self.generation is None else self.generation.generation + 1
+
+    @property
+    def share(self) -> float:
+        """How much of the run is done, 0 to 1."""
+        if self.generation is None:
+            return self.part / (self.task.variant.experiment.generations or _MANY)
+        share = self.generation.share
+        return min(share + self.part * share / self.done, 1.0)
+
+    @property
+    def words(self) -> str:
+        """Which run it is, and how far: "nnga, seed 2: 7 of 20 generations"."""
+        whole = self.task.variant.experiment.generations
+        of = f" of {whole}" if whole else ""
+        return f"{self.task.variant.label}, seed {self.task.seed}: {self.done}{of} generations"
+
+    def left(self, now: float) -> float | None:
+        """Return seconds that it still takes; None before anything is known."""
+        if self.generation is None:
+            return None
+        return max(self.generation.seconds_left - (now - self.heard), 0.0)
+
+
+class Status(Listener):
+    """Keeps what there is to show of a sweep.
+
+    total: runs of the sweep. clock: seconds, from wherever.
+    """
+
+    def __init__(self, total: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self.total = total
+        self.jobs = 1
+        self.finished = self.failures = 0
+        self.under_way: dict[Task, UnderWay] = {}
+        self._took: dict[Variant, list[float]] = {}
+        self._waiting: list[Variant] = []
+
+    def begin(self, tasks: Sequence[Task]) -> None:
+        """Take note of all runs."""
+        self._waiting = [task.variant for task in tasks]
+
+    def found(self, task: Task, run: Run) -> None:
+        """A run was finished before: it tells how long others of its variant will take."""
+        self._end(task, run.seconds)
+        self.finished += 1
+
+    def planned(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - `begin` was told
+        """Note how many there are at a time."""
+        self.jobs = max(jobs, 1)
+
+    def begun(self, task: Task) -> None:
+        """Note when."""
+        self.under_way[task] = UnderWay(task, self._clock())
+
+    def generation(self, task: Task, generation: Generation) -> None:
+        """Note how far it is."""
+        one = self.under_way[task]
+        one.generation, one.heard, one.part, one.waiting_for = generation, self._clock(), 0.0, ""
+
+    def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
+        """Note how far the generation is."""
+        one = self.under_way[task]
+        one.part, one.waiting_for = (done / total if total else 0.0), waiting_for
+
+    def ended(self, task: Task, run: Run) -> None:
+        """Note how long it took."""
+        self._end(task, run.seconds)
+        self.finished += 1
+
+    def failed(self, task: Task, message: str) -> None:  # noqa: ARG002 - who shows it has it
+        """Count it."""
+        self._end(task, None)
+        self.failures += 1
+
+    def _end(self, task: Task, seconds: float | None) -> None:
+        self.under_way.pop(task, None)
+        self._waiting.remove(task.variant)
+        if seconds is not None:
+            self._took.setdefault(task.variant, []).append(seconds)
+
+    def seconds_left(self) -> float | None:
+        """Return an estimate of the time to the end; None before anything is known.
+
+        A run that waits takes as long as others of its variant, finished or under way, or else as the mean of
+        all variants of which something is known.
+        """
+        now = self._clock()
+        known = {variant: list(seconds) for variant, seconds in self._took.items()}
+        left = []
+        for one in self.under_way.values():
+            rest = one.left(now)
+            if rest is not None:
+                left.append(rest)
+                if one.task.variant not in self._took and one.generation is not None:
+                    known.setdefault(one.task.variant, []).append(one.generation.seconds + rest)
+        if not known:
+            return None
+        means = {variant: fmean(seconds) for variant, seconds in known.items()}
+        others = fmean(means.values())
+        unknown = [one.task.variant for one in self.under_way.values() if one.left(now) is None]
+        waiting = list(self._waiting)
+        for one in self.under_way.values():
+            waiting.remove(one.task.variant)
+        left += [means.get(variant, others) for variant in unknown + waiting]
+        return max(sum(left) / self.jobs, max(left, default=0.0))

@@ -1,0 +1,189 @@
+"""Sweeps in Python."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.analysis.comparison import Comparison, compare
+from swarmwright.analysis.groups import distinguishing, flattened_of
+from swarmwright.analysis.sweep.course import Listener, conduct
+from swarmwright.analysis.sweep.file import Sweep
+from swarmwright.analysis.sweep.remaining import Status
+from swarmwright.analysis.sweep.run import Task, tasks
+from swarmwright.core.durations import duration
+from swarmwright.core.html import facts, table
+from swarmwright.core.notebook import Text, in_notebook
+from swarmwright.evaluation.backend import Servers
+from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from swarmwright.optimization.loop import Generation
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A run that failed."""
+
+    variant: str
+    """What sets its variant apart, in words."""
+    seed: int
+    message: str
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What came of a sweep; made by `swarmwright.sweep`."""
+
+    path: Path
+    """The folder of the runs."""
+    runs: tuple[Run, ...]
+    """Finished runs: every variant with the first seed, then with the next one."""
+    labels: tuple[str, ...]
+    """What sets the variant of each run apart, in words."""
+    failures: tuple[Failure, ...]
+    """Runs that failed, and why."""
+    interrupted: bool
+    """Whether Ctrl-C ended it before all runs were done; the same call goes on."""
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
+
+        Keys: variant, seed, fitness (the best of the run), evaluations, generations, seconds, run (its
+        folder), then what the experiments differ in, such as method.population.
+        """
+        experiments = [flattened_of(run) for run in self.runs]
+        differing = distinguishing(experiments)
+        return [
+            {
+                "variant": label,
+                "seed": run.experiment.seed,
+                "fitness": run.history[-1].best_so_far,
+                "evaluations": run.evaluations,
+                "generations": run.generations,
+                "seconds": run.seconds,
+                "run": str(run.path),
+                **{key: one.get(key) for key in differing},
+            }
+            for run, label, one in zip(self.runs, self.labels, experiments, strict=True)
+        ]
+
+    def compare(self, *, at: int | None = None) -> Comparison:
+        """Compare the variants; see `swarmwright.compare`. Raises InputError when no run was finished."""
+        return compare(self.runs, at=at)
+
+    def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
+        """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
+
+        x: "evaluations" or "generations".
+        """
+        from swarmwright.figures.style import save
+
+        figure = self.compare().figure(x=x)
+        if path is not None:
+            save(figure, Path(path))
+        return figure
+
+    def __repr__(self) -> str:
+        """Name the folder and how many runs there are."""
+        failed = f", {len(self.failures)} failed" if self.failures else ""
+        return f"<SweepResult {self.path}: {len(self.runs)} runs{failed}>"
+
+    def _repr_html_(self) -> str:
+        """Return the runs as a table, for notebooks."""
+        rows = [
+            (label, run.experiment.seed, f"{run.history[-1].best_so_far:.6g}", f"{run.evaluations:,}")
+            for run, label in zip(self.runs, self.labels, strict=True)
+        ]
+        failed = [(f"failed: {one.variant}, seed {one.seed}", one.message) for one in self.failures]
+        state = [("interrupted", "the same call goes on")] if self.interrupted else []
+        title = f"Sweep in {self.path}: {len(self.runs)} runs"
+        return facts(title, [*failed, *state]) + table(
+            ("variant", "seed", "best fitness", "evaluations"), rows
+        )
+
+
+def sweep(
+    source: str | Path | Mapping[str, Any],
+    *,
+    jobs: int | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    out: str | Path | None = None,
+    progress: bool | None = None,
+) -> SweepResult:
+    """Run an experiment in every variant and with every seed; return what came out.
+
+    A run that is finished is not run again, one that was interrupted goes on: after Ctrl-C, the same call
+    continues. A run that fails does not stop the others.
+
+    Args:
+        source: path of a sweep file, or a mapping with its keys: `experiment` (an `Experiment`, a mapping,
+            or the path of a file), `grid` (a mapping from keys such as "method.population" to lists of
+            values, or a list of such mappings), `seeds` (how many, or a list; default 5), `out`.
+        jobs: runs at a time, in processes of their own. Default: one for each processor with servers
+            "local", one for each server that is started; on a broker as many as its servers can serve. The
+            records do not depend on it. Simulations of a notebook are run one after the other.
+        broker: as in `optimize`.
+        servers: as in `optimize`, for all runs together.
+        out: folder for the runs; default: the source's, else runs/ and the name of the file.
+        progress: show how far it is; default: in a notebook.
+
+    Raises:
+        InputError: the source or a variant is wrong, or a folder holds something else.
+        RunError: no broker, or servers do not start.
+    """
+    folder = None if out is None else Path(out)
+    loaded = (
+        Sweep.from_mapping(source, out=folder)
+        if isinstance(source, Mapping)
+        else Sweep.load(source, out=folder)
+    )
+    todo = tasks(loaded)
+    wanted = in_notebook() if progress is None else progress
+    listener = _Shown(todo) if wanted else Listener()
+    outcome = conduct(loaded, todo, listener, jobs=jobs, broker=broker, servers=servers)
+    if isinstance(listener, _Shown):
+        listener.close()
+    finished = [task for task in todo if task in outcome.runs]
+    return SweepResult(
+        loaded.out,
+        tuple(outcome.runs[task] for task in finished),
+        tuple(task.variant.label for task in finished),
+        tuple(Failure(task.variant.label, task.seed, message) for task, message in outcome.failures.items()),
+        outcome.interrupted,
+    )
+
+
+class _Shown(Status):
+    """Shows how far a sweep is, as a text that is replaced."""
+
+    def __init__(self, todo: list[Task]) -> None:
+        super().__init__(len(todo))
+        self.begin(todo)
+        self._text = Text()
+
+    def generation(self, task: Task, generation: "Generation") -> None:
+        """Show it."""
+        super().generation(task, generation)
+        self.tick()
+
+    def tick(self) -> None:
+        """Show it."""
+        self._text.show(self._line())
+
+    def close(self) -> None:
+        """Show the last state."""
+        self._text.show(self._line(), at_once=True)
+        self._text.close()
+
+    def _line(self) -> str:
+        failed = f", {self.failures} failed" if self.failures else ""
+        left = self.seconds_left()
+        rest = f", {duration(left)} left" if left is not None and self.under_way else ""
+        running = "; ".join(one.words for one in list(self.under_way.values())[:4])
+        return f"{self.finished} of {self.total} runs done{failed}{rest}" + (
+            f"; {running}" if running else ""
+        )

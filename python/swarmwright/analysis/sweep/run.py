@@ -1,0 +1,165 @@
+"""Runs of a sweep: which are left to do, and the broker and servers that all of them share."""
+
+import json
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from swarmwright.analysis.sweep.file import Sweep, Variant
+from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.evaluation import backend
+from swarmwright.evaluation.backend import Progress, Servers
+from swarmwright.evaluation.local_servers import LocalServers
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.optimization.loop import OnGeneration
+from swarmwright.optimization.optimize import optimize, resume
+from swarmwright.runs.code import changed_code, check_trusted
+from swarmwright.runs.run import Run
+from swarmwright.runs.store import FILE
+from swarmwright.runs.store.folder import check_folder
+from swarmwright.user_code.copying import shown
+
+_NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
+"""Keys that say where it is computed, or that a server may have announced."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One run of a sweep."""
+
+    variant: Variant
+    seed: int
+    folder: Path
+
+    @property
+    def experiment(self) -> Experiment:
+        """As it is run."""
+        return self.variant.experiment.replace(seed=self.seed)
+
+    def found(self) -> Run | None:
+        """Return the run that is there already, finished or not; None when there is none.
+
+        Raises InputError when the folder holds something else, or another process works on it.
+        """
+        if not (self.folder / FILE).exists():
+            check_folder(self.folder)
+            return None
+        run = Run.open(self.folder)
+        if _same(run.experiment) != _same(self.experiment):
+            raise InputError(
+                f"{self.folder}: holds a run of another experiment; name another folder for the results (out)"
+            )
+        changed = changed_code(run, self.experiment)
+        if changed is not None:
+            raise InputError(
+                f"{changed}\nRuns of different code cannot be compared. Restore what was edited, or name "
+                "another folder for the results (out)"
+            )
+        if run.state == "running":
+            raise InputError(f"{self.folder}: another process works on this run; wait for it or stop it")
+        if run.state != "done":
+            check_trusted(run)  # workers, which go on with it, ask nobody
+        return run
+
+
+def tasks(sweep: Sweep) -> list[Task]:
+    """Return all runs: every variant with the first seed, then with the next one.
+
+    So that a sweep that is stopped has as many of each as can be.
+    """
+    return [
+        Task(variant, seed, sweep.out / f"{variant.folder}-{seed}")
+        for seed in sweep.seeds
+        for variant in sweep.variants
+    ]
+
+
+def _same(experiment: Experiment) -> str:
+    values: dict[str, Any] = {
+        key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
+    }
+    values["simulation"] = shown(experiment.simulation)
+    place, colon, wanted = values["simulation"].rpartition(":")
+    if place.endswith(".py"):  # the same file, wherever it is: `changed_code` compares what it holds
+        values["simulation"] = f"{Path(place).name}{colon}{wanted}"
+    return json.dumps(values, sort_keys=True, default=str)
+
+
+def reason(error: Exception) -> str:
+    """Return why a run failed, in words; the name of the error too where it was not made for people."""
+    return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
+
+
+class Crew:
+    """Broker and servers for runs of a sweep, one after the other.
+
+    A context manager: what it started ends with it.
+
+    Args:
+        sweep: whose runs.
+        broker: use the servers on this broker.
+        servers: as in `optimize`, instead of the experiments'.
+
+    Raises:
+        InputError, RunError: on entry, as `optimize`.
+    """
+
+    def __init__(self, sweep: Sweep, *, broker: str | None = None, servers: Servers | None = None) -> None:
+        self._sweep = sweep
+        self._broker = broker
+        self._servers = servers
+        self._started: list[LocalServers] = []
+        self._here: Servers = "local"
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        first = self._sweep.variants[0].experiment
+        wanted = first.servers if self._servers is None else self._servers
+        if self._broker is None and wanted not in backend.HERE:
+            self._broker = first.broker
+        if wanted in backend.HERE and self._broker is None:
+            self._here = wanted
+            return self
+        try:
+            self._start(wanted)
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def _start(self, wanted: Servers) -> None:
+        """Start the broker, and servers for every simulation that there is among the variants."""
+        experiments = {one.experiment.simulation: one.experiment for one in self._sweep.variants}
+        # Servers are started for the first simulation on the broker, then on the same one for the others.
+        started: Servers | None = self._servers
+        for experiment in experiments.values():
+            address, local = backend.open_servers(
+                self._stack, experiment, self._broker, wanted, started=started
+            )
+            if local is None:
+                self._broker = address
+                return  # the broker's own servers
+            self._started.append(local)
+            self._broker = address
+            started = wanted = local.count
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def run(
+        self, task: Task, on_generation: OnGeneration | None = None, on_progress: Progress | None = None
+    ) -> Run:
+        """Do a task, or what is left of it; return the run.
+
+        Raises InputError and RunError as `optimize` and `resume`; KeyboardInterrupt before the first
+        generation.
+        """
+        for local in self._started:
+            local.check()
+        where: dict[str, Any] = {"broker": self._broker, "on_progress": on_progress, "progress": False}
+        if self._broker is None:
+            where = {"servers": self._here, "on_progress": on_progress, "progress": False}
+        if task.found() is not None:
+            return resume(task.folder, on_generation, **where)
+        return optimize(task.experiment, on_generation, out=task.folder, **where)

@@ -1,0 +1,158 @@
+"""A process that does runs of a sweep, one after the other, beside others of its kind.
+
+Argument: a file descriptor, to which events go as JSON lines. Standard input gives the settings as a JSON
+line, then a line for each task. When it closes, the parent is done or gone, however it ended: the run under
+way is interrupted, its results are kept, and the process ends.
+"""
+
+import json
+import logging
+import os
+import queue
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from swarmwright.analysis.sweep.file import Sweep, Variant
+from swarmwright.analysis.sweep.run import Crew, Task, reason
+from swarmwright.core.errors import SwarmwrightError
+from swarmwright.evaluation import reports as incidents
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.optimization.loop import Generation
+from swarmwright.optimization.memory import course
+
+EVERY = 0.25
+"""Seconds between two reports of how far a generation is."""
+GRACE = 30.0
+"""Seconds that the run under way has to end after the parent."""
+
+Json = dict[str, Any]
+
+
+class Worker:
+    """Does tasks and tells how they go.
+
+    events: file descriptor to which it is told.
+    """
+
+    def __init__(self, events: int) -> None:
+        self._events = events
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._changing = threading.Lock()
+        self._busy = self._over = False
+        self._told = 0.0
+
+    def listen(self) -> None:
+        """Take tasks from standard input, then end what is under way; for a thread of its own."""
+        for line in sys.stdin:
+            self._lines.put(line)
+        with self._changing:
+            self._over = True
+            self._lines.put("")
+            if self._busy:
+                os.kill(os.getpid(), signal.SIGINT)
+        threading.Event().wait(GRACE)
+        os._exit(1)
+
+    def run(self) -> int:
+        """Do tasks until there are no more; return the exit status."""
+        try:
+            settings = json.loads(self._lines.get())
+            variants = [_variant(one) for one in settings["variants"]]
+            sweep = Sweep(tuple(variants), (), Path())
+            with (
+                self._forwarding(settings["reports"]),
+                Crew(sweep, broker=settings["broker"], servers=settings["servers"]) as crew,
+            ):
+                self._tell("ready")
+                while line := self._lines.get():
+                    task = json.loads(line)
+                    self._do(crew, Task(variants[task["variant"]], task["seed"], Path(task["folder"])))
+        except KeyboardInterrupt:
+            return 0
+        except SwarmwrightError as error:
+            self._tell("broken", message=str(error), status=error.exit_status)
+            return error.exit_status
+        return 0
+
+    def _do(self, crew: Crew, task: Task) -> None:
+        with self._changing:
+            self._busy = True
+        try:
+            run = crew.run(task, self._generation, self._evaluating)
+            self._tell("interrupted" if run.interrupted else "done")
+        except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
+            self._tell("failed", message=reason(error))
+        finally:
+            with self._changing:
+                self._busy = False
+
+    def _generation(self, generation: Generation) -> None:
+        self._check()
+        self._tell("generation", generation=asdict(generation))
+
+    def _evaluating(self, done: int, total: int, waiting_for: str) -> None:
+        self._check()
+        now = time.monotonic()
+        if now - self._told >= EVERY:
+            self._told = now
+            self._tell("evaluating", done=done, total=total, waiting_for=waiting_for)
+
+    def _check(self) -> None:
+        """End the run when the parent has ended, also where the signal was swallowed."""
+        if self._over:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def _forwarding(self, reports: str) -> Iterator[None]:
+        """Within the block, what is logged and reported goes to the parent."""
+        tell = self._tell
+
+        class Handler(logging.Handler):
+            def emit(self, record: logging.LogRecord) -> None:
+                tell("log", logger=record.name, level=record.levelno, message=record.getMessage())
+
+        logging.getLogger("swarmwright").addHandler(Handler())
+        course.setLevel(logging.INFO)
+        with ExitStack() as stack:
+            if reports:
+                listening = incidents.listening(
+                    lambda report: tell("report", report=dict(report)), warnings_only=reports == "warnings"
+                )
+                stack.enter_context(listening)
+            yield
+
+    def _tell(self, event: str, **values: Any) -> None:  # noqa: ANN401 - plain values
+        line = memoryview(f"{json.dumps({'event': event, **values})}\n".encode())
+        with suppress(OSError):  # nobody reads any more
+            while line:
+                line = line[os.write(self._events, line) :]
+
+
+def _variant(values: Json) -> Variant:
+    experiment = Experiment._stored(values["experiment"])
+    if values["path"] is not None:
+        object.__setattr__(experiment, "path", Path(values["path"]))
+    return Variant(values["label"], values["folder"], experiment)
+
+
+def main() -> int:
+    """Work until the parent has nothing more to do; return the exit status."""
+    # The parent may have been started with SIGINT ignored, as shells do in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    worker = Worker(int(sys.argv[1]))
+    threading.Thread(target=worker.listen, daemon=True).start()
+    return worker.run()
+
+
+if __name__ == "__main__":
+    status = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)  # another thread may be within the code of a simulation

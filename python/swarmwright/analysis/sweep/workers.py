@@ -1,0 +1,264 @@
+"""Runs of a sweep side by side: a process for each, this one gives them work and hears how it goes."""
+
+import json
+import logging
+import os
+import selectors
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from tempfile import TemporaryFile
+from typing import IO, Any
+
+from swarmwright.analysis.sweep.course import Listener
+from swarmwright.analysis.sweep.file import Variant
+from swarmwright.analysis.sweep.run import Task
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.evaluation import reports
+from swarmwright.evaluation.backend import Servers
+from swarmwright.evaluation.local_servers import processors
+from swarmwright.optimization.loop import Generation
+from swarmwright.runs.run import Run
+
+GRACE = 20.0
+"""Seconds that interrupted runs have to end and be stored."""
+_PAUSE = 0.2
+_LAST_WORDS = 2000
+
+Json = dict[str, Any]
+
+
+class _Process:
+    """One worker, and what it is at."""
+
+    def __init__(self, settings: Json, threads: int) -> None:
+        self.task: Task | None = None
+        self.ready = False
+        self._rest = b""
+        self._stderr: IO[bytes] = TemporaryFile()  # noqa: SIM115 - closed in `close`
+        self.events, writing = os.pipe()
+        environment = {"RAYON_NUM_THREADS": str(threads), **os.environ}
+        try:
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "swarmwright.analysis.sweep.worker", str(writing)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=self._stderr,
+                pass_fds=[writing],
+                env=environment,
+                process_group=0,  # Ctrl-C reaches the parent alone, which then ends its workers in order
+            )
+        except BaseException:
+            os.close(self.events)
+            self._stderr.close()
+            raise
+        finally:
+            os.close(writing)
+        self._send(settings)
+
+    def give(self, task: Task, message: Json) -> None:
+        """Let it do a task."""
+        self.task = task
+        self._send(message)
+
+    def _send(self, message: Json) -> None:
+        assert self.process.stdin is not None
+        with suppress(BrokenPipeError):  # it has ended, which is noticed by its events
+            self.process.stdin.write(f"{json.dumps(message)}\n".encode())
+            self.process.stdin.flush()
+
+    def heard(self) -> list[Json] | None:
+        """Return what it told since the last call; None when it has ended."""
+        data = os.read(self.events, 1 << 16)
+        if not data:
+            return None
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def dismiss(self) -> None:
+        """Ask it to end; a run under way is interrupted."""
+        if self.process.stdin is not None and not self.process.stdin.closed:
+            with suppress(BrokenPipeError):
+                self.process.stdin.close()
+
+    def obituary(self) -> str:
+        """Say how it ended."""
+        status = self.process.wait()
+        how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
+        end = self._stderr.seek(0, os.SEEK_END)
+        self._stderr.seek(max(0, end - _LAST_WORDS))
+        words = self._stderr.read().decode(errors="replace").strip()
+        return f"the process that did this run {how}" + (f": {words}" if words else "")
+
+    def close(self, deadline: float) -> None:
+        """See it off; what lasts beyond the deadline is killed."""
+        self.dismiss()
+        try:
+            self.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        os.close(self.events)
+        self._stderr.close()
+
+
+class SideBySide:
+    """Does tasks, several at a time.
+
+    Args:
+        variants: those of the sweep.
+        broker: whose servers are used.
+        servers: for each run that goes on at a time what its process starts, see `shares`.
+        listener: is told how it goes.
+    """
+
+    def __init__(
+        self,
+        variants: Sequence[Variant],
+        *,
+        broker: str | None,
+        servers: Sequence[Servers | None],
+        listener: Listener,
+    ) -> None:
+        self._variants = list(variants)
+        self._broker = broker
+        self._servers = servers
+        self._listener = listener
+        self._threads = max(1, processors() // len(servers))
+        self._processes: list[_Process | None] = [None] * len(servers)
+        self._selector = selectors.DefaultSelector()
+
+    def run(self, tasks: Sequence[Task]) -> None:
+        """Do all tasks.
+
+        Raises InputError or RunError when a process cannot begin with any, KeyboardInterrupt when this
+        process was interrupted: then all runs under way have ended, with what they had stored.
+        """
+        waiting = deque(tasks)
+        try:
+            for place in range(len(self._processes)):
+                self._start(place)
+            while waiting or any(one is not None and one.task for one in self._processes):
+                for key, _ in self._selector.select(_PAUSE):
+                    self._hear(key.data, waiting)
+                self._listener.tick()
+        finally:
+            self._close()
+
+    def _start(self, place: int) -> None:
+        """Start a process; it gets its first task when it is ready."""
+        settings = {
+            "variants": [_plain(variant) for variant in self._variants],
+            "broker": self._broker,
+            "servers": self._servers[place],
+            "reports": ("warnings" if reports.only_warnings() else "all") if reports.wanted() else "",
+        }
+        process = _Process(settings, self._threads)
+        self._processes[place] = process
+        self._selector.register(process.events, selectors.EVENT_READ, place)
+
+    def _hear(self, place: int, waiting: deque[Task]) -> None:
+        process = self._processes[place]
+        assert process is not None
+        messages = process.heard()
+        if messages is None:
+            self._bury(place, waiting)
+            return
+        for message in messages:
+            if self._take(process, message):
+                self._give(process, waiting)
+
+    def _take(self, process: _Process, message: Json) -> bool:
+        """Pass on what a process told; return whether it has nothing to do now."""
+        task = process.task
+        match message["event"]:
+            case "ready":
+                process.ready = True
+                return True
+            case "broken":
+                error = InputError if message["status"] == InputError.exit_status else RunError
+                raise error(message["message"])
+            case "log":
+                logging.getLogger(message["logger"]).log(message["level"], "%s", message["message"])
+            case "report":
+                reports.tell(message["report"])
+            case event if task is not None:
+                process.task = self._told(task, event, message)
+                return process.task is None
+        return False
+
+    def _told(self, task: Task, event: str, message: Json) -> Task | None:
+        """Tell how a task goes; return it, or None when it has ended."""
+        match event:
+            case "generation":
+                self._listener.generation(task, Generation(**message["generation"]))
+                return task
+            case "evaluating":
+                self._listener.evaluating(task, message["done"], message["total"], message["waiting_for"])
+                return task
+            case "failed":
+                self._listener.failed(task, message["message"])
+            case "done":
+                self._listener.ended(task, Run.open(task.folder))
+        return None  # interrupted: somebody ended that process, or all of them
+
+    def _give(self, process: _Process, waiting: deque[Task]) -> None:
+        if not waiting:
+            process.dismiss()
+            return
+        task = waiting.popleft()
+        self._listener.begun(task)
+        place = next(index for index, one in enumerate(self._variants) if one is task.variant)
+        process.give(task, {"variant": place, "seed": task.seed, "folder": str(task.folder)})
+
+    def _bury(self, place: int, waiting: deque[Task]) -> None:
+        """A process has ended; start another one when there is still work for it."""
+        process = self._processes[place]
+        assert process is not None
+        self._selector.unregister(process.events)
+        self._processes[place] = None
+        task, ready = process.task, process.ready
+        words = process.obituary()
+        process.close(time.monotonic())
+        if task is not None:
+            self._listener.failed(task, words)
+        elif not ready:
+            raise RunError(words)
+        if waiting:
+            self._start(place)
+
+    def _close(self) -> None:
+        """End all processes and hear what they say last: how runs ended that are stored now."""
+        deadline = time.monotonic() + GRACE
+        for process in self._processes:
+            if process is not None:
+                process.dismiss()
+        try:
+            while self._selector.get_map() and time.monotonic() < deadline:
+                for key, _ in self._selector.select(_PAUSE):
+                    process = self._processes[key.data]
+                    assert process is not None
+                    messages = process.heard()
+                    if messages is None:
+                        self._selector.unregister(key.fd)
+                    for message in messages or ():
+                        if message["event"] != "broken":
+                            self._take(process, message)
+        finally:
+            self._selector.close()
+            for process in self._processes:
+                if process is not None:
+                    process.close(deadline)
+
+
+def _plain(variant: Variant) -> Json:
+    path = variant.experiment.path
+    return {
+        "label": variant.label,
+        "folder": variant.folder,
+        "experiment": variant.experiment.to_mapping(),
+        "path": None if path is None else str(path),
+    }

@@ -1,0 +1,1 @@
+"""The MQTT broker from outside: address, accounts, configuration, waiting for it, watching it."""

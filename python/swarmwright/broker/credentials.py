@@ -1,0 +1,96 @@
+"""The password of the broker's account from the system's keyring, where environment and file have none.
+
+https://keyring.readthedocs.io; `pip install swarmwright[keyring]`. The order: SWARMWRIGHT_PASSWORD, then
+SWARMWRIGHT_PASSWORD_FILE, then the keyring, for the user of SWARMWRIGHT_USERNAME.
+"""
+
+import ipaddress
+import logging
+import os
+import re
+
+from swarmwright.core.errors import InputError
+
+SERVICE = "swarmwright"
+"""Under this name the keyring has the passwords, of `USER@HOST:PORT` or, for every broker, of `USER`."""
+
+_LOGGER = logging.getLogger("swarmwright")
+_warned: set[str] = set()
+
+_PORTS = {"mqtt": 1883, "tcp": 1883, "mqtts": 8883, "ssl": 8883, "tls": 8883, "ws": 80, "wss": 443}
+
+
+def prepare(broker: str) -> None:
+    """Look up the password for a broker (`from_keyring`), and warn once if it would travel in the clear.
+
+    Raises:
+        InputError: As `from_keyring`.
+    """
+    from_keyring(broker)
+    there = place(broker)
+    if there not in _warned and has_password() and in_clear(broker):
+        _warned.add(there)
+        _LOGGER.warning(
+            "the password for %s travels unencrypted, and everybody on the way can read it; use a broker "
+            "with TLS, mqtts://",
+            there,
+        )
+
+
+def has_password() -> bool:
+    """Whether the environment has a password for brokers."""
+    return any(os.environ.get(name) for name in ("SWARMWRIGHT_PASSWORD", "SWARMWRIGHT_PASSWORD_FILE"))
+
+
+def in_clear(broker: str) -> bool:
+    """Whether what is sent to a broker leaves this machine without TLS."""
+    if broker.rpartition("://")[0].lower() in {"mqtts", "ssl", "tls", "wss"}:
+        return False
+    host = re.sub(r":\d+$", "", place(broker)).strip("[]").lower()
+    if host == "localhost" or host.endswith(".localhost"):
+        return False
+    try:
+        return not ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return True
+
+
+def from_keyring(broker: str) -> None:
+    """Look the password up, if a user is named and nothing else says it; child processes get it, too.
+
+    broker: URL. Nothing is done where the package keyring is not installed, or has no such password.
+
+    Raises:
+        InputError: The keyring is there and cannot be read: locked, or its file is damaged.
+    """
+    user = os.environ.get("SWARMWRIGHT_USERNAME")
+    if not user or os.environ.get("SWARMWRIGHT_PASSWORD") or os.environ.get("SWARMWRIGHT_PASSWORD_FILE"):
+        return
+    try:
+        import keyring
+        from keyring.errors import NoKeyringError
+    except ImportError:
+        return
+    try:
+        for account in (f"{user}@{place(broker)}", user):
+            password = keyring.get_password(SERVICE, account)
+            if password:
+                # The engine reads its environment, and so do the servers that a run starts.
+                os.environ["SWARMWRIGHT_PASSWORD"] = password
+                return
+    except NoKeyringError:
+        return
+    except Exception as error:  # a backend is anybody's, and so is what it raises
+        raise InputError(
+            f"the password of {user} cannot be read from the keyring ({type(error).__name__}); unlock it, or "
+            "set SWARMWRIGHT_PASSWORD_FILE"
+        ) from error
+
+
+def place(broker: str) -> str:
+    """Host and port of a broker's URL: mqtts://lab -> lab:8883."""
+    scheme, _, rest = broker.rpartition("://")
+    authority = re.split("[/?]", rest, maxsplit=1)[0]
+    if re.search(r":\d+$", authority):
+        return authority
+    return f"{authority}:{_PORTS.get(scheme.lower(), 1883)}"

@@ -1,0 +1,228 @@
+"""A ready-made Mosquitto configuration: TLS with an authority of one's own, and an account for each role.
+
+Roles:
+    tool     asks for servers, configures and steers them, reads what they answer
+    server   answers; reads what tools send, and publishes none of it
+    watcher  reads everything, publishes nothing
+
+Each topic prefix has accounts of its own, which reach no other. docs/reference/protocol.md has the topics.
+"""
+
+import ipaddress
+import os
+import pwd
+import re
+import secrets
+import shlex
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError
+
+CERTIFICATE_DAYS = 730
+"""Term of the broker's certificate; the authority's is ten years."""
+
+ITERATIONS = 210_000
+"""Rounds of PBKDF2 with HMAC-SHA-512, as OWASP's Password Storage Cheat Sheet advises."""
+
+_TO_SERVERS = ("discovery", "parameters", "control", "actuator", "swarmwright/v1/server/+")
+_TO_TOOLS = ("server", "sensor", "fitness", "swarmwright/v1/tool/+")
+_PRESENCE = ("swarmwright/v1/presence/+",)
+_STATUS = ("swarmwright/v1/status/+",)
+
+ROLES: dict[str, dict[str, tuple[str, ...]]] = {
+    "tool": {"write": (*_TO_SERVERS, *_STATUS), "read": (*_TO_TOOLS, *_PRESENCE)},
+    # It reads presence too, to notice another server with its id.
+    "server": {"write": (*_TO_TOOLS, *_PRESENCE), "read": (*_TO_SERVERS, *_PRESENCE)},
+    "watcher": {"write": (), "read": (*_TO_SERVERS, *_TO_TOOLS, *_PRESENCE, *_STATUS)},
+}
+"""What each role may publish and read, without prefix."""
+
+_CONFIGURATION = """\
+# Made by `swarmwright broker --init`. `passwords` has the accounts, `acl` what they may do; after SIGHUP both
+# are read again.
+listener {port}
+cafile {folder}/ca.pem
+certfile {folder}/broker.pem
+keyfile {folder}/broker-key.pem
+tls_version tlsv1.2
+max_connections 4096
+
+allow_anonymous false
+password_file {folder}/passwords
+acl_file {folder}/acl
+
+# Without it every step of an episode waits 40 ms for delayed acknowledgements.
+set_tcp_nodelay true
+# Sensor and actuator messages are not repeated: none may be dropped.
+max_queued_messages 0
+# The longest message of the protocol, bytes.
+message_size_limit 67108864
+"""
+
+
+@dataclass(frozen=True)
+class Account:
+    """One account of the broker: its user name, its role, its topic prefix ("" for none)."""
+
+    user: str
+    role: str
+    prefix: str
+
+
+def accounts(prefixes: Sequence[str]) -> list[Account]:
+    """The accounts for topic prefixes: `tool`, or `lab-1-tool` under the prefix `lab/1`.
+
+    Raises:
+        InputError: A prefix that an access file cannot hold; two that lead to the same user names.
+    """
+    made: dict[str, Account] = {}
+    for prefix in dict.fromkeys(prefix.removesuffix("/") for prefix in prefixes or [""]):
+        if not prefix.isprintable() or prefix != prefix.strip():
+            raise InputError(
+                f"the prefix {prefix!r} cannot stand in an access file; use letters, digits, '-' and '/'"
+            )
+        stem = re.sub(r"[^\w.-]+", "-", prefix, flags=re.ASCII)
+        for role in ROLES:
+            account = Account(f"{stem}-{role}" if stem else role, role, prefix)
+            other = made.setdefault(account.user, account)
+            if other is not account:
+                raise InputError(
+                    f"the prefixes {other.prefix!r} and {prefix!r} would share the user {account.user}; "
+                    "use letters, digits, '-' and '_'"
+                )
+    return list(made.values())
+
+
+def access_rules(of: Sequence[Account]) -> str:
+    """The access file: what is not allowed is denied."""
+    parts = ["# What each account may read and write; all else is denied.\n"]
+    for account in of:
+        under = f"{account.prefix}/" if account.prefix else ""
+        lines = [
+            f"topic {right} {under}{topic}"
+            for right, topics in ROLES[account.role].items()
+            for topic in topics
+        ]
+        parts.append("\n".join([f"\nuser {account.user}", *lines, ""]))
+    return "".join(parts)
+
+
+def hosts(given: Sequence[str]) -> list[str]:
+    """Names and addresses for the certificate: those given, or this machine's name; and loopback's.
+
+    Raises:
+        InputError: Something that is neither a host name nor an IP address.
+    """
+    found = list(given) or [socket.gethostname()]
+    for host in found:
+        if _is_address(host):
+            if ipaddress.ip_address(host).is_unspecified:
+                raise InputError(
+                    f"{host} stands for every address; name those by which clients reach the broker"
+                )
+        elif not re.fullmatch(r"(?!-)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*", host):
+            raise InputError(f"{host!r} is neither a host name nor an IP address")
+    return list(dict.fromkeys([*found, "localhost", "127.0.0.1", "::1"]))
+
+
+def write_configuration(
+    folder: Path,
+    *,
+    given: Sequence[str],
+    port: int,
+    prefixes: Sequence[str],
+    iterations: int | None = None,
+) -> list[Account]:
+    """Write configuration, certificates, accounts and access rules into a folder; secrets have the mode 0600.
+
+    given: names and addresses by which clients reach the broker. port: of the listener, TLS. iterations: of
+    PBKDF2 for each password, None for `ITERATIONS`.
+
+    Raises:
+        InputError: A file that would be written is there already (then none is), or cannot be written.
+    """
+    folder = folder.resolve()
+    if "\n" in str(folder):
+        raise InputError("the path of the folder has a line break in it")
+    made = accounts(prefixes)
+    names = hosts(given)
+    rounds = iterations or ITERATIONS
+    passwords = {account.user: secrets.token_urlsafe(24) for account in made}
+    authority, authority_key, certificate, key = _engine.certificates(names, CERTIFICATE_DAYS)
+    public = {
+        "mosquitto.conf": _CONFIGURATION.format(folder=folder, port=port),
+        "ca.pem": authority,
+        "broker.pem": certificate,
+    }
+    of_broker = {
+        "acl": access_rules(made),
+        "broker-key.pem": key,
+        "passwords": "".join(
+            f"{user}:{_engine.hash_for_mosquitto(word, rounds)}\n" for user, word in passwords.items()
+        ),
+    }
+    secret = {"ca-key.pem": authority_key}
+    for account in made:
+        secret[f"{account.user}.password"] = passwords[account.user] + "\n"
+        public[f"{account.user}.env"] = _variables(folder, account, names[0], port)
+    there = sorted(name for name in (*public, *of_broker, *secret) if (folder / name).exists())
+    if there:
+        raise InputError(
+            f"{folder}: {', '.join(there)} there already; nothing is overwritten. Name another folder, or "
+            "move them away first"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        for name, text in {**secret, **of_broker}.items():
+            _write(folder / name, text, 0o600)
+        for name, text in public.items():
+            _write(folder / name, text, 0o644)
+        _give_to_mosquitto(folder, list(of_broker))
+    except OSError as error:
+        raise InputError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+    return made
+
+
+def _variables(folder: Path, account: Account, host: str, port: int) -> str:
+    """What a shell reads (`. FILE`) to act as the account."""
+    at = f"[{host}]" if ":" in host else host
+    values = {
+        "SWARMWRIGHT_BROKER": f"mqtts://{at}:{port}",
+        "SWARMWRIGHT_CA_FILE": str(folder / "ca.pem"),
+        "SWARMWRIGHT_USERNAME": account.user,
+        "SWARMWRIGHT_PASSWORD_FILE": str(folder / f"{account.user}.password"),
+    }
+    return "".join(f"export {name}={shlex.quote(value)}\n" for name, value in values.items())
+
+
+def _write(path: Path, text: str, mode: int) -> None:
+    """Make a file that nobody but those meant could open at any moment; one that is there is an error."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        os.fchmod(descriptor, mode)
+        file.write(text)
+
+
+def _give_to_mosquitto(folder: Path, names: Sequence[str]) -> None:
+    """Let Mosquitto read its files: started as root, it becomes the user `mosquitto` before it reads them."""
+    if os.getuid() != 0:
+        return
+    try:
+        user = pwd.getpwnam("mosquitto")
+    except KeyError:
+        return
+    folder.chmod(0o711)
+    for name in names:
+        os.chown(folder / name, user.pw_uid, user.pw_gid)
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True

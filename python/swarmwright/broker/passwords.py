@@ -1,0 +1,79 @@
+"""Password files of the embedded broker: a line `user:hash` for each user, argon2id."""
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import read_bytes
+
+
+def check_user(name: str) -> str:
+    """The name, if it can stand in a password file and an access file; else InputError."""
+    if (
+        not name
+        or name.startswith("#")
+        or ":" in name
+        or not name.isprintable()
+        or any(map(str.isspace, name))
+    ):
+        raise InputError(
+            f"{name!r} cannot be a user name: no space and no ':' in it, no '#' at its beginning"
+        )
+    return name
+
+
+_LARGEST = 1 << 26  # bytes
+
+
+def set_password(path: Path, user: str, password: str) -> bool:
+    """Give a user a new password, making the file (mode 0600) or the user where there is none.
+
+    Other lines, comments too, stay as they are; the file is exchanged at once, never half written.
+
+    Returns:
+        Whether the user is new.
+
+    Raises:
+        InputError: A name that cannot be, an empty password, a file that cannot be read or written.
+    """
+    check_user(user)
+    if not password:
+        raise InputError("an empty password lets everybody in; give one with at least one character")
+    line = f"{user}:{_engine.hash_password(password)}\n"
+    try:
+        held = read_bytes(path, _LARGEST).decode() if path.exists() else ""
+        lines = held.splitlines(keepends=True)
+        if lines and not lines[-1].endswith("\n"):
+            lines[-1] += "\n"
+        found = [index for index, text in enumerate(lines) if text.lstrip().startswith(f"{user}:")]
+        if found:
+            lines[found[0]] = line
+        else:
+            lines.append(line)
+        _replace(path, "".join(lines))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is no UTF-8 text"
+        raise InputError(f"{path}: cannot be changed: {reason}") from error
+    return not found
+
+
+def _replace(path: Path, text: str) -> None:
+    path = path.resolve()
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")  # mode 0600
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(descriptor)
+            if path.exists():
+                before = path.stat()
+                os.fchmod(descriptor, before.st_mode & 0o7777)
+                with contextlib.suppress(PermissionError):
+                    os.fchown(descriptor, before.st_uid, before.st_gid)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,209 @@
+"""Who is on a broker, what everybody does, who is waited for: what servers and tools say, put together."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.broker.credentials import prepare
+
+SILENCE = 1.0
+"""Seconds after which a server that has work and says nothing is named."""
+STALE = 2.5
+"""Seconds after which what a tool said is old: it says it each second while it evaluates."""
+FORGET = 30.0
+"""Seconds after which a tool that says nothing any more is left out: it was killed."""
+
+Json = dict[str, Any]
+
+
+@dataclass
+class _Tool:
+    status: Json
+    heard: float
+
+
+@dataclass(frozen=True)
+class ServerRow:
+    """One server as it stands."""
+
+    server: int
+    state: str | None
+    """ready, busy, lost; None of a server that knows D6.1 alone and so does not say."""
+    simulations: Sequence[str]
+    tool: str | None
+    """Who holds it."""
+    presence: Json | None = None
+    """All that it says of itself."""
+    doing: Sequence[Json] = ()
+    """Its work, as in the status message, each with the `tool` that waits for it; silent longest first."""
+    use: Json = field(default_factory=dict)
+    """What the tool that uses it measured: mode, speed, failures, reason, benched."""
+
+    @property
+    def silent(self) -> float:
+        """Seconds since it last said something of use, while somebody waits for it; 0 when nobody does."""
+        return max((float(work["silent"]) for work in self.doing), default=0.0)
+
+    def record(self) -> Json:
+        """Everything as plain values."""
+        return {
+            "server": self.server,
+            "state": self.state,
+            "simulations": list(self.simulations),
+            "tool": self.tool,
+            "doing": list(self.doing),
+            **{key: self.use.get(key) for key in ("mode", "speed", "failures", "reason", "benched")},
+        }
+
+
+@dataclass(frozen=True)
+class ToolRow:
+    """One optimization tool at work."""
+
+    status: Json
+    """Its last status message, with what it waits for in words too."""
+    heard: float
+    """Seconds since it came."""
+
+    @property
+    def waits_for(self) -> str | None:
+        """What it waits for, in words; None while everything moves."""
+        if self.heard > STALE:
+            return f"not heard of for {self.heard:.0f} s: it computes, is stopped, or was killed"
+        alone = self.status.get("no_server")
+        if alone:
+            return f"no server for {alone['seconds']:.1f} s ({alone['found']})"
+        first = next(iter(self.status["waiting_for"]), None)
+        return str(first["words"]) if first and first["silent"] >= SILENCE else None
+
+
+@dataclass(frozen=True)
+class View:
+    """Everything at one moment."""
+
+    servers: Sequence[ServerRow]
+    tools: Sequence[ToolRow]
+    broker_lost: str | None
+    """Why there is no connection to the broker; None while there is one."""
+
+    @property
+    def blocking(self) -> ServerRow | None:
+        """The server that is waited for and has been silent for the longest time; None while all moves."""
+        silent = [server for server in self.servers if server.silent >= SILENCE]
+        return max(silent, key=lambda server: server.silent, default=None)
+
+    def record(self) -> Json:
+        """Everything as plain values."""
+        blocking = self.blocking
+        return {
+            "servers": [server.record() for server in self.servers],
+            "tools": [
+                {**tool.status, "heard": tool.heard, "waits_for": tool.waits_for} for tool in self.tools
+            ],
+            "blocking": None
+            if blocking is None
+            else {"server": blocking.server, "silent": blocking.silent, "words": words(blocking)},
+            "broker_lost": self.broker_lost,
+        }
+
+
+def words(server: ServerRow) -> str:
+    """Say what is waited for from a server that has work."""
+    return str(max(server.doing, key=lambda work: float(work["silent"]))["words"])
+
+
+class Watch:
+    """Puts together what came; knows no broker.
+
+    clock: seconds, from wherever.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._presences: dict[int, Json] = {}
+        self._tools: dict[str, _Tool] = {}
+        self._broker_lost: str | None = None
+
+    def hear(self, news: Mapping[str, Any]) -> None:
+        """Take one piece of news, as of `_engine.Watcher.poll`."""
+        if "presence" in news:
+            self._presences[news["presence"]["server"]] = news["presence"]
+        elif "left" in news:
+            self._presences.pop(news["left"], None)
+        elif "status" in news and news["status"]["state"] == "left":
+            self._tools.pop(news["token"], None)
+        elif "status" in news:
+            self._tools[news["token"]] = _Tool(news["status"], self._clock())
+        elif "broker" in news:
+            self._broker_lost = news["reason"] if news["broker"] == "lost" else None
+            if self._broker_lost is None:
+                # Whoever left meanwhile did not say so here; who is there is retained, and comes again.
+                self._presences.clear()
+
+    def view(self) -> View:
+        """Return how it stands now."""
+        now = self._clock()
+        for token in [token for token, tool in self._tools.items() if now - tool.heard > FORGET]:
+            del self._tools[token]
+        tools = sorted(
+            (ToolRow(tool.status, now - tool.heard) for tool in self._tools.values()),
+            key=lambda tool: str(tool.status["tool"]),
+        )
+        doing, use = _by_server([tool for tool in tools if tool.heard <= STALE])
+        rows = []
+        for server in sorted({*self._presences, *doing, *use}):
+            presence = self._presences.get(server)
+            works = sorted(doing.get(server, ()), key=lambda work: -float(work["silent"]))
+            holder = works[0]["tool"] if works else None
+            rows.append(
+                ServerRow(
+                    server=server,
+                    state=presence["state"] if presence else None,
+                    simulations=presence["simulations"] if presence else (),
+                    tool=(presence or {}).get("tool") or holder,
+                    presence=presence,
+                    doing=works,
+                    use=use.get(server, {}),
+                )
+            )
+        return View(rows, tools, self._broker_lost)
+
+
+def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:
+    """Return the work and the use of each server; of two tools the one that gave it work knows more."""
+    doing: dict[int, list[Json]] = {}
+    use: dict[int, Json] = {}
+    for tool in tools:
+        status = tool.status
+        for work in status["waiting_for"]:
+            doing.setdefault(work["server"], []).append({**work, "tool": status["tool"]})
+        working = {work["server"] for work in status["waiting_for"]}
+        for used in status["servers"]:
+            if used["server"] in working or used["server"] not in use:
+                use[used["server"]] = used
+    return doing, use
+
+
+def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View]:
+    """Connect to a broker and yield how it stands, every so many seconds, for ever.
+
+    Raises the engine's errors: no broker, refused, a prefix that cannot be.
+    """
+    prepare(broker)
+    watcher = _engine.Watcher(broker, prefix=prefix)
+    try:
+        watch = Watch()
+        first = True
+        while True:
+            # The first look is soon: what is retained comes at once.
+            until = time.monotonic() + (min(every, 0.5) if first else every)
+            first = False
+            while (left := until - time.monotonic()) > 0:
+                for news in json.loads(watcher.poll(left)):
+                    watch.hear(news)
+            yield watch.view()
+    finally:
+        watcher.close()

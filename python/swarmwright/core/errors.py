@@ -1,0 +1,74 @@
+"""The errors that Swarmwright shows to people.
+
+Complete in themselves, each with the exit status it leads to.
+"""
+
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar
+
+from swarmwright.core.untrusted import one_line
+
+
+class SwarmwrightError(Exception):
+    """Base of all errors of Swarmwright. The message says what is wrong, where, and how to mend it."""
+
+    exit_status: ClassVar[int] = 1
+    """What a command line tool that ends with this error exits with."""
+
+
+class InputError(SwarmwrightError):
+    """What was given is wrong: an experiment, a controller, genomes, an address. Exit status 2."""
+
+    exit_status: ClassVar[int] = 2
+
+
+class RunError(SwarmwrightError):
+    """The run failed although the input was right.
+
+    No broker, no server, all candidates failed. Exit status 1.
+    """
+
+    exit_status: ClassVar[int] = 1
+
+
+class SimulationError(RunError):
+    """The code of a simulation failed. The message says in which method, what, and in which line.
+
+    `stack` is the traceback from the simulation's code on, None where nothing was raised.
+    """
+
+    def __init__(self, reason: str, stack: str | None = None) -> None:
+        super().__init__(reason)
+        self.stack = stack
+
+
+def explained(error: BaseException) -> str:
+    """Return kind and text of an exception of somebody else's code; without text, the line that raised it."""
+    kind, words = type(error).__name__, str(error).strip()
+    if words:
+        return f"{kind}: {words}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames:
+        return kind
+    last = frames[-1]
+    line = f": {last.line}" if last.line else ""
+    return f"{kind} ({last.filename}:{last.lineno}{line})"
+
+
+@contextmanager
+def engine_errors(where: str = "") -> Iterator[None]:
+    """Turn the compiled engine's errors into InputError and RunError.
+
+    They may name what peers have said, and are of one line, see `_foreign`. `where` is put before an input
+    error's message.
+    """
+    from swarmwright import _engine
+
+    try:
+        yield
+    except _engine.InputError as error:
+        raise InputError(f"{where}{one_line(str(error))}") from error
+    except _engine.EngineError as error:
+        raise RunError(one_line(str(error))) from error

@@ -1,0 +1,57 @@
+"""Reading files that a person or an experiment names, and writing those that a person asked for."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+
+_PIECE = 1 << 20
+_KINDS = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def read_bytes(path: Path, largest: int) -> bytes:
+    """Return what a regular file holds.
+
+    Anything else of that name could hold the process up, or never come to an end: a pipe, /dev/zero.
+
+    largest: bytes.
+
+    Raises OSError when it cannot be read, and InputError when it is no regular file, or is larger.
+    """
+    _check_kind(path, path.stat().st_mode)
+    # Without waiting for a pipe's other end, should it be one by now.
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        _check_kind(path, status.st_mode)
+        if status.st_size <= largest:
+            # What says of itself to be empty, as files in /proc do, may not be.
+            data = file.read(status.st_size + 1)
+            while len(data) <= largest and (more := file.read(_PIECE)):
+                data += more
+            if len(data) <= largest:
+                return data
+    raise InputError(f"{path}: is larger than {largest >> 20} MiB")
+
+
+def _check_kind(path: Path, mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    for is_kind, words in _KINDS:
+        if is_kind(mode):
+            raise InputError(f"{path}: is {words}; expected a file")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write UTF-8 text. Raises InputError, naming the file and the reason, when that is not possible."""
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,145 @@
+"""Validation errors in the words of a person who wrote an experiment file."""
+
+from collections.abc import Mapping
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.yaml import Path_
+
+MISSING = "is missing"
+"""What is said of a key that is not there."""
+_WANTED = {
+    "int_type": "an integer",
+    "int_from_float": "an integer",
+    "int_parsing": "an integer",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "dict_type": "a mapping (key: value)",
+    "model_type": "a mapping (key: value)",
+    "model_attributes_type": "a mapping (key: value)",
+}
+_OTHER_NAMES = {
+    "noise step": "sigma sigma0 std",
+    "noise": "noise_std",
+    "step": "lr learning_rate stepsize step_size",
+    "decay": "weight_decay l2_coeff",
+    "probability": "mutation_rate",
+    "population": "popsize pop_size population_size pop num_population mu lambda",
+    "generations": "n_gen ngen maxiter max_iter "
+    "iterations num_generations max_generations n_generations epochs",
+    "evaluations": "maxfevals max_evaluations n_evals n_eval max_evals n_trials",
+    "evaluations generations": "budget",
+    "seconds": "time max_time",
+    "seconds timeouts": "timeout",
+    "target": "ftarget fitness_threshold goal",
+    "restart": "restarts",
+    "hidden": "layers hidden_layers hidden_size hidden_sizes num_hidden n_hidden nodes",
+    "episodes": "n_episodes num_episodes trials repeats",
+    "seed": "random_state random_seed rng_seed",
+    "simulation": "env environment simulator problem",
+    "method": "algorithm optimizer optimiser solver",
+    "controller": "network representation policy",
+    "servers": "workers n_jobs processes num_workers",
+    "start_from": "warm_start initial init x0 resume_from checkpoint",
+}
+"""What a key may be called here, the likelier one first: what other libraries call it."""
+ALIASES: Mapping[str, tuple[str, ...]] = {
+    other: tuple(ours.split()) for ours, others in _OTHER_NAMES.items() for other in others.split()
+}
+"""What other libraries call a key -> the names that it may have here."""
+_LIMITS = {
+    "greater_than_equal": ("ge", "at least"),
+    "greater_than": ("gt", "greater than"),
+    "less_than_equal": ("le", "at most"),
+    "less_than": ("lt", "less than"),
+    "multiple_of": ("multiple_of", "a multiple of"),
+}
+
+
+def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
+    """Return a value as it could stand in a YAML file, shortened."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return "a mapping"
+    text = repr(value)
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."
+
+
+def problems_of(error: ValidationError, model: type[BaseModel], at: Path_ = ()) -> list[tuple[Path_, str]]:
+    """Return (path, message) for everything pydantic found wrong with a section that stands at `at`."""
+    return [((*at, *found["loc"]), _message(dict(found), model)) for found in error.errors(include_url=False)]
+
+
+def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
+    kind: str = found["type"]
+    context: dict[str, Any] = found.get("ctx", {})
+    value = found.get("input")
+    if kind == "missing":
+        return MISSING
+    if kind == "extra_forbidden":
+        return _unknown_key(str(found["loc"][-1]), _model_at(model, found["loc"][:-1]))
+    if kind in _WANTED:
+        form = (
+            f"; write [{shown(value)}]"
+            if kind == "list_type" and isinstance(value, int | float | str)
+            else ""
+        )
+        return f"must be {_WANTED[kind]}, not {shown(value)}{form}"
+    if kind in _LIMITS:
+        name, words = _LIMITS[kind]
+        limit = context[name]
+        whole = int(limit) if isinstance(limit, float) and limit.is_integer() else limit
+        return f"must be {words} {whole}, not {shown(value)}"
+    if kind == "literal_error":
+        choices = str(context["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
+        hint = did_you_mean(value, choices) if isinstance(value, str) else ""
+        return f"must be one of {', '.join(choices)}, not {shown(value)}{hint}"
+    if kind == "string_too_short":
+        return "must not be empty"
+    if kind == "too_short":
+        return f"must have at least {context['min_length']} item(s)"
+    if kind == "too_long":
+        return f"must have at most {context['max_length']} item(s)"
+    if kind == "union_tag_not_found":
+        return f"{str(context['discriminator']).strip(chr(39))} is missing"
+    if kind == "union_tag_invalid":
+        choices = str(context["expected_tags"]).replace("'", "").split(", ")
+        hint = did_you_mean(str(context["tag"]), choices)
+        key = str(context["discriminator"]).strip("'")
+        return f"{key} must be one of {', '.join(choices)}, not {shown(context['tag'])}{hint}"
+    if kind in {"value_error", "assertion_error"}:
+        return str(context["error"])
+    return f"{found['msg']} (given: {shown(value)})"
+
+
+def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
+    if model is None:
+        return "unknown key"
+    keys = list(model.model_fields)
+    other = next((name for name in ALIASES.get(key.casefold(), ()) if name in keys), None)
+    if other is not None:
+        return f"unknown key; it is called '{other}' here"
+    hint = did_you_mean(key, keys)
+    return f"unknown key{hint}" if hint else f"unknown key; known keys: {', '.join(keys)}"
+
+
+def _model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:
+    """Return the model of the section at `path` below `model`."""
+    for part in path:
+        field = model.model_fields.get(str(part))
+        if field is None:
+            return None
+        candidates = [field.annotation, *get_args(field.annotation)]
+        inner = [one for one in candidates if isinstance(one, type) and issubclass(one, BaseModel)]
+        if not inner:
+            return None
+        model = inner[0]
+    return model

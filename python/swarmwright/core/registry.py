@@ -1,0 +1,89 @@
+"""Components by name: built in ones, and those that other packages announce as entry points."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Generic, TypeVar
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import unknown
+
+Component = TypeVar("Component")
+
+
+class Registry(Generic[Component]):
+    """The components of one sort (representations, methods, rankings), imported when they are asked for.
+
+    Args:
+        what: the sort in words, for messages.
+        group: entry point group in which other packages announce theirs, as `kind = "package.module:Class"`.
+        built_in: kind -> "module:Class", one line each.
+        base: class that every component must derive from, as "module:Class".
+
+    """
+
+    def __init__(self, what: str, group: str, built_in: Mapping[str, str], base: str) -> None:
+        self.what = what
+        self.group = group
+        self.built_in = dict(built_in)
+        self._base = base
+        self._loaded: dict[str, type[Component]] = {}
+
+    @cached_property
+    def _announced(self) -> dict[str, list[EntryPoint]]:
+        found: dict[str, list[EntryPoint]] = {}
+        for point in entry_points(group=self.group):
+            found.setdefault(point.name, []).append(point)
+        return found
+
+    def names(self) -> list[str]:
+        """Return all kinds there are, sorted."""
+        return sorted({*self.built_in, *self._announced})
+
+    def get(self, kind: str) -> type[Component]:
+        """Return the component's class.
+
+        Raises InputError for an unknown kind, one that two packages claim, or one that cannot be imported.
+        """
+        if kind not in self._loaded:
+            self._loaded[kind] = self._load(kind)
+        return self._loaded[kind]
+
+    def module(self, kind: str) -> str | None:
+        """Return the module that holds a plug-in, None for what is built in. Raises InputError as `get`."""
+        return None if kind in self.built_in else self._point(kind).module
+
+    def _load(self, kind: str) -> type[Component]:
+        if kind in self.built_in:
+            # A built-in name cannot be taken over: an experiment file must mean the same everywhere.
+            return _resolve(self.built_in[kind])
+        point = self._point(kind)
+        try:
+            component = point.load()
+        except Exception as error:  # a plug-in may fail in any way while it is imported
+            raise InputError(f"{self.what} {kind!r} ({point.value}) cannot be imported: {error!r}") from error
+        base: type[Component] = _resolve(self._base)
+        if not (isinstance(component, type) and issubclass(component, base)):
+            raise InputError(
+                f"{self.what} {kind!r} ({point.value}) is not a subclass of {self._base.replace(':', '.')}"
+            )
+        return component
+
+    def _point(self, kind: str) -> EntryPoint:
+        points = self._announced.get(kind)
+        if points is None:
+            raise InputError(unknown(self.what, kind, self.names()))
+        origins = sorted({point.value for point in points})
+        if len(origins) > 1:
+            raise InputError(
+                f"{self.what} {kind!r} is announced twice, as {' and '.join(origins)}; "
+                "uninstall one of the packages"
+            )
+        return points[0]
+
+
+def _resolve(address: str) -> type:
+    module, _, name = address.partition(":")
+    component: type = getattr(import_module(module), name)
+    return component

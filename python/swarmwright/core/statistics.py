@@ -1,0 +1,96 @@
+"""Figures of a generation, computed the same way on every machine."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmwright.typing import Fitness
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """What a generation's population looks like: a line of generations.csv."""
+
+    generation: int
+    evaluations: int
+    """Candidates evaluated since the start of the run."""
+    best: float
+    """Best fitness in the population; NaN when all failed."""
+    mean: float
+    """Mean fitness of the population, failed members left out."""
+    best_so_far: float
+    """Best fitness since the start of the run."""
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    failed: int
+    """Candidates of this generation whose evaluation failed."""
+
+
+def summarize(
+    population: Fitness, *, generation: int, evaluations: int, best_so_far: float, failed: int
+) -> Summary:
+    """Return the figures of a population's fitness."""
+    values = sorted(population[np.isfinite(population)].tolist())
+    return Summary(
+        generation=generation,
+        evaluations=evaluations,
+        best=values[-1] if values else math.nan,
+        mean=_mean(values),
+        best_so_far=best_so_far,
+        lower_quartile=quantile(values, 0.25),
+        median=quantile(values, 0.5),
+        upper_quartile=quantile(values, 0.75),
+        failed=failed,
+    )
+
+
+def _mean(values: Sequence[float]) -> float:
+    try:
+        return math.fsum(values) / len(values) if values else math.nan
+    except OverflowError:
+        return math.nan
+
+
+def quantile(ordered: Sequence[float], share: float) -> float:
+    """Return the quantile of ascending values, interpolated between neighbours; NaN of none."""
+    if not ordered:
+        return math.nan
+    position = share * (len(ordered) - 1)
+    low = math.floor(position)
+    high = min(low + 1, len(ordered) - 1)
+    part = position - low
+    return ordered[low] * (1 - part) + ordered[high] * part
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The mean of a sample, and how far it can be trusted. NaN or None where there are too few values."""
+
+    mean: float
+    standard_deviation: float | None
+    """Of the sample, with n - 1; None below two values."""
+    standard_error: float | None
+    """Of the mean."""
+    low: float | None
+    """Lower end of the 95 % confidence interval of the mean, by Student's t."""
+    high: float | None
+    """Its upper end."""
+
+
+def estimate(values: Sequence[float]) -> Estimate:
+    """Return the mean of independent values with Student's 95 % confidence interval."""
+    count, mean = len(values), _mean(values)
+    if count < 2 or not math.isfinite(mean):
+        return Estimate(mean, None, None, None, None)
+    from scipy.special import stdtrit
+
+    try:
+        deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1))
+    except OverflowError:
+        return Estimate(mean, None, None, None, None)
+    error = deviation / math.sqrt(count)
+    reach = float(stdtrit(count - 1, 0.975)) * error
+    return Estimate(mean, deviation, error, mean - reach, mean + reach)

@@ -1,0 +1,30 @@
+"""Files that stand in tracebacks: how they are shown, and whose they are."""
+
+import contextlib
+import sysconfig
+from functools import cache
+from pathlib import Path
+
+
+def shown(file: str) -> str:
+    """A file's path, relative where it lies below the working folder."""
+    path = Path(file)
+    with contextlib.suppress(OSError):
+        folder = Path.cwd()
+        return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+    return file
+
+
+def is_installed(file: str) -> bool:
+    """Whether a file belongs to Swarmwright, to Python, or to a package that was installed."""
+    path = Path(file)
+    if {"site-packages", "dist-packages"} & set(path.parts):
+        return True
+    return file.startswith("<") or any(path.is_relative_to(place) for place in _places())
+
+
+@cache
+def _places() -> tuple[Path, ...]:
+    """Folders of Swarmwright and of Python."""
+    python = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib")}
+    return (Path(__file__).parents[1], *(Path(place) for place in sorted(python) if place))

@@ -1,0 +1,176 @@
+"""Evaluating genomes and controllers without optimization."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.random_numbers import Stream
+from swarmwright.core.untrusted import one_line
+from swarmwright.evaluation.backend import HERE, Crews, Progress, Servers, open_backend
+from swarmwright.experiment.evolved import unknown
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.representations.controller import Controller
+from swarmwright.simulations import catalogue
+
+
+def evaluate(
+    experiment: Experiment,
+    genomes: ArrayLike,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> NDArray[np.float64]:
+    """Return the fitness of genomes, as the experiment's ranking makes it of their episodes.
+
+    Args:
+        experiment: simulation, controller and ranking count; the method does not.
+        genomes: float32, (candidates, experiment.genome_size), finite.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Returns:
+        float64, (candidates,), more is better, NaN where the evaluation failed. It does not depend on where
+        it was computed.
+
+    Raises:
+        InputError: the genomes have another shape or are not finite, or the experiment cannot be run as it
+            is.
+        RunError: no broker or no fitting server.
+    """
+    rows = _genomes(genomes)
+    ranking = experiment.new_ranking()
+    seeds = ranking.seeds(experiment.first_seed)
+    most = max(len(rows), 1) * len(seeds)
+    with open_backend(experiment, broker=broker, servers=servers, most=most) as backend:
+        representation = experiment.representation(backend.sensors, backend.actuators)
+        if rows.shape[1] != representation.genome_size:
+            raise InputError(
+                f"genomes: have {rows.shape[1]} genes; "
+                f"this experiment's controllers have {representation.genome_size}"
+            )
+        if not len(rows):
+            return np.empty(0)
+        results = backend.evaluate(Crews.of(representation, rows), seeds, on_progress or _silent)
+    return ranking.score(results.fitness)
+
+
+def simulate(
+    experiment: Experiment,
+    controller: Controller | None = None,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    visual: bool = False,
+    seed: int | None = None,
+    on_progress: Progress | None = None,
+) -> float:
+    """Run one episode and return its fitness.
+
+    Args:
+        experiment: simulation and parameters count; the episode's seed is `parameters.seed` (default 0).
+        controller: for all agents; default: a random one of the experiment's representation and seed, the
+            same as candidate 0 of an optimization.
+        broker: as in `optimize`.
+        servers: as in `optimize`, except that one server is enough.
+        visual: ask the server to draw, through the protocol's `visual` flag. A server started here draws on
+            this process's standard output.
+        seed: of the simulation, instead of `parameters.seed`.
+        on_progress: as in `optimize`.
+
+    Raises:
+        InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
+        RunError: no broker, no fitting server, or the episode failed.
+    """
+    return episode(
+        experiment,
+        controller,
+        broker=broker,
+        servers=servers,
+        visual=visual,
+        seed=seed,
+        on_progress=on_progress,
+    ).fitness
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode that was run."""
+
+    fitness: float
+    metrics: dict[str, float]
+    """Those that the experiment's fitness needs, by name."""
+    seed: int
+    """Of the simulation."""
+
+
+def episode(
+    experiment: Experiment,
+    controller: Controller | None,
+    *,
+    broker: str | None,
+    servers: Servers | None = None,
+    visual: bool = False,
+    seed: int | None = None,
+    on_progress: Progress | None = None,
+) -> Episode:
+    """Run one episode; all as in `simulate`."""
+    seed = experiment.first_seed if seed is None else seed
+    if not 0 <= seed < 2**63:
+        raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+    if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
+        servers = 1
+    with open_backend(experiment, broker=broker, servers=servers, visual=visual, most=1) as backend:
+        if controller is None:
+            representation = experiment.representation(backend.sensors, backend.actuators)
+            genome = representation.initial(Stream(experiment.seed, "initial"))
+            crews = Crews.of(representation, genome[np.newaxis])
+        else:
+            _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
+            weights = np.array([controller.specification["weights"]], dtype=np.float32)
+            crews = Crews(controller.json, weights)
+        results = backend.evaluate(crews, [seed], on_progress or _silent)
+    fitness = float(results.fitness[0, 0])
+    if not np.isfinite(fitness):
+        raise RunError(_reason(results.journal))
+    metrics = dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True))
+    return Episode(fitness + 0.0, metrics, seed)
+
+
+def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:
+    try:
+        rows = np.asarray(genomes, dtype=np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"genomes: must be an array of numbers: {error}") from error
+    if rows.ndim != 2:
+        raise InputError(f"genomes: have the shape {rows.shape}; expected (candidates, genome_size)")
+    if not np.isfinite(rows).all():
+        bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+        raise InputError(f"genomes: number {bad} holds a gene that is not finite")
+    return rows
+
+
+def _check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
+    if controller.parameters:
+        if catalogue.is_here(simulation):
+            for name, message in unknown(simulation, controller.parameters):
+                raise InputError(f"controller: {name}: {message}")
+        return
+    if (controller.sensors, controller.actuators) != (sensors, actuators):
+        raise InputError(
+            f"controller: has {controller.sensors} sensors and {controller.actuators} actuators; "
+            f"{simulation} has {sensors} and {actuators}"
+        )
+
+
+def _reason(journal: list[dict[str, Any]]) -> str:
+    reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
+    return f"the episode failed: {one_line(reasons[-1]) if reasons else 'its fitness is no finite number'}"
+
+
+def _silent(done: int, total: int, waiting_for: str) -> None:
+    """Show nothing."""

@@ -1,0 +1,340 @@
+"""Keeps simulation servers alive: starts them, ends those that hang, starts again those that have ended."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.evaluation.supervision.death import Death
+from swarmwright.evaluation.supervision.output import Output
+from swarmwright.evaluation.supervision.process import Process
+from swarmwright.evaluation.supervision.progress import Sample
+
+if TYPE_CHECKING:
+    from swarmwright import _engine
+
+LOOK = 0.2
+"""Seconds between two looks at the servers, and when one seems to end."""
+SOON = 0.01
+
+START = 30.0
+"""Seconds that a server has to start."""
+
+FIRST_PAUSE = 0.1
+"""Seconds before a server is started again; doubled with each end in a row before which it did nothing."""
+LONGEST_PAUSE = 5.0
+LONGEST_PAUSE_AT_WORK = 1.0
+"""For servers that ended while they evaluated: these ends are counted by candidate."""
+
+MOST_STARTS = 5
+"""Starts in a row that fail before a server is given up; also ends in a row at nothing, twice as many."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that a server reported: `ready`, `busy`, `warning`, `failure`, `lost` or `error`."""
+
+    server: int
+    pid: int
+    report: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A server's process has ended without being asked to.
+
+    pause: seconds after which it is started again; None when it is not.
+    """
+
+    death: Death
+    pause: float | None
+
+
+@dataclass(frozen=True)
+class Restarted:
+    """A server was started again."""
+
+    server: int
+    pid: int
+
+
+News = Event | Ended | Restarted
+
+
+@dataclass
+class _Place:
+    """A server's id, and the process that has it now."""
+
+    settings: Mapping[str, Any]
+    process: Process | None = None
+    again_at: float | None = None
+    """When it is to be started again."""
+    was_ready: bool = False
+    """Whether one of its processes was ready once."""
+    failed_starts: int = 0
+    fruitless: int = 0
+    """Ends in a row at no evaluation, without any before."""
+    ends: int = 0
+    """Ends in a row without an evaluation before."""
+    sample: Sample = field(default_factory=Sample)
+    since: float = 0.0
+    """When it was first seen to be there."""
+    episode_since: float = 0.0
+    last: Death | None = None
+    given_up: bool = False
+    """Whether it will not be started again."""
+    left: bool = False
+    """Whether it was ready and left by itself for a reason that lasts: another server has its id."""
+
+
+class Supervisor:
+    """Servers of these settings, from `start` to `stop`.
+
+    Args:
+        settings: one mapping of `_server_process`'s arguments per server, with its `id`.
+        draws: whether they draw on this process's standard output.
+        restart: whether those that end are started again.
+        output: takes what they print.
+        tell: gets the news, on another thread; must not call back.
+        step_timeout: seconds that a step of an offloaded evaluation may take; None for any time.
+        episode_timeout: seconds that one evaluation may take.
+    """
+
+    def __init__(
+        self,
+        settings: Sequence[Mapping[str, Any]],
+        *,
+        draws: bool = False,
+        restart: bool = True,
+        output: Output,
+        tell: Callable[[News], None],
+        step_timeout: float | None = None,
+        episode_timeout: float | None = None,
+    ) -> None:
+        self._places = {int(one["id"]): _Place(one) for one in settings}
+        self._draws, self._restart = draws, restart
+        self._output = output
+        self._tell = tell
+        self._step, self._episode = step_timeout, episode_timeout
+        self._supervision: _engine.Supervision | None = None
+        self._last: _engine.Supervision | None = None
+        self._stopping = threading.Event()
+        self._news = threading.Event()
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._watch, daemon=True, name="supervisor")
+        self.restarts = 0
+        """Servers that were started again."""
+
+    @property
+    def identifiers(self) -> list[int]:
+        """Ids of all servers."""
+        return list(self._places)
+
+    @property
+    def pids(self) -> list[int]:
+        """Process ids of those that run."""
+        with self._lock:
+            return [place.process.pid for place in self._places.values() if place.process is not None]
+
+    def given_up(self) -> list[Death]:
+        """How those ended last that will not be started again."""
+        with self._lock:
+            places = self._places.values()
+            return [place.last for place in places if place.given_up and place.last is not None]
+
+    def all_given_up(self) -> bool:
+        """Whether no server is left."""
+        return len(self.given_up()) == len(self._places)
+
+    def start(self) -> None:
+        """Start all servers; `stop` is needed also when this raises."""
+        for place in self._places.values():
+            self._begin(place)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End all servers: ask all, then wait for each, then kill."""
+        self._stopping.set()
+        self._news.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        processes = [place.process for place in self._places.values() if place.process is not None]
+        for process in processes:
+            process.dismiss()
+        for process in processes:
+            process.close()
+        for place in self._places.values():
+            place.process = None
+
+    def attach(self, supervision: "_engine.Supervision | None") -> None:
+        """Tell a pool from now on what becomes of the servers; None: no pool any more."""
+        with self._lock:
+            self._supervision = supervision
+            if supervision is not None:
+                # What they printed for the pool before may still come. No number of a request is used twice.
+                before = self._last
+                self._last = supervision
+                self._output.place = lambda request: (
+                    supervision.place(request) or (before and before.place(request))
+                )
+            self._count()
+
+    def _begin(self, place: _Place) -> None:
+        place.sample, place.since = Sample(), time.monotonic()
+        place.again_at = None
+        place.process = Process(
+            place.settings,
+            draws=self._draws,
+            on_event=self._heard,
+            on_line=self._output.line,
+            on_end=self._news.set,
+        )
+
+    def _heard(self, process: Process, report: dict[str, Any]) -> None:
+        if report.get("event") == "ready":
+            with self._lock:
+                place = self._places[process.identifier]
+                place.was_ready, place.failed_starts = True, 0
+                self._count()
+        elif report.get("event") == "error" and process.ready:
+            with self._lock:
+                self._places[process.identifier].left = True
+        self._tell(Event(process.identifier, process.pid, report))
+
+    def _count(self) -> None:
+        """Tell the pool how many are being started."""
+        if self._supervision is not None:
+            places = self._places.values()
+            starting = [
+                place
+                for place in places
+                if place.again_at is not None or (place.process is not None and not place.process.ready)
+            ]
+            self._supervision.starting(len(starting))
+
+    def _watch(self) -> None:
+        last = time.monotonic()
+        while not self._stopping.is_set():
+            self._news.wait(self._patience())
+            self._news.clear()
+            now = time.monotonic()
+            # This process slept, and the servers probably, too.
+            away = max(0.0, now - last - 5 * LOOK)
+            last = now
+            overdue = self._overdue()
+            for place in self._places.values():
+                if self._stopping.is_set():
+                    return
+                place.since += away
+                place.episode_since += away
+                self._look(place, now, overdue=int(place.settings["id"]) in overdue)
+
+    def _patience(self) -> float:
+        times = [place.again_at for place in self._places.values() if place.again_at is not None]
+        # The end of what it writes is seen a moment before that of the process.
+        look = (
+            SOON if any(place.process and place.process.silent for place in self._places.values()) else LOOK
+        )
+        return max(0.0, min([look, *(at - time.monotonic() for at in times)]))
+
+    def _overdue(self) -> set[int]:
+        supervision = self._supervision
+        return set() if supervision is None else set(supervision.take_overdue())
+
+    def _look(self, place: _Place, now: float, *, overdue: bool) -> None:
+        process = place.process
+        if process is None:
+            if place.again_at is not None and place.again_at <= now:
+                self._begin_again(place)
+            return
+        if overdue and self._supervision is not None and process.ready:
+            if process.progress.read().candidates:
+                self._supervision.is_alive(process.identifier)
+            else:
+                process.end_hung("did not answer in time")
+        elif process.hung is None and (why := self._hangs(place, process, now)) is not None:
+            process.end_hung(why)
+        death = process.end()
+        if death is not None:
+            self._ended(place, process, death)
+
+    def _hangs(self, place: _Place, process: Process, now: float) -> str | None:
+        """Why a process is to be ended, if it is."""
+        if not process.ready:
+            most = START + float(place.settings.get("wait", 0.0))
+            late = place.was_ready and now - process.started > most
+            return f"did not start within {most:g} s" if late else None
+        sample = process.progress.read()
+        if sample != place.sample:
+            if (sample.place, sample.ended) != (place.sample.place, place.sample.ended):
+                place.episode_since = now
+            place.sample, place.since = sample, now
+        if not sample.candidates:
+            return None
+        if self._step is not None and now - place.since > self._step:
+            return f"made no step for {self._step:g} s"
+        if (
+            self._episode is not None
+            and sample.episode is not None
+            and now - place.episode_since > self._episode
+        ):
+            return f"was at one episode for {self._episode:g} s"
+        return None
+
+    def _ended(self, place: _Place, process: Process, death: Death) -> None:
+        """A process has ended: tell everybody, and say when it is to be started again."""
+        sample = process.progress.read()
+        with self._lock:
+            place.process, place.last = None, death
+            pause = self._pause(place, process, death, sample)
+            supervision = self._supervision
+        place_of = None if supervision is None else supervision.place(sample.request)
+        whose = ""
+        if place_of is not None and sample.candidates == 1:
+            whose = self._output.named(place_of, sample.first, sample.episode or 0)
+        self._output.say(death.server, f"[{death.how}]", whose)
+        if supervision is not None:
+            supervision.ended(
+                death.server,
+                death.pid,
+                f"a simulation server {death.how}",
+                stack=death.words or None,
+                outside=death.outside,
+                at=sample.place,
+            )
+        process.close()
+        self._tell(Ended(death, pause))
+        with self._lock:
+            place.again_at = None if pause is None else time.monotonic() + pause
+            place.given_up = pause is None
+            self._count()
+        self._news.set()
+
+    def _pause(self, place: _Place, process: Process, death: Death, sample: Sample) -> float | None:
+        """How long to wait before it is started again; None: not at all."""
+        if not self._restart or not place.was_ready or place.left:
+            return None  # of one that never was ready: what is wrong now will be wrong again
+        place.failed_starts = 0 if process.ready else place.failed_starts + 1
+        place.ends = 0 if sample.ended else place.ends + 1
+        wasted = not sample.ended and not sample.candidates and not death.outside
+        place.fruitless = place.fruitless + 1 if wasted else 0
+        if place.failed_starts >= MOST_STARTS or place.fruitless >= 2 * MOST_STARTS:
+            return None
+        longest = LONGEST_PAUSE_AT_WORK if sample.candidates else LONGEST_PAUSE
+        return min(FIRST_PAUSE * 2.0 ** max(place.ends - 1, 0), longest)
+
+    def _begin_again(self, place: _Place) -> None:
+        try:
+            with self._lock:
+                if self._stopping.is_set():
+                    return
+                self._begin(place)
+                self.restarts += 1
+                process = place.process
+        except OSError as error:  # too many processes, no memory: perhaps not for long
+            place.again_at = time.monotonic() + LONGEST_PAUSE
+            self._output.say(int(place.settings["id"]), f"[cannot be started: {error}]")
+            return
+        assert process is not None
+        self._tell(Restarted(process.identifier, process.pid))

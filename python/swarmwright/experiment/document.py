@@ -1,0 +1,180 @@
+"""The keys of an experiment file, with types, defaults and descriptions."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
+
+from swarmwright.broker.address import broker_problem, prefix_problem
+from swarmwright.core.options import Options
+from swarmwright.core.problems import shown
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.experiment.fitness import FitnessExpression
+
+_SERVERS = ("auto", "local", "in-process")
+
+
+def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if isinstance(value, int) and not isinstance(value, bool):
+        if 1 <= value <= 1024:
+            return value
+        raise ValueError(f"must be at least 1 and at most 1024, not {value}")
+    if value in _SERVERS:
+        return value
+    hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
+    raise ValueError(f"must be auto, local, in-process or a number of servers, not {shown(value)}{hint}")
+
+
+Servers = Annotated[
+    Any,
+    BeforeValidator(_servers),
+    WithJsonSchema({"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": 1024}]}),
+]
+
+
+StartFrom = Annotated[
+    Any,
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string"},
+                {"type": "object"},
+                {"type": "array", "items": {"anyOf": [{"type": "string"}, {"type": "object"}]}},
+                {"type": "null"},
+            ]
+        }
+    ),
+]
+
+
+class Requirements(Options):
+    """What a simulation server must be able to do."""
+
+    dimensions: int = Field(ge=0, le=1000)
+    """Spatial dimensions of the simulation."""
+    max_agents: int | None = Field(default=None, ge=1)
+    """Agents that the server must support at least."""
+
+
+class Timeouts(Options):
+    """How long to wait, in seconds."""
+
+    connect: float = Field(default=0.0, ge=0, le=31 * 86_400)
+    """For a broker that does not answer, at the start: for one that is started at the same time, say. Refused
+    credentials and certificates are told at once. The option `--wait` goes before it."""
+    discovery: float = Field(default=10.0, gt=0, le=86_400)
+    """For a fitting simulation server, at the start."""
+    step: float = Field(default=60.0, gt=0, le=86_400)
+    """For a simulation server's next message, before the episode is given to another server. Of an evaluation
+    that travels to the server whole, the result is the next message."""
+    least: float = Field(default=1.0, gt=0, le=86_400)
+    """A server that is silent for much longer than it ever was, and for this long at least, is doubted:
+    another one gets its work as well, and the first result counts. `step` bounds it from above."""
+    episode: float = Field(default=86_400.0, gt=0, le=31 * 86_400)
+    """For an episode that is stepwise, before it is given to another server although messages still come."""
+
+
+class Faults(Options):
+    """What is done about servers and evaluations that fail, are slow, or wrong."""
+
+    attempts: int = Field(default=3, ge=1, le=1000)
+    """How often an evaluation is tried before it has failed. Tries together with others, of which nobody
+    knows which one was to blame, do not count, nor do those on servers that succeed with nothing
+    afterwards. Servers that declare themselves deterministic to the bit need say only twice that it
+    failed."""
+    quarantine: int = Field(default=3, ge=1, le=1000)
+    """After how many servers that went down, or hung, with nothing but one evaluation it has failed, too. Of
+    servers that the run did not start, at least 3, which did well with others while no other was lost."""
+    backup: bool = True
+    """Whether idle servers get copies of what slow or silent ones are at."""
+    audit: float = Field(default=0.0, ge=0, le=1)
+    """The share of evaluations that are repeated on another server before they count. Where two do not find
+    the same, a third one decides: the server that is alone is not used any more, and what it did is done
+    again. Needs servers that declare how far their results can be repeated: two, and to decide three."""
+
+
+class Document(Options):
+    """An experiment: what is evolved, on which simulation, how, and where."""
+
+    simulation: str = Field(min_length=1, max_length=1000)
+    """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
+    which a server offers it. Or a class in Python, path/to/file.py:Class (relative to this file) or
+    package.module:Class, or an environment of Gymnasium or PettingZoo, gymnasium:CartPole-v1; servers of it
+    are started here, too."""
+    requirements: Requirements | None = None
+    """What a simulation server must be able to do. Default: the dimensions that the built-in simulation or
+    the class announces; 2 dimensions for any other."""
+    parameters: dict[str, Any] = Field(default={})
+    """Parameters of the simulation, sent as they are. Those of built-in simulations and of classes are
+    checked before the run."""
+    sensors: int | None = Field(default=None, ge=1, le=1_000_000)
+    """Numbers an agent senses. Needed only when a server does not announce them."""
+    actuators: int | None = Field(default=None, ge=1, le=1_000_000)
+    """Numbers an agent is steered by. Needed only when a server does not announce them."""
+    fitness: str | None = Field(default=None, min_length=1)
+    """Fitness of an episode, an expression over the metrics that the simulation reports, numbers, and
+    `fitness`, the simulation's own: "arrived - 0.01 * steps". There is + - * / **, comparisons, and, or, not,
+    `a if condition else b`, abs, clip, max, min, sqrt. An episode for which it has no value has failed.
+    Default: the simulation's own fitness."""
+    start_from: StartFrom = None
+    """Controllers that evolution starts from: the path of a run folder (its best) or of a controller's file
+    (best.json), `{run: PATH, generation: G, candidate: N}`, or a list of these; paths are relative to this
+    file. They take the first places of the first generation, or the first of them is where a distribution
+    starts; methods that cannot do it say so. They are read once and kept in the run, which does not need
+    their files any more. Default: random ones."""
+    controller: dict[str, Any] = Field(default={})
+    """The representation: what the genome stands for."""
+    method: dict[str, Any] = Field(default={})
+    """The optimization algorithm and its budget."""
+    ranking: dict[str, Any] = Field(default={})
+    """How episodes become fitness."""
+    mode: Literal["auto", "stepwise", "batched", "offloaded"] = "auto"
+    """How servers on a broker evaluate; the fitness does not depend on it. stepwise: controllers stay here,
+    every step of every agent crosses the broker. batched: controllers stay here, one message carries a step
+    of all agents of many episodes. offloaded: controllers travel to the servers, their fitness comes back.
+    auto: of each server the fastest that it offers. A mode that is named excludes servers that do not offer
+    it. A run that is shown is stepwise."""
+    servers: Servers = "auto"
+    """Who evaluates when no broker is given: a number of servers started on the embedded broker; auto: as
+    many as there are processors, 2 to 8, or in a notebook local; local: built-in simulations run in this
+    process, those in Python in worker processes, one per processor, which are servers of the run's own;
+    in-process: all of them run in this process, where code that crashes or hangs takes the run with it.
+    Started servers that end or hang are started again. With a broker, the servers found there."""
+    broker: str | None = None
+    """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
+    no part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or
+    SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
+    prefix: str = ""
+    """Put before every topic, with a slash, to keep several groups on one broker apart."""
+    timeouts: Timeouts = Field(default_factory=Timeouts)
+    """How long to wait."""
+    faults: Faults = Field(default_factory=Faults)
+    """What is done about servers and evaluations that fail, are slow, or wrong."""
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
+
+    @field_validator("fitness")
+    @classmethod
+    def _fitness(cls, value: str | None) -> str | None:
+        if value is not None:
+            FitnessExpression(value)  # its error is a ValueError
+        return value
+
+    @field_validator("broker")
+    @classmethod
+    def _broker(cls, value: str | None) -> str | None:
+        problem = broker_problem(value) if value is not None else None
+        if problem is not None:
+            raise ValueError(problem)
+        return value
+
+    @field_validator("prefix")
+    @classmethod
+    def _prefix(cls, value: str) -> str:
+        problem = prefix_problem(value)
+        if problem is not None:
+            raise ValueError(problem)
+        return value
+
+
+DEFAULT_KINDS = {"controller": "layered", "method": "nnga", "ranking": "absolute"}
+"""The kind of a section that names none."""

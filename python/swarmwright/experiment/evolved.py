@@ -1,0 +1,89 @@
+"""Parameters of a simulation whose values are evolved: whether they fit the experiment."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.yaml import Path_
+from swarmwright.representations._base import shortest
+from swarmwright.representations.parameter_set import CategoricalParameter, Parameter
+from swarmwright.simulations import catalogue
+
+_AT: Path_ = ("controller", "parameters")
+
+
+def problems(
+    simulation: str, parameters: Mapping[str, Any], evolved: Mapping[str, Parameter], *, here: bool
+) -> Iterator[tuple[Path_, str]]:
+    """Yield where and why evolved parameters do not fit a simulation with the parameters that are fixed.
+
+    here: whether the simulation can be asked.
+    """
+    for name in evolved:
+        if name in parameters:
+            yield (*_AT, name), "stands among the experiment's parameters, too; leave it out there"
+    if not here:
+        return
+    for name, message in unknown(simulation, evolved):
+        yield (*_AT, name), message
+    everything = catalogue.takes_any(simulation)
+    names = catalogue.parameter_names(simulation)
+    known = {name: one for name, one in evolved.items() if everything or name in names}
+    fixed = {name: value for name, value in parameters.items() if name not in evolved}
+    if len(known) < len(evolved) or catalogue.parameters_problem(simulation, fixed):
+        return
+    found = list(_refusals(simulation, fixed, known))
+    yield from found
+    if not found and not all(
+        catalogue.steers_itself(simulation, values) for _, _, values in _corners(fixed, known)
+    ):
+        title = catalogue.title(simulation)
+        cure = "take a controller that steers, such as layered"
+        if "steering" in names:
+            cure = "set parameters.steering to rule"
+        yield (
+            ("controller", "kind"),
+            f"parameter_set steers nobody, but agents of {title} wait to be steered; {cure}",
+        )
+
+
+def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield each name that is no parameter of a simulation, with what to say of it."""
+    if catalogue.takes_any(simulation):
+        return
+    known, title = catalogue.parameter_names(simulation), catalogue.title(simulation)
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name, known) or f"; known parameters: {', '.join(known)}"
+            yield name, f"unknown parameter of {title}{hint}"
+
+
+def _refusals(
+    simulation: str, fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
+) -> Iterator[tuple[Path_, str]]:
+    for name, value, values in _corners(fixed, evolved):
+        problem = catalogue.parameters_problem(simulation, values)
+        if problem is not None:
+            reason = problem.removeprefix(f"parameter {name}: ")
+            yield (*_AT, name), f"{catalogue.title(simulation)} refuses {value!r}: {reason}"
+
+
+def _corners(
+    fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
+) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield each parameter with each of its extreme values, and all parameters with it."""
+    extremes = {name: _extremes(one) for name, one in evolved.items()}
+    firsts = {name: values[0] for name, values in extremes.items()}
+    for name, values in extremes.items():
+        for value in values:
+            yield name, value, {**fixed, **firsts, name: value}
+
+
+def _extremes(parameter: Parameter) -> list[Any]:
+    if isinstance(parameter, CategoricalParameter):
+        return list(parameter.choices)
+    if parameter.type == "integer":
+        return list(parameter.range)
+    return list(shortest(np.array(parameter.range, dtype=np.float32)))

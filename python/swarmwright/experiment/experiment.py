@@ -1,0 +1,315 @@
+"""Experiments: what is evolved, how, and where, checked and with every default filled in."""
+
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import write_text
+from swarmwright.core.yaml import Source, dump, read
+from swarmwright.experiment.budget import Budget
+from swarmwright.experiment.document import Faults, Requirements, Timeouts
+from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.settings import apply, parse_settings, restricted
+from swarmwright.experiment.start_from import genomes_of
+from swarmwright.methods import METHODS, Method, MethodOptions
+from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
+from swarmwright.representations import REPRESENTATIONS, Representation
+from swarmwright.simulations.names import is_own
+
+LARGEST_GENOME = 1_000_000
+"""Genes of a controller, at most; the engine's own limit."""
+ELSEWHERE = frozenset({"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements"})
+"""Keys that say where and how it is computed, and not what."""
+_SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts", "faults")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One experiment, unchangeable; `replace` makes a changed copy.
+
+    Made by `Experiment.load(path)` or `Experiment.from_mapping(values)`, which check everything; the keys and
+    their meaning are those of the experiment file, see docs/reference/experiment.md.
+    """
+
+    simulation: str
+    requirements: Requirements
+    parameters: dict[str, Any]
+    sensors: int | None
+    actuators: int | None
+    fitness: str | None
+    """Fitness of an episode as an expression over metrics; None: the simulation's own."""
+    start_from: list[dict[str, Any]] | None
+    """Controllers that evolution starts from, with their weights; None: random ones."""
+    controller: Any
+    """Options of the representation: `kind`, and what that kind has."""
+    method: MethodOptions
+    ranking: RankingOptions
+    mode: Literal["auto", "stepwise", "batched", "offloaded"]
+    servers: int | Literal["auto", "local", "in-process"]
+    broker: str | None
+    prefix: str
+    timeouts: Timeouts
+    faults: Faults
+    seed: int
+    path: Path | None = field(default=None, compare=False)
+    """The file it was loaded from."""
+
+    @classmethod
+    def load(cls, path: str | Path, settings: Iterable[str] = ()) -> Self:
+        """Read an experiment file (YAML 1.2).
+
+        Args:
+            path: of the file.
+            settings: what is set otherwise than in the file, `KEY.PATH=VALUE` each, as the option `--set`
+                takes it: the value is YAML, items of lists are named by their number (`parameters.agents.0`),
+                null takes a key back to its default, another `kind` starts from that kind's defaults. Paths
+                of files in them are relative to the working directory.
+
+        Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
+        method.populaton: unknown key; did you mean 'population'?`.
+        """
+        source = apply(read(Path(path)), parse_settings(settings))
+        return cls._checked(source, Path(path))
+
+    def with_settings(
+        self,
+        settings: Iterable[str],
+        *,
+        only: Collection[str] | None = None,
+        reason: str = "",
+        ask: bool = True,
+    ) -> Self:
+        """Return a copy with settings, `KEY.PATH=VALUE` each, see `load`; Python's way is `replace`.
+
+        Args:
+            settings: what is set.
+            only: the keys that may be set, all if None.
+            reason: why no others, the end of a sentence.
+            ask: whether a simulation that is named by its class may be imported.
+
+        Raises InputError with every problem, a line each.
+        """
+        parsed = parse_settings(settings)
+        if only is not None:
+            restricted(parsed, only, reason)
+        if not parsed:
+            return self
+        source = apply(Source("", values=self.to_mapping()), parsed)
+        changed = self._checked(source, None, ask=ask)
+        object.__setattr__(changed, "path", self.path)
+        return changed
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Make an experiment of plain values, keys as in the file; `simulation` can be a class, too.
+
+        Raises InputError with every problem.
+        """
+        simulation = values.get("simulation")
+        if isinstance(simulation, type):
+            from swarmwright.simulations.names import name_of
+
+            values = {**values, "simulation": name_of(simulation)}
+        return cls._checked(Source("", values=_plain(values)), None)
+
+    @classmethod
+    def _stored(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
+        """Make an experiment of what a run holds, without importing its class: reading runs no code.
+
+        folder: the run's, that paths are relative to.
+        """
+        return cls._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
+
+    @classmethod
+    def _checked(
+        cls, source: Source, path: Path | None, *, ask: bool = True, folder: Path | None = None
+    ) -> Self:
+        from swarmwright.experiment.validation import check
+
+        return cls(**check(source, ask=ask, folder=folder), path=path)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values, every default written out; keys without a value are left out."""
+        result: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if one.name == "path" or value is None:
+                continue
+            if one.name in _SECTIONS:
+                value = value.model_dump(exclude_none=True)
+                if one.name == "method" and self.method.generation_limit is None:
+                    del value["generations"]  # as it is without a limit
+                if "kind" in value:  # first: it says what the others mean
+                    value = {"kind": value.pop("kind"), **value}
+            result[one.name] = _plain(value)
+        return result
+
+    def _repr_html_(self) -> str:
+        """Return every key as a table, for notebooks."""
+        from swarmwright.core.flatten import flat
+        from swarmwright.core.html import facts
+
+        name = f" of {self.path}" if self.path is not None else ""
+        values = flat(self.to_mapping())
+        return facts(
+            f"Experiment{name}: {self.label}", [(key, shortened(value)) for key, value in values.items()]
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the experiment as a file that loads to an equal one, every default written out.
+
+        Raises InputError when the file cannot be written.
+        """
+        write_text(path, dump(self.to_mapping()))
+
+    def replace(self, **changes: Any) -> Self:  # noqa: ANN401 - keys of the experiment
+        """Return a copy with changed keys, checked like a file.
+
+        Mappings are merged: `replace(method={"generations": 5})` keeps the other options of the method,
+        unless another `kind` is given, which starts from that kind's defaults. None takes a key back to its
+        default: `replace(broker=None, parameters={"agents": None})`.
+        """
+        values = self.to_mapping()
+        if changes.get("simulation", self.simulation) != self.simulation:
+            # What the old simulation announced does not hold for the new one.
+            for name in ("sensors", "actuators", "requirements"):
+                values.pop(name, None)
+        for name, change in changes.items():
+            old = values.get(name)
+            if isinstance(old, dict) and isinstance(change, Mapping):
+                starts_anew = "kind" in change and change["kind"] != old.get("kind")
+                merged = dict(change) if starts_anew else {**old, **change}
+                dropped = {key for key, value in change.items() if value is None}
+                values[name] = {key: value for key, value in merged.items() if key not in dropped}
+            elif change is None:
+                values.pop(name, None)
+            else:
+                values[name] = change.model_dump() if hasattr(change, "model_dump") else change
+        changed = self.from_mapping(values)
+        object.__setattr__(changed, "path", self.path)
+        return changed
+
+    @staticmethod
+    def json_schema() -> dict[str, Any]:
+        """Return the JSON Schema (2020-12) of experiment files, for editors.
+
+        It knows the installed plug-ins.
+        """
+        from swarmwright.experiment.schema import experiment_schema
+
+        return experiment_schema()
+
+    @property
+    def genome_size(self) -> int:
+        """Number of genes.
+
+        Raises InputError when sensors and actuators are not known before a server is asked.
+        """
+        return self.representation().genome_size
+
+    def place(self, key: str) -> str:
+        """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
+        if self.path is not None:
+            with suppress(InputError):
+                source = read(self.path)
+                found = source.values.get(key) if isinstance(source.values, Mapping) else None
+                other = isinstance(found, str) and found != getattr(self, key)  # another one was set
+                if found is not None and not other:
+                    return source.place((key,))
+        return f"{key}: "
+
+    @property
+    def steers(self) -> bool:
+        """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
+        return REPRESENTATIONS.get(self.controller.kind).steers
+
+    @property
+    def label(self) -> str:
+        """What the simulation is called in figures and folders: its title, or its class."""
+        return self.simulation.rpartition(":")[2] if is_own(self.simulation) else self.simulation
+
+    @property
+    def generations(self) -> int:
+        """Generations of the whole run, at most."""
+        return self.method.generations
+
+    @property
+    def budget(self) -> Budget:
+        """What the run may use: generations, evaluations, seconds."""
+        return Budget.of(self.method)
+
+    def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
+        """Return the representation for these numbers of sensors and actuators (default.
+
+        The experiment's).
+        """
+        sensors = self.sensors if sensors is None else sensors
+        actuators = self.actuators if actuators is None else actuators
+        if not self.steers:
+            sensors, actuators = sensors or 0, actuators or 0
+        if sensors is None or actuators is None:
+            missing = "sensors" if sensors is None else "actuators"
+            raise InputError(
+                f"{missing}: not known: {self.simulation!r} is not built in; give 'sensors' and 'actuators' "
+                "in the experiment, or ask a server that announces them"
+            )
+        component = REPRESENTATIONS.get(self.controller.kind)
+        made = component(self.controller, sensors=sensors, actuators=actuators)
+        if made.genome_size > LARGEST_GENOME:
+            raise InputError(
+                f"controller: {made.genome_size} genes are too many, at most {LARGEST_GENOME} are possible; "
+                "take fewer hidden nodes"
+            )
+        return made
+
+    def new_method(self, representation: Representation) -> Method:
+        """Return the method, at its start."""
+        kind: str = self.method.kind  # type: ignore[attr-defined] # every kind's options have it
+        method = METHODS.get(kind)(self.method, representation, seed=self.seed)
+        if self.start_from is not None:
+            try:
+                method.start_from(genomes_of(self.start_from, representation))
+            except InputError as error:
+                raise InputError(f"start_from: {error}") from error
+        return method
+
+    def new_ranking(self) -> Ranking:
+        """Return the ranking."""
+        kind: str = self.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
+        return RANKINGS.get(kind)(self.ranking)
+
+    @property
+    def fitness_expression(self) -> FitnessExpression | None:
+        """The fitness as an expression over metrics; None: the simulation's own."""
+        return None if self.fitness is None else FitnessExpression(self.fitness)
+
+    @property
+    def first_seed(self) -> int:
+        """Simulation seed of episode 0.
+
+        `parameters.seed`, default 0. Raises InputError when it is no integer.
+        """
+        seed = self.parameters.get("seed", 0)
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
+            raise InputError(f"parameters.seed: must be an integer from 0 to 2**63 - 1, not {seed!r}")
+        return seed
+
+
+def shortened(value: object) -> str:
+    """Return a value as text, not longer than a line."""
+    text = str(value)
+    return text if len(text) <= 100 else f"{text[:99]}…"
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any nested value
+    """Return a copy of plain dicts and lists; numpy numbers and arrays become Python's."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    return value

@@ -1,0 +1,80 @@
+"""Parameters that are too large for an experiment file: the path of a JSON file stands in their place."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import read_bytes
+
+_LARGEST = 1 << 26  # bytes
+
+
+def resolve(
+    simulation: str,
+    parameters: Mapping[str, Any],
+    folder: Callable[[str], Path],
+    report: Callable[[str, str], None],
+) -> dict[str, Any]:
+    """Return the parameters with files read: text in the place of an object is the path of a file with it.
+
+    Args:
+        simulation: title; only those of built-in simulations are known to be objects.
+        parameters: as they stand in the experiment.
+        folder: of a parameter's name: what its path is relative to.
+        report: called with name and message for every file that cannot be read.
+    """
+    result = dict(parameters)
+    for name in _objects(simulation):
+        value = result.get(name)
+        if not isinstance(value, str):
+            continue
+        try:
+            result[name] = read_object(folder(name) / value)
+        except InputError as error:
+            report(name, str(error))
+            del result[name]
+    return result
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Return the JSON object that a file holds.
+
+    Raises InputError, with file and line, when it cannot be read or holds something else.
+    """
+    try:
+        text = read_bytes(path, _LARGEST).decode("utf-8-sig")
+        value = json.loads(text, parse_constant=_no_number)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}:{error.lineno}: is no JSON: {error.msg}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no JSON: it is not UTF-8 text") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is no JSON: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deeply") from None
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: holds {_kind(value)}; expected an object, {{...}}")
+    return value
+
+
+def _objects(simulation: str) -> Iterator[str]:
+    from swarmwright.simulations import catalogue
+
+    if simulation in catalogue.titles():
+        for name, parameter in catalogue.description(simulation)["parameters"].items():
+            if parameter["type"] == "object":
+                yield name
+
+
+def _kind(value: Any) -> str:  # noqa: ANN401 - any JSON value
+    return "a list" if isinstance(value, list) else "text" if isinstance(value, str) else "a single value"
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no number that can be sent")

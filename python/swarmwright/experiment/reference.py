@@ -1,0 +1,122 @@
+"""The reference page of experiment files: `python -m swarmwright.experiment.reference`."""
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from swarmwright.experiment.document import DEFAULT_KINDS
+from swarmwright.experiment.schema import experiment_schema
+from swarmwright.simulations import catalogue
+
+_INTRODUCTION = """\
+# Experiment files
+
+<!-- Made by `python -m swarmwright.experiment.reference`; change the descriptions in the code, not here. -->
+
+An experiment is one YAML 1.2 file: what is evolved, on which simulation, how, and where. Unknown keys, keys
+that stand twice and values of the wrong type are errors, reported with file and line, all at once. A
+commented file to start from comes from `swarmwright new minisim`, the JSON Schema for editors from
+`swarmwright schema`. For an editor with the YAML language server, write the schema to a file and begin the
+experiment with `# yaml-language-server: $schema=experiment.schema.json`.
+
+Only `simulation` is required.
+"""
+
+
+def reference() -> str:
+    """Return the page as Markdown; of built-in components only."""
+    schema = experiment_schema(only_built_in=True)
+    lines = [_INTRODUCTION, "## Keys", ""]
+    lines += _table(schema["properties"], set(schema["required"]), schema)
+    for name in ("requirements", "timeouts", "faults"):
+        definition = schema["$defs"][name.capitalize()]
+        lines += ["", f"## {name}", "", definition["description"], ""]
+        lines += _table(definition["properties"], set(definition.get("required", [])), schema)
+    for name, default in DEFAULT_KINDS.items():
+        section = schema["properties"][name]
+        lines += ["", f"## {name}", "", section["description"]]
+        for variant in section["oneOf"]:
+            kind = variant["properties"]["kind"]["const"]
+            lines += ["", f"### {name}: {{kind: {kind}}}{' (default)' if kind == default else ''}", ""]
+            lines += [variant["description"], ""]
+            options = {key: value for key, value in variant["properties"].items() if key != "kind"}
+            lines += _table(options, set(variant.get("required", [])), schema)
+    for title in catalogue.titles():
+        lines += ["", *_simulation(title)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _simulation(title: str) -> Iterator[str]:
+    described = catalogue.description(title)
+    yield f"## parameters of {title}"
+    yield ""
+    yield ", ".join(f"{name}: {described[name]}" for name in ("dimensions", "sensors", "actuators")) + "."
+    yield ""
+    yield "| parameter | type | default | meaning |"
+    yield "|---|---|---|---|"
+    for name, parameter in described["parameters"].items():
+        kind, meaning = (str(parameter.get(part, "")) for part in ("type", "description"))
+        yield _row(f"`{name}`", kind, _code(parameter.get("default")), meaning)
+    yield ""
+    yield f"## metrics of {title}"
+    yield ""
+    yield "What `fitness` may be made of, beside `fitness`, the simulation's own."
+    yield ""
+    yield "| metric | unit | meaning |"
+    yield "|---|---|---|"
+    for name, metric in described["metrics"].items():
+        yield _row(f"`{name}`", metric["unit"], metric["description"])
+
+
+def _table(properties: dict[str, Any], required: set[str], schema: dict[str, Any]) -> Iterator[str]:
+    yield "| key | type | default | meaning |"
+    yield "|---|---|---|---|"
+    for name, key in properties.items():
+        default = "required" if name in required else _code(key.get("default"))
+        yield _row(f"`{name}`", _type(key, schema), default, key.get("description", ""))
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _code(value: Any) -> str:  # noqa: ANN401 - any JSON value
+    return "" if value is None else f"`{json.dumps(value)}`"
+
+
+def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
+    if "$ref" in key:
+        return "mapping"
+    if "const" in key:
+        return _code(key["const"])
+    if "enum" in key:
+        return ", ".join(f"`{value}`" for value in key["enum"])
+    if "anyOf" in key:
+        return " or ".join(_type(one, schema) for one in key["anyOf"] if one.get("type") != "null")
+    if key.get("type") == "array":
+        items = _type(key["items"], schema)
+        return f"list of ({items})" if "anyOf" in key["items"] else f"list of {items}"
+    words: dict[str, str] = {"object": "mapping", "string": "text"}
+    kind: str = key["type"]
+    return words.get(kind, kind) + _limits(key)
+
+
+def _limits(key: dict[str, Any]) -> str:
+    below, above = key.get("minimum"), key.get("maximum")
+    if below is not None and above is not None:
+        return f" {below:.12g} to {above:.12g}"
+    parts = []
+    for name, sign in (
+        ("minimum", "≥"),
+        ("exclusiveMinimum", ">"),
+        ("maximum", "≤"),
+        ("exclusiveMaximum", "<"),
+    ):
+        if name in key:
+            parts.append(f"{sign} {key[name]}")
+    return f" {', '.join(parts)}" if parts else ""
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())

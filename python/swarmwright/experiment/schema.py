@@ -1,0 +1,55 @@
+"""The JSON Schema of experiment files, made from the typed options and the registries."""
+
+from typing import Any
+
+from swarmwright.core.descriptions import described
+from swarmwright.core.options import Options
+from swarmwright.experiment.document import DEFAULT_KINDS, Document
+from swarmwright.experiment.validation import REGISTRIES
+
+IDENTIFIER = "urn:swarmwright:experiment"
+
+
+def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of experiment files, of plug-ins too unless `only_built_in`."""
+    schema = _tidy(described(Document).model_json_schema())
+    definitions: dict[str, Any] = schema.pop("$defs", {})
+    for name, registry in REGISTRIES.items():
+        kinds = sorted(registry.built_in) if only_built_in else registry.names()
+        variants = []
+        for kind in kinds:
+            model: type[Options] = registry.get(kind).options_model
+            variant = _tidy(described(model).model_json_schema())
+            definitions |= variant.pop("$defs", {})
+            variant.pop("title", None)
+            if kind != DEFAULT_KINDS[name]:
+                variant["required"] = sorted({*variant.get("required", []), "kind"})
+            variants.append(variant)
+        text = schema["properties"][name]["description"]
+        schema["properties"][name] = {
+            "description": f"{text} One of: {', '.join(kinds)}.",
+            "type": "object",
+            "default": {"kind": DEFAULT_KINDS[name]},
+            "properties": {"kind": {"enum": kinds}},
+            "oneOf": variants,
+        }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": IDENTIFIER,
+        **schema,
+        "title": "Swarmwright experiment",
+        "$defs": definitions,
+    }
+
+
+def _tidy(node: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """Drop pydantic's generated titles; put descriptions on one line."""
+    if isinstance(node, dict):
+        return {
+            key: " ".join(value.split()) if key == "description" and isinstance(value, str) else _tidy(value)
+            for key, value in node.items()
+            if not (key == "title" and isinstance(value, str))
+        }
+    if isinstance(node, list):
+        return [_tidy(value) for value in node]
+    return node

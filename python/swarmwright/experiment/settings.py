@@ -1,0 +1,167 @@
+"""Settings from the command line, KEY.PATH=VALUE: what is otherwise than an experiment file says."""
+
+import copy
+import re
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.problems import shown
+from swarmwright.core.yaml import Path_, Source, dotted_path, parse
+from swarmwright.experiment.document import DEFAULT_KINDS
+
+_PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
+_ANNOUNCED = ("sensors", "actuators", "requirements")
+"""What another simulation announces differently."""
+_HINT = "write KEY=VALUE, such as method.generations=50 or 'controller.hidden=[8, 4]'"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One value that is set."""
+
+    path: tuple[str, ...]
+    value: Any
+    text: str
+    """As it was given, with the option's name: what messages begin with."""
+
+    @property
+    def first(self) -> bool:
+        """Whether other settings build on it: a kind, or the simulation."""
+        kind = len(self.path) == 2 and self.path[0] in DEFAULT_KINDS and self.path[1] == "kind"
+        return kind or self.path == ("simulation",)
+
+
+def parse_settings(texts: Iterable[str]) -> list[Setting]:
+    """Read settings such as `method.generations=50`; the values are YAML.
+
+    Raises InputError with all that cannot be read, a line each.
+    """
+    settings, problems = [], []
+    for text in texts:
+        try:
+            settings.append(_setting(text))
+        except InputError as error:
+            problems.append(f"--set {text}: {error}")
+    if problems:
+        raise InputError("\n".join(problems))
+    return settings
+
+
+def _setting(text: str) -> Setting:
+    path: list[str] = []
+    at = 0
+    while match := _PART.match(text, at):
+        path.append(match["quoted"] or match["plain"] or match["index"])
+        at = match.end()
+        if not text.startswith(".", at):
+            if text.startswith("[", at):
+                continue
+            break
+        at += 1
+    if not path or not text.startswith("=", at):
+        raise InputError(_HINT)
+    try:
+        source = parse(text[at + 1 :], "")
+    except InputError as error:
+        raise InputError(re.sub(r"^:(\d+:)? *", "the value ", str(error))) from error
+    for _, _, message in source.problems:
+        raise InputError(f"the value is no plain YAML: {message}")
+    return Setting(tuple(path), source.values, f"--set {text}")
+
+
+def restricted(settings: Iterable[Setting], keys: Collection[str], reason: str) -> None:
+    """Raise InputError for settings of other keys than these, a line each; `reason` ends the sentence."""
+    problems = [f"{one.text}: {one.path[0]}: {reason}" for one in settings if one.path[0] not in keys]
+    if problems:
+        raise InputError("\n".join(problems))
+
+
+def apply(source: Source, settings: Iterable[Setting]) -> Source:
+    """Return what a file says with settings in the place of its own values; see `Experiment.load`.
+
+    What cannot be set is noted among the source's problems.
+    """
+    ordered = sorted(settings, key=lambda setting: not setting.first)
+    if not ordered or not isinstance(source.values, Mapping | None):
+        return source
+    changed = Source(
+        source.name,
+        copy.deepcopy(dict(source.values or {})),
+        dict(source.lines),
+        list(source.problems),
+        dict(source.options),
+    )
+    for setting in ordered:
+        if setting.path[1:] == ("kind",) and setting.first:
+            _start_anew(changed, setting)
+        elif setting.first:
+            _other_simulation(changed, setting)
+        _assign(changed, setting)
+    return changed
+
+
+def _start_anew(source: Source, setting: Setting) -> None:
+    """Drop the options of a section that gets another kind: they are another kind's."""
+    section = setting.path[0]
+    old = source.values.get(section)
+    kind = old.get("kind", DEFAULT_KINDS[section]) if isinstance(old, Mapping) else DEFAULT_KINDS[section]
+    if (setting.value or DEFAULT_KINDS[section]) != kind or not isinstance(old, Mapping):
+        source.values[section] = {}
+        _forget(source, (section,), below_only=True)
+
+
+def _other_simulation(source: Source, setting: Setting) -> None:
+    """Drop what the file says that its own simulation announces, where the other one can be asked itself."""
+    from swarmwright.simulations import catalogue
+
+    if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
+        return
+    if catalogue.is_here(setting.value):
+        for name in _ANNOUNCED:
+            source.values.pop(name, None)
+            _forget(source, (name,))
+
+
+def _assign(source: Source, setting: Setting) -> None:
+    container: Any = source.values
+    path: Path_ = ()
+    for index, part in enumerate(setting.path):
+        last = index + 1 == len(setting.path)
+        key: str | int = part
+        if isinstance(container, list):
+            if not part.isdecimal() or int(part) >= len(container):
+                count = len(container)
+                numbers = f"its items are 0 to {count - 1}" if count else "it is empty"
+                _complain(source, setting, path, f"is a list, which has no item {part!r}; {numbers}")
+                return
+            key = int(part)
+        elif not isinstance(container, dict):
+            _complain(source, setting, path, f"is {shown(container)}, which has no part {part!r}")
+            return
+        path = (*path, key)
+        if last and setting.value is None and isinstance(container, dict):
+            container.pop(key, None)
+        elif last:
+            container[key] = copy.deepcopy(setting.value)
+        else:
+            if isinstance(container, dict) and container.get(part) is None:
+                container[part] = {}
+            container = container[key]
+    _forget(source, path)
+    source.options[path] = setting.text
+
+
+def _complain(source: Source, setting: Setting, path: Path_, message: str) -> None:
+    # A place of its own: what the file itself has at this path is checked as well.
+    place: Path_ = (*path, setting.text)
+    source.options[place] = setting.text
+    source.problems.append((place, 0, f"{dotted_path(path)} {message}"))
+
+
+def _forget(source: Source, path: Path_, *, below_only: bool = False) -> None:
+    """Forget where the values at and below a path came from."""
+    for places in (source.lines, source.options):
+        for place in [one for one in places if one[: len(path)] == path and not (below_only and one == path)]:
+            del places[place]

@@ -1,0 +1,117 @@
+"""`start_from`: controllers that evolution starts from, read once and kept in the experiment."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.problems import shown
+from swarmwright.representations._base import Representation, shortest
+from swarmwright.representations.controller import Controller, controller_words
+from swarmwright.typing import Genomes
+
+Entry = dict[str, Any]
+"""One controller: `architecture`, `weights`, what it is `from`, and `genome` where that is another one."""
+_OF_RUN = frozenset({"run", "generation", "candidate"})
+
+
+def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever the file says
+    """Return the controllers that `start_from` names.
+
+    Args:
+        value: a path, a mapping, or a list of these; see the key.
+        folder: paths are relative to it.
+
+    Raises InputError when one cannot be read.
+    """
+    if isinstance(value, str | Path):
+        return [_of_path(folder / value, str(value))]
+    if isinstance(value, Mapping):
+        return [_of_mapping(value, folder)]
+    if isinstance(value, Sequence) and value:
+        return [entry for one in value for entry in entries(one, folder)]
+    raise InputError(f"must be the path of a run or of a controller, or a list of these, not {shown(value)}")
+
+
+def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
+    if isinstance(value.get("run"), str | Path) and value.keys() <= _OF_RUN:
+        numbers = [value.get("candidate"), value.get("generation")]
+        if any(
+            one is not None and (isinstance(one, bool) or not isinstance(one, int) or one < 0)
+            for one in numbers
+        ):
+            raise InputError("generation and candidate must be numbers from 0 on")
+        return _of_run(folder / value["run"], str(value["run"]), *numbers)
+    if isinstance(value.get("architecture"), Mapping) and isinstance(value.get("weights"), list):
+        return dict(value)
+    raise InputError("a mapping is written {run: PATH, generation: G, candidate: N}, the last two as wanted")
+
+
+def _of_path(path: Path, name: str) -> Entry:
+    return (
+        _of_run(path, name, None, None)
+        if path.is_dir()
+        else _entry(Controller.load(path).specification, name)
+    )
+
+
+def _of_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
+    from swarmwright.runs.run import Run
+
+    run = Run.open(path)
+    evaluation = run.evaluation(candidate, generation)
+    specification = run.experiment.representation().specification(evaluation.genome)
+    entry = _entry(
+        specification, f"{name}, candidate {evaluation.candidate} of generation {evaluation.generation}"
+    )
+    genome = shortest(evaluation.genome)
+    return entry if genome == entry["weights"] else {**entry, "genome": genome}
+
+
+def _entry(specification: Mapping[str, Any], name: str) -> Entry:
+    architecture = {key: value for key, value in specification.items() if key != "weights"}
+    return {"from": name, "architecture": architecture, "weights": list(specification["weights"])}
+
+
+def genomes_of(start_from: Sequence[Entry], representation: Representation) -> Genomes:
+    """Return the genomes of controllers, (controllers, genome_size).
+
+    Raises InputError when a controller has another architecture than this representation's.
+    """
+    wanted = json.loads(json.dumps(representation.architecture()))
+    rows = []
+    for entry in start_from:
+        name = entry.get("from", "controller")
+        architecture = entry["architecture"]
+        differing = list(_differing(architecture, wanted))
+        if differing:
+            raise InputError(
+                f"{name} is {controller_words(architecture)}; the controllers of this experiment are "
+                f"{controller_words(wanted)}: they differ in {', '.join(differing)}"
+            )
+        try:
+            genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{name}: its weights are no numbers") from error
+        if genome.shape != (representation.genome_size,) or not np.isfinite(genome).all():
+            raise InputError(
+                f"{name}: has {genome.size} genes; the controllers of this experiment have "
+                f"{representation.genome_size}"
+            )
+        weights = representation.weights(genome[np.newaxis])[0]
+        if weights.tobytes() != np.array(entry["weights"], dtype=np.float32).tobytes():
+            raise InputError(
+                f"{name}: its genes mean other values in this experiment, whose controller has other "
+                "options; take those that it was evolved with, and name its run folder rather than a file"
+            )
+        rows.append(genome)
+    return np.stack(rows)
+
+
+def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+    for key in dict.fromkeys([*other, *one]):
+        if one.get(key) != other.get(key):
+            yield str(key)

@@ -1,0 +1,369 @@
+"""From what a file says to checked options: all problems at once, each with its place."""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.options import Options
+from swarmwright.core.problems import MISSING, problems_of, shown
+from swarmwright.core.registry import Registry
+from swarmwright.core.yaml import Path_, Source
+from swarmwright.experiment.document import DEFAULT_KINDS, Document, Requirements
+from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.parameter_files import resolve
+from swarmwright.experiment.start_from import entries, genomes_of
+from swarmwright.methods import METHODS, MethodOptions
+from swarmwright.rankings import RANKINGS, RankingOptions
+from swarmwright.representations import REPRESENTATIONS, Representation
+
+REGISTRIES: Mapping[str, Registry[Any]] = {
+    "controller": REPRESENTATIONS,
+    "method": METHODS,
+    "ranking": RANKINGS,
+}
+"""Where the kinds of each section come from."""
+
+Report = Callable[[Path_, str], None]
+"""Takes a problem: where, what."""
+Checked = dict[str, Any]
+"""Key -> checked value; the sections named in REGISTRIES as their own options."""
+
+
+def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Checked:
+    """Check what a file (or mapping) says.
+
+    Args:
+        source: the file.
+        ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
+        folder: that paths are relative to; default: the file's.
+
+    Raise InputError with every problem, a line each, in the file's order.
+    """
+    problems = [(path, line, message) for path, line, message in source.problems]
+
+    def report(path: Path_, message: str) -> None:
+        problems.append((path, 0, message))
+
+    checked: Checked = {}
+    if not isinstance(source.values, Mapping):
+        found = "is empty" if source.values is None else f"holds {shown(source.values)}"
+        report((), f"{found}; an experiment is a mapping that begins like 'simulation: minisim'")
+    else:
+        # A section left empty ("method:") means its defaults.
+        values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
+        here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
+        values = _with_controllers(source, _with_files(source, values, report), report)
+        checked = _check_values(values, here, report)
+    if problems:
+        broken = {path for path, line, _ in problems if line}
+        lines = [
+            ((0, line) if line else source.order(path), _spoken(source, path, line, message))
+            for path, line, message in problems
+            # What a duplicate key holds is not complained about a second time.
+            if line or path not in broken
+        ]
+        raise InputError("\n".join(text for _, text in sorted(lines, key=lambda entry: entry[0])))
+    return checked
+
+
+_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "timeouts", "faults"})
+
+
+def _folder(source: Source, path: Path_) -> Path:
+    """Return the folder that a path in the experiment is relative to: that of the file that names it."""
+    return Path(source.name).parent if source.name and not source.is_option(path) else Path()
+
+
+def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
+    if not line:
+        return source.place(path) + message
+    return Source(source.name, lines={path: line}).place(path) + message
+
+
+def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
+    """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
+    from swarmwright.runs.store import FILE
+    from swarmwright.simulations import catalogue
+    from swarmwright.simulations.names import absolute, is_own, of_run
+
+    simulation = values.get("simulation")
+    if not isinstance(simulation, str):
+        return False
+    if not is_own(simulation):
+        return simulation in catalogue.titles()
+    find = of_run if (folder / FILE).exists() else absolute
+    values["simulation"] = find(simulation, folder)
+    if ask:
+        try:
+            catalogue.description(values["simulation"])
+        except SwarmwrightError as error:
+            report(("simulation",), str(error))
+            return False
+    return ask
+
+
+def _with_files(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
+    """Return the values with files in the place of parameters that are too large to stand there."""
+    simulation, parameters = values.get("simulation"), values.get("parameters")
+    if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
+        return values
+    resolved = resolve(
+        simulation,
+        parameters,
+        lambda name: _folder(source, ("parameters", name)),
+        lambda name, message: report(("parameters", name), message),
+    )
+    return {**values, "parameters": resolved}
+
+
+def _with_controllers(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
+    """Return the values with the controllers that evolution starts from in the place of their paths."""
+    if values.get("start_from") is None:
+        return values
+    try:
+        return {**values, "start_from": entries(values["start_from"], _folder(source, ("start_from",)))}
+    except SwarmwrightError as error:
+        report(("start_from",), str(error))
+        return {**values, "start_from": None}
+
+
+def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
+    """Check that the controllers that evolution starts from fit the experiment's, and the method."""
+    start_from, method = checked.get("start_from"), checked.get("method")
+    if not start_from or method is None:
+        return
+    problem = METHODS.get(method.kind).no_start(method, len(start_from))
+    if problem is None and representation is not None:
+        try:
+            genomes_of(start_from, representation)
+        except InputError as error:
+            problem = str(error)
+    if problem is not None:
+        report(("start_from",), problem)
+
+
+def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked:
+    checked: Checked = {}
+    try:
+        document = Document.model_validate(values)
+        checked = {name: getattr(document, name) for name in Document.model_fields}
+    except ValidationError as error:
+        for path, message in problems_of(error, Document):
+            report(path, f"{message}{_right_form(path, values)}")
+    for name, registry in REGISTRIES.items():
+        section = values.get(name, {})
+        if isinstance(section, Mapping):
+            checked[name] = _check_section(name, dict(section), registry, report)
+    _check_reevaluation(checked, report)
+    parameters = values.get("parameters", {})
+    if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
+        _check_parameters(values["simulation"] if here else None, dict(parameters), report)
+    if "simulation" in checked:
+        _fill_in(checked, here, report)
+        representation = _check_representation(checked, report)
+        _check_method(checked, representation, report)
+        _check_evolved(checked, here, report)
+        _check_start(checked, representation, report)
+    return checked
+
+
+def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
+    """Return how a section is written of which only the kind stands there: `method: cma_es`."""
+    if len(path) != 1 or path[0] not in REGISTRIES:
+        return ""
+    kind, names = values.get(str(path[0])), REGISTRIES[str(path[0])].names()
+    if not isinstance(kind, str):
+        return ""
+    near = kind if kind in names else next(iter(get_close_matches(kind, names, n=1)), None)
+    return "" if near is None else f"; write {{kind: {near}}}"
+
+
+def _check_section(
+    name: str, section: dict[str, Any], registry: Registry[Any], report: Report
+) -> Options | None:
+    kind = section.get("kind", DEFAULT_KINDS[name])
+    if not isinstance(kind, str):
+        report((name, "kind"), f"must be text, not {shown(kind)}; there is: {', '.join(registry.names())}")
+        return None
+    try:
+        model: type[Options] = registry.get(kind).options_model
+    except InputError as error:
+        report((name, "kind"), str(error))
+        return None
+    try:
+        return model.model_validate(section)
+    except ValidationError as error:
+        for path, message in problems_of(error, model, (name,)):
+            report(_as_written(path, message, {name: section}), message)
+        return None
+
+
+def _check_reevaluation(checked: Checked, report: Report) -> None:
+    """Check that the ranking's wishes fit the method."""
+    ranking, method = checked.get("ranking"), checked.get("method")
+    if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
+        return
+    if method.operation == "steady_state":
+        for key, unwanted in (("reevaluate", ranking.reevaluate), ("seeds", ranking.seeds == "new")):
+            if unwanted:
+                report(
+                    ("ranking", key),
+                    "in steady state there are no generations with seeds of their own; leave the key out, or "
+                    "take operation: generational",
+                )
+        return
+    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    if ranking.reevaluate and not METHODS.get(kind).keeps_members:
+        report(
+            ("ranking", "reevaluate"),
+            f"{kind} keeps no members from one generation to the next, so there are none to evaluate again; "
+            "leave the key out, or take a method that does, such as nnga",
+        )
+
+
+def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
+    """Return a path without the parts that stand nowhere in the file: names of variants that were tried."""
+    written: list[str | int] = []
+    for index, part in enumerate(path):
+        if _holds(values, part):
+            written.append(part)
+            values = values[part]
+        elif index == len(path) - 1 and message == MISSING:
+            written.append(part)
+    return tuple(written)
+
+
+def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - any values of a file
+    if isinstance(values, Mapping):
+        return part in values
+    return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
+
+
+def _check_representation(checked: Checked, report: Report) -> Representation | None:
+    """Check that the controller's options fit the sensors and actuators; return it, None if not known yet."""
+    options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
+    if options is None:
+        return None
+    component = REGISTRIES["controller"].get(options.kind)
+    if not component.steers:
+        sensors, actuators = sensors or 0, actuators or 0
+    if sensors is None or actuators is None:
+        return None
+    try:
+        made: Representation = component(options, sensors=sensors, actuators=actuators)
+    except InputError as error:
+        place, found, reason = str(error).removeprefix("controller").partition(": ")
+        path = [part for part in place.split(".") if part] if found else []
+        report(("controller", *path), reason or str(error))
+        return None
+    return made
+
+
+def _check_method(checked: Checked, representation: Representation | None, report: Report) -> None:
+    """Check that the method can evolve the representation in the operation that is asked for.
+
+    Without sensors and actuators that is found out when a server has announced them.
+    """
+    method = checked.get("method")
+    if method is not None:
+        component = REGISTRIES["method"].get(method.kind)
+        for name, reason in component.problems(method, representation).items():
+            report(("method", name), reason)
+
+
+def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
+    """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
+    from swarmwright.experiment.evolved import problems
+    from swarmwright.representations.parameter_set import ParameterSetOptions
+
+    options = checked.get("controller")
+    if isinstance(options, ParameterSetOptions):
+        for path, message in problems(
+            checked["simulation"], checked["parameters"], options.parameters, here=here
+        ):
+            report(path, message)
+
+
+def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
+    from swarmwright.simulations import catalogue
+
+    for path, problem in _unsendable(parameters, ("parameters",)):
+        report(path, problem)
+        return
+    if simulation is None:
+        return
+    from swarmwright.experiment.evolved import unknown
+
+    known = catalogue.parameter_names(simulation)
+    for key, problem in unknown(simulation, parameters):
+        report(("parameters", key), problem)
+    everything = catalogue.takes_any(simulation)
+    given = {key: value for key, value in parameters.items() if everything or key in known}
+    first = True
+    # The simulation names one at a time. Without it, the next one; what follows from its absence is not told.
+    while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
+        place, _, reason = wrong.removeprefix("parameter ").partition(": ")
+        name = re.split(r"[.[]", place, maxsplit=1)[0]
+        if not (reason and name in given):
+            if first:
+                report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
+            return
+        if first or _by_itself(simulation, name, given[name], wrong):
+            part = place.removeprefix(name).removeprefix(".")
+            report(("parameters", name), f"{part}: {reason}" if part else reason)
+        del given[name]
+        first = False
+
+
+def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether a parameter is wrong whatever the others are."""
+    from swarmwright.simulations import catalogue
+
+    return catalogue.parameters_problem(simulation, {name: value}) == wrong
+
+
+def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
+    """Yield what JSON cannot carry."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if isinstance(key, str):
+                yield from _unsendable(inner, (*path, key))
+            else:
+                yield path, f"a key must be text, not {shown(key)}"
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from _unsendable(inner, (*path, index))
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield path, f"must be a finite number, not {value}"
+    elif not (value is None or isinstance(value, bool | int | float | str)):
+        yield path, f"a value of the type {type(value).__name__} cannot be sent to a simulation"
+
+
+def _fill_in(checked: Checked, here: bool, report: Report) -> None:
+    """Write out what a simulation that can be asked announces; check that the file does not contradict it."""
+    from swarmwright.simulations import catalogue
+
+    if not here:
+        checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
+        return
+    announced = catalogue.description(checked["simulation"])
+    for name in ("sensors", "actuators"):
+        if checked[name] is None:
+            checked[name] = announced[name]
+        elif checked[name] != announced[name]:
+            report(
+                (name,),
+                f"{announced['title']} has {announced[name]}, not {checked[name]}; leave the key out",
+            )
+    checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
+    if checked["fitness"] is not None:
+        known = list(announced["metrics"])
+        problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
+        if problem is not None:
+            report(("fitness",), problem)

@@ -1,0 +1,46 @@
+"""Controllers as figures: networks, state machines, sets of parameters."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.figures.controllers.names import Names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Names", "figure"]
+
+
+def figure(
+    specification: Mapping[str, Any],
+    *,
+    title: str = "",
+    simulation: str | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> "Figure":
+    """Return a matplotlib figure of a controller.
+
+    Args:
+        specification: the controller as plain values, see protocol/schemas/controller.schema.json.
+        title: above the figure.
+        simulation: whose sensors and actuators they are, for their names.
+        options: the experiment's `controller`, which knows the ranges of parameters.
+
+    Raises:
+        InputError: a controller of this kind cannot be drawn.
+    """
+    kind = specification.get("kind")
+    if kind in {"layered", "fully_meshed"}:
+        from swarmwright.figures.controllers.network import draw as draw_network
+
+        return draw_network(specification, Names.of(specification, simulation), title)
+    if kind == "mealy_fsm":
+        from swarmwright.figures.controllers.state_machine import draw as draw_machine
+
+        return draw_machine(specification, Names.of(specification, simulation), title)
+    if kind == "parameter_set":
+        from swarmwright.figures.controllers.parameters import draw as draw_parameters
+
+        return draw_parameters(specification, options or {}, title)
+    raise InputError(f"controller: one of the kind {kind!r} cannot be drawn")

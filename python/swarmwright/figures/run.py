@@ -1,0 +1,100 @@
+"""The figure of one run: fitness, and how different the candidates were."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swarmwright.analysis.diversity import diversity
+from swarmwright.figures.style import AXES, COLORS, INK, PAPER, SOFT, dress, new_figure, thousands, zoom
+from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+_BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
+
+
+def draw(run: Run, *, x: str = "evaluations") -> "Figure":
+    """Return the figure. x: "evaluations" or "generations"."""
+    history = run.history
+    places = np.array(
+        [one.evaluations if x == "evaluations" else one.generation for one in history], dtype=float
+    )
+    figure = new_figure(9, 6.6)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
+    _fitness(upper, run, places)
+    _diversity(lower, run, places)
+    dress(upper, y="fitness (more is better)")
+    continuous = run.experiment.representation().continuous
+    dress(
+        lower,
+        x=AXES[x],
+        y="diversity\n(first generation: 1)" if continuous else "diversity\n(genes that differ)",
+    )
+    thousands(lower.xaxis)
+    experiment = run.experiment
+    method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    failed = sum(one.failed for one in history)
+    figure.suptitle(
+        f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller",
+        x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
+    )  # fmt: skip
+    upper.set_title(
+        f"{run.evaluations:,} evaluations in {run.generations:,} generations, seed {experiment.seed}"
+        + (f", {failed:,} failed" if failed else ""),
+        loc="left", fontsize=10.5, color=SOFT,
+    )  # fmt: skip
+    figure.legend(
+        *upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=10.5, frameon=False,
+        labelcolor=INK,
+    )  # fmt: skip
+    return figure
+
+
+def _fitness(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:
+    history = run.history
+    marker = "o" if len(history) == 1 else None
+
+    def column(name: str) -> "NDArray[np.float64]":
+        values = np.array([getattr(one, name) for one in history], dtype=np.float64)
+        return np.where(np.isfinite(values), values, np.nan)
+
+    quartiles = column("lower_quartile"), column("upper_quartile")
+    axes.fill_between(
+        places, *quartiles, color=_MEAN, alpha=0.18, linewidth=0, label="middle half of the population"
+    )
+    axes.plot(places, column("mean"), color=_MEAN, linewidth=1.4, marker=marker, label="mean", scaley=False)
+    best = column("best_so_far")
+    now = column("best")
+    if not np.array_equal(now, best, equal_nan=True):  # elitists never lose their best
+        axes.step(
+            places, now, where="post", color=_BEST, linewidth=1.0, marker=marker, alpha=0.6,
+            label="best of the population",
+        )  # fmt: skip
+    axes.step(places, best, where="post", color=_BEST, linewidth=2.4, marker=marker, label="best so far")
+    if np.isnan(best).all():
+        axes.text(0.5, 0.5, "every candidate failed", transform=axes.transAxes, ha="center", color=SOFT)
+        return
+    found = int(np.flatnonzero(best == np.nanmax(best))[0])
+    axes.plot(places[found], best[found], "o", markersize=8, color=_BEST, markeredgecolor=PAPER, zorder=5)
+    axes.annotate(
+        f"{best[found] + 0.0:.4g}", (places[found], best[found]), xytext=(0, 8), textcoords="offset points",
+        ha="center" if found else "left", color=_BEST, fontsize=11.5, fontweight="bold",
+    )  # fmt: skip
+    axes.margins(x=0.02, y=0.14)
+    drawn = np.stack([quartiles[0], quartiles[1], best, now])
+    zoom(axes, [(places, drawn.min(axis=0), drawn.max(axis=0))])
+
+
+def _diversity(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:
+    values = diversity(run)
+    marker = "o" if np.count_nonzero(np.isfinite(values)) == 1 else None
+    axes.plot(places, values, color=_SPREAD, linewidth=1.8, marker=marker)
+    axes.fill_between(places, 0, values, color=_SPREAD, alpha=0.12, linewidth=0)
+    axes.set_ylim(bottom=0)
+    if not np.isfinite(values).any():
+        axes.text(
+            0.5, 0.5, "one candidate in each generation", transform=axes.transAxes, ha="center", color=SOFT
+        )

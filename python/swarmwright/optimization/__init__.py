@@ -1,0 +1,1 @@
+"""Evolving: the loop of generations, steady-state evolution, resuming."""

@@ -1,0 +1,359 @@
+"""The optimization loop: ask, evaluate, rank, tell, store.
+
+A run that goes on takes the same way through what is stored as a new one through evaluations.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.statistics import Summary, summarize
+from swarmwright.core.untrusted import one_line
+from swarmwright.evaluation.backend import Backend, Crews, Progress, Results
+from swarmwright.experiment.budget import Ended, Limit
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.methods import Method
+from swarmwright.optimization.memory import LARGE, candidates, course
+from swarmwright.rankings._base import Ranking, best_first
+from swarmwright.representations import Representation
+from swarmwright.runs.store import Evaluated, StoreReader, StoreWriter
+from swarmwright.typing import Fitness, Genomes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Generation:
+    """How far an optimization is, after a generation."""
+
+    generation: int
+    """Index of the generation, from 0."""
+    generations: int | None
+    """Generations of the whole run; None where only evaluations or seconds are limited."""
+    best: float
+    """Best fitness in the population."""
+    mean: float
+    """Mean fitness of the population."""
+    best_so_far: float
+    """Best fitness since the start."""
+    failed: int
+    """Candidates of this generation whose evaluation failed."""
+    evaluations: int
+    """Candidates evaluated since the start."""
+    seconds: float
+    """Since the start, or since the run was resumed."""
+    evaluations_per_second: float
+    """In this generation."""
+    seconds_left: float
+    """Estimate for the rest of the budget."""
+    waiting_for: str
+    """What the evaluation waited for last; empty when it waited for nothing."""
+    budget: Limit = "generations"
+    """Which limit is nearest: generations, evaluations or seconds."""
+    share: float = 0.0
+    """Share of that limit which is used, 0 to 1."""
+
+
+_MOST = 10**15  # evaluations, where there is no limit
+
+OnGeneration = Callable[[Generation], bool | None]
+"""Called after each generation; False ends the run."""
+
+
+class Loop:
+    """An optimization from its first generation to its last.
+
+    Args:
+        experiment: as it is run.
+        representation: for its sensors and actuators.
+        store: where every generation goes.
+    """
+
+    def __init__(self, experiment: Experiment, representation: Representation, store: StoreWriter) -> None:
+        self._method: Method = experiment.new_method(representation)
+        self._ranking: Ranking = experiment.new_ranking()
+        self._first_seed = experiment.first_seed
+        self._representation = representation
+        self._store = store
+        self._asked = 0
+        self._evaluations = 0
+        self._leader = -1
+        self._best_so_far = -np.inf
+        self._best_seen = -np.inf
+        self._waiting_for = ""
+        self._started = self._latest = time.monotonic()
+        self._resumed_at = 0  # told to the method before this session
+        self._stored = 0  # generations
+        self._budget = experiment.budget
+        self._before = 0.0  # seconds of earlier sessions
+        self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
+        self._large = candidates(experiment) >= LARGE
+
+    @property
+    def done(self) -> bool:
+        """Whether the budget is used or the target is reached."""
+        return self.ended is not None
+
+    @property
+    def ended(self) -> Ended | None:
+        """What has ended the run, None as long as it may go on."""
+        target, most = self._method.options.target, self._budget.evaluations
+        if self._method.done:
+            reached = target is not None and self._best_seen >= target
+            return "target" if reached else self._used_up()
+        if self._evaluations == 0:
+            return None
+        if self._time_is_over():
+            return "seconds"
+        return "evaluations" if most is not None and self._evaluations + self._coming() > most else None
+
+    def _used_up(self) -> Ended:
+        """Return which budget a method that is done has used."""
+        return "generations"
+
+    def _coming(self) -> int:
+        """Return how many candidates the next generation has."""
+        if self._next is None:
+            self._next = self._ask()
+        return len(self._next[0])
+
+    def _time_is_over(self) -> bool:
+        limit = self._budget.seconds
+        return limit is not None and self._before + time.monotonic() - self._started >= limit
+
+    @property
+    def libraries(self) -> tuple[str, ...]:
+        """Packages that the method computes with."""
+        return self._method.libraries
+
+    def replay(self, reader: StoreReader) -> None:
+        """Go through the generations in a store, without evaluating anything, to where it ends.
+
+        The method is asked and told as it was then, so that it goes on as if nothing had happened. Raises
+        RunError when it asks for other genomes: another version of a library that the method is made of.
+        """
+        for evaluated in reader.generations():
+            if self._method.done:
+                raise InputError(
+                    f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
+                )
+            genomes, seeds = self._ask()
+            results = Results(evaluated.episodes, evaluated.metrics, [])
+            if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
+                raise RunError(strayed(reader, evaluated.generation))
+            again = self._tell(genomes, seeds, results)
+            if again.fitness.tobytes() != evaluated.fitness.tobytes():
+                raise RunError(strayed(reader, evaluated.generation))
+        self._go_on_from(reader)
+
+    def _go_on_from(self, reader: StoreReader) -> None:
+        """Note what earlier sessions have used."""
+        self._resumed_at, self._stored = self._method.evaluations, len(reader.history())
+        self._before = math.fsum(session.seconds or 0.0 for session in reader.sessions())
+        self._started = time.monotonic()
+
+    def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
+        """Go on until the budget is used, the target is reached, a callback says no, or Ctrl-C.
+
+        Return how it ended: done, stopped or interrupted. Raises KeyboardInterrupt when there is no
+        generation to keep, and RunError when evaluations are not possible.
+        """
+        self._started = self._latest = time.monotonic()
+        try:
+            stopped = self._go_on(backend, on_generation, on_progress)
+        except KeyboardInterrupt:
+            if not self._stored:
+                raise
+            return "interrupted"
+        return "stopped" if stopped else "done"
+
+    def _go_on(
+        self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
+    ) -> bool:
+        """Work to the end; return whether a callback ended it before."""
+        while self.ended is None:
+            number = self._method.generation
+            self._say(f"generation {number}: making candidates")
+            genomes, seeds = self._next or self._ask()
+            self._next = None
+            self._check_first(len(genomes))
+            self._announce(backend, number)
+            self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
+            results = backend.evaluate(
+                Crews.of(self._representation, genomes), seeds, self._watched(on_progress)
+            )
+            self._say(f"generation {number}: ranking and storing them")
+            with self._kept(number, results.journal):
+                evaluated = self._tell(genomes, seeds, results)
+            if not self._commit(evaluated, results.journal, on_generation):
+                return True
+        return False
+
+    def _check_first(self, size: int) -> None:
+        """Say it when not even the first generation fits into the budget."""
+        most = self._budget.evaluations
+        if most is not None and size > most and self._evaluations == 0:
+            logging.getLogger("swarmwright").warning(
+                "method.evaluations: %d is less than the first generation, which is evaluated as a whole: %d "
+                "candidates",
+                most, size,
+            )  # fmt: skip
+
+    def _say(self, what: str) -> None:
+        """Say what comes now, where generations are so large that each part of it takes long."""
+        if self._large:
+            course.info("%s", what)
+
+    def _commit(
+        self, evaluated: Evaluated, journal: list[dict[str, Any]], on_generation: OnGeneration | None
+    ) -> bool:
+        """Store a generation and report it; return whether to go on."""
+        self._store.commit(evaluated, journal)
+        self._stored = evaluated.generation + 1
+        now = time.monotonic()
+        generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))
+        self._latest = now
+        return on_generation is None or on_generation(generation) is not False
+
+    @contextmanager
+    def _kept(self, generation: int, journal: list[dict[str, Any]]) -> Iterator[None]:
+        """Keep how it went also when the generation comes to nothing; name the reason."""
+        try:
+            yield
+        except RunError as error:
+            self._store.note(generation, journal)
+            reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
+            raise RunError(
+                f"{error}; the last reason: {one_line(reasons[-1])}" if reasons else str(error)
+            ) from error
+
+    def _ask(self) -> tuple[Genomes, list[int]]:
+        """Return the genomes to be evaluated in this generation, and on which seeds."""
+        number = self._method.generation
+        genomes = self._method.ask()
+        self._asked = len(genomes)
+        if self._ranking.options.reevaluate:
+            genomes = np.concatenate([genomes, self._method.kept()])
+        return genomes, self._ranking.seeds(self._first_seed, number)
+
+    def _announce(
+        self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
+    ) -> None:
+        """Tell the backend what it works for; others may watch it."""
+        run = self._store.folder.resolve().name
+        generations = self._budget.expected_generations(self._stored, self._evaluations)
+        backend.about(run, generation, generations, evaluations)
+
+    def _watched(self, on_progress: Progress | None) -> Progress:
+        """Return the callback that also notes what is waited for."""
+
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self._waiting_for = waiting_for if done < total else ""
+            if on_progress is not None:
+                on_progress(done, total, waiting_for)
+
+        return progress
+
+    def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Evaluated:
+        """Rank what came out, tell the method, and return what is to be stored."""
+        number = self._method.generation
+        fitness = self._ranking.score(results.fitness, genomes)
+        self._check(fitness, number)
+        kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
+        self._method.tell(fitness[: self._asked], kept)
+        return self._evaluated(number, genomes, seeds, results, fitness)
+
+    def _evaluated(
+        self, number: int, genomes: Genomes, seeds: list[int], results: Results, fitness: Fitness
+    ) -> Evaluated:
+        """Return what is to be stored of a generation that the method has been told of."""
+        self._lead(fitness)
+        self._evaluations += len(fitness)
+        summary = summarize(
+            self._method.population_fitness,
+            generation=number,
+            evaluations=self._evaluations,
+            best_so_far=self._best_so_far,
+            failed=int(np.isnan(fitness).sum()),
+        )
+        return Evaluated(
+            generation=number,
+            seeds=seeds,
+            genomes=genomes,
+            episodes=results.fitness,
+            metrics=results.metrics,
+            fitness=fitness,
+            summary=summary,
+            leader=self._leader,
+        )
+
+    def _check(self, fitness: Fitness, generation: int) -> None:
+        failed = np.flatnonzero(np.isnan(fitness))
+        if len(failed) == len(fitness):
+            raise RunError(f"every candidate of generation {generation} failed")
+        if len(failed) and self._ranking.options.failed == "stop":
+            raise RunError(
+                f"candidate {failed[0]} of generation {generation} failed, and ranking.failed says stop"
+            )
+
+    def _lead(self, fitness: Fitness) -> None:
+        """Note the best evaluation so far; with re-evaluation, of this generation."""
+        leader = int(best_first(fitness)[0])
+        value = float(fitness[leader])
+        self._best_seen = max(self._best_seen, value)
+        if value > self._best_so_far or self._ranking.options.reevaluate:
+            self._best_so_far = value
+            self._leader = self._evaluations + leader
+
+    def _report(self, summary: Summary, seconds: float, evaluated: int) -> Generation:
+        elapsed = time.monotonic() - self._started
+        budget, share = self._budget.nearest(
+            summary.generation + 1, summary.evaluations, self._before + elapsed
+        )
+        left = 0 if self._method.done else max(self._whole() - self._method.evaluations, 0)
+        seconds_left = left * elapsed / max(self._method.evaluations - self._resumed_at, 1)
+        if self._budget.seconds is not None:
+            seconds_left = min(seconds_left, max(self._budget.seconds - self._before - elapsed, 0.0))
+        return Generation(
+            generation=summary.generation,
+            generations=self._budget.generations,
+            best=summary.best,
+            mean=summary.mean,
+            best_so_far=summary.best_so_far,
+            failed=summary.failed,
+            evaluations=summary.evaluations,
+            seconds=elapsed,
+            evaluations_per_second=evaluated / max(seconds, 1e-9),
+            seconds_left=seconds_left,
+            waiting_for=self._waiting_for,
+            budget=budget,
+            share=share,
+        )
+
+    def _whole(self) -> int:
+        """Return how many candidates are evaluated in the whole run, at most."""
+        return min(self._method.budget, self._budget.evaluations or _MOST, _MOST)
+
+
+def new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
+    """Return the loop for an experiment's operation."""
+    if experiment.method.operation == "steady_state":
+        from swarmwright.optimization.steady_state import SteadyLoop
+
+        return SteadyLoop(experiment, representation, store)
+    return Loop(experiment, representation, store)
+
+
+def strayed(reader: StoreReader, generation: int) -> str:
+    """Return the message for a generation that comes out differently when a run is resumed."""
+    versions = reader.sessions()[0].versions
+    with_what = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return (
+        f"{reader.file}: the run cannot go on: generation {generation} comes out differently here. It was "
+        f"begun with {with_what}; use these versions, on a machine of the same kind"
+    )

@@ -1,0 +1,92 @@
+"""Whether the candidates of a generation fit into memory, said before they are made."""
+
+import logging
+from contextlib import suppress
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.representations import Representation
+
+LARGE = 100_000
+"""Candidates of a generation from which on it is said what takes so long."""
+_COPIES = 4  # of each genome at a time: asked for, its weights, the method's, the record's
+_BESIDE = 200  # bytes of a candidate beside its genes and results
+course = logging.getLogger("swarmwright.course")
+"""Says what is done now where that takes long; the command line shows it, programs may."""
+
+
+def check_memory(experiment: Experiment, representation: Representation) -> None:
+    """Log how much memory a large population needs, and how much there is.
+
+    Raises InputError when not even the genomes fit.
+    """
+    count = candidates(experiment)
+    if count < LARGE:
+        return
+    episodes = experiment.ranking.episodes * (1 + len(_metrics(experiment)))
+    genomes = count * representation.genome_size * 4
+    needed = _COPIES * genomes + count * (16 * episodes + _BESIDE)
+    free = available()
+    what = f"{count:,} candidates with {representation.genome_size:,} genes each"
+    if free is None:
+        course.info("%s: about %s of memory is needed", what, size(needed))
+        return
+    if genomes > free:
+        raise InputError(
+            f"method.population: {what} do not fit into memory: the genomes alone are {size(genomes)}, and "
+            f"{size(free)} are available; take a smaller population"
+        )
+    fits = "enough" if needed <= free else "perhaps too little: take a smaller population if it ends early"
+    course.log(
+        logging.INFO if needed <= free else logging.WARNING,
+        *("%s: about %s of memory is needed, %s are available, %s", what, size(needed), size(free), fits),
+    )
+
+
+def candidates(experiment: Experiment) -> int:
+    """Return how many candidates the first generation has, 0 where the experiment does not say."""
+    options = experiment.method
+    population = getattr(options, "population", None)
+    if not isinstance(population, int) or options.operation == "steady_state":
+        return 0
+    return population * int(getattr(options, "populations", 1))
+
+
+def _metrics(experiment: Experiment) -> tuple[str, ...]:
+    expression = experiment.fitness_expression
+    return () if expression is None else expression.metrics
+
+
+def available() -> int | None:
+    """Return how many bytes of memory this process can still have; None where the system does not say."""
+    found = []
+    with suppress(OSError, ValueError, KeyError):
+        found.append(_table(Path("/proc/meminfo"))["MemAvailable:"] * 1024)
+    for folder, most, used, files in (
+        ("/sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
+        ("/sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    ):
+        group = Path(folder)
+        with suppress(OSError, ValueError, KeyError):  # ValueError: "max", there is no limit
+            limit = int((group / most).read_text())
+            # What files are cached is given back when it is needed.
+            held = int((group / used).read_text()) - _table(group / "memory.stat")[files]
+            found.append(max(limit - held, 0))
+    return min(found, default=None)
+
+
+def _table(file: Path) -> dict[str, int]:
+    """Return lines of a name and a number."""
+    rows = (line.split() for line in file.read_text().splitlines())
+    return {row[0]: int(row[1]) for row in rows}
+
+
+def size(count: int) -> str:
+    """Return bytes as people read them: 3.9 GB."""
+    value = float(count)
+    for unit in ("bytes", "kB", "MB", "GB", "TB"):
+        if value < 1000 or unit == "TB":
+            break
+        value /= 1000
+    return f"{value:.3g} {unit}" if value < 1000 else f"{value:,.0f} {unit}"

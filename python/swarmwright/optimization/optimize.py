@@ -1,0 +1,354 @@
+"""Starting an optimization, and going on with one."""
+
+import dataclasses
+import logging
+import sqlite3
+import threading
+from collections.abc import Iterable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.evaluation.backend import Backend, Progress, Servers, open_backend
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.figures.plot import draw, prepare
+from swarmwright.optimization.loop import Generation, Loop, OnGeneration, new_loop
+from swarmwright.optimization.memory import check_memory
+from swarmwright.optimization.notebook_progress import shown
+from swarmwright.runs import edits
+from swarmwright.runs.code import continuation, parts_of
+from swarmwright.runs.folders import default_folder, is_run, remove_run
+from swarmwright.runs.run import Run
+from swarmwright.runs.store import StoreReader, StoreWriter
+from swarmwright.runs.store.folder import check_folder
+from swarmwright.user_code.notices import say
+from swarmwright.user_code.parts import distributions
+
+__all__ = ["Generation", "optimize", "resume"]
+
+
+class InterruptedAtEnd(KeyboardInterrupt):
+    """Ctrl-C while the picture was drawn: of the run nothing else is missing."""
+
+    def __init__(self, run: Run) -> None:
+        super().__init__()
+        self.run = run
+
+
+class InterruptedWithResults(KeyboardInterrupt):
+    """Ctrl-C a second time, before the end was in order: finished generations are kept in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+
+def optimize(
+    experiment: Experiment | str | Path,
+    on_generation: OnGeneration | None = None,
+    *,
+    on_progress: Progress | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    seed: int | None = None,
+    out: str | Path | None = None,
+    wait: float | None = None,
+    progress: bool | None = None,
+) -> Run:
+    """Evolve a controller; return the run, whose folder holds everything.
+
+    Without a broker (here or in the experiment) an embedded one is started, with servers; with one, the
+    servers found there are used. Every generation is stored before the next is asked for, so that `resume`
+    can go on after whatever happens. Ctrl-C ends the run early: the results of all finished generations are
+    kept, and the run that is returned has `interrupted` set. Before the first generation is finished there is
+    nothing to keep: KeyboardInterrupt is raised, and no run folder is left.
+
+    Args:
+        experiment: what to do, or the path of its file.
+        on_generation: called after each generation; returning False ends the run.
+        on_progress: called about ten times a second with (episodes done, episodes of this generation, what is
+            waited for).
+        broker: URL of a broker, instead of the experiment's.
+        servers: instead of the experiment's: a number, "auto" or "local". A number given together with a
+            broker is started on that broker.
+        seed: instead of the experiment's.
+        out: folder for the results, new or empty; default runs/<name>-<seed>, with a number behind it if that
+            exists.
+        wait: seconds to wait for a broker that does not answer, instead of `timeouts.connect`.
+        progress: show how far it is, below the cell of a notebook or else on standard error; default: in a
+            notebook.
+
+    Raises:
+        InputError: the experiment cannot be run as it is, or the folder holds something.
+        RunError: no broker, no fitting server, every candidate of a generation failed, or the disk is full.
+    """
+    if not isinstance(experiment, Experiment):
+        experiment = Experiment.load(experiment)
+    if seed is not None:
+        experiment = experiment.replace(seed=seed)
+    if out is not None:
+        check_folder(Path(out))
+    _ = experiment.first_seed  # complain before anything is started
+    folder: Path | None = None
+    try:
+        with (
+            shown(progress, on_generation, on_progress) as (on_generation, on_progress),
+            open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend,
+        ):
+            # They are 0 where nobody said them and nobody needs to know.
+            resolved = dataclasses.replace(
+                experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
+            )
+            representation = experiment.representation(backend.sensors, backend.actuators)
+            check_memory(experiment, representation)
+            folder = default_folder(experiment) if out is None else Path(out)
+            code = parts_of(experiment)
+            with StoreWriter.create(folder, resolved, backend.metrics, code) as store:
+                loop = new_loop(resolved, representation, store)
+                store.begin(backend.description, (*loop.libraries, *distributions(code)), 1 if code else None)
+                _run(resolved, store, loop, backend, on_generation, on_progress)
+    except KeyboardInterrupt:
+        if folder is not None and folder.exists():
+            if _holds_results(folder):
+                raise InterruptedWithResults(folder) from None
+            remove_run(folder)
+        raise
+    except RunError as error:
+        _fail(error, folder)
+    return _finished(folder)
+
+
+def resume(
+    run: Run | str | Path,
+    on_generation: OnGeneration | None = None,
+    *,
+    generations: int | None = None,
+    evaluations: int | None = None,
+    seconds: float | None = None,
+    settings: Iterable[str] = (),
+    on_progress: Progress | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    wait: float | None = None,
+    progress: bool | None = None,
+    accept_changed_code: bool = False,
+    simulation: str | type | None = None,
+    trust: bool = False,
+) -> Run:
+    """Go on with a run that was interrupted, killed, or failed, to the very result of an undisturbed one.
+
+    What is stored is not evaluated again. A generation that was under way is evaluated anew. The result is
+    that of an undisturbed run to the bit, whoever evaluates now. A run that is finished is returned as it is.
+
+    The source of a simulation or a plug-in that has changed since the run was begun is refused, with the
+    difference, unless that is accepted; so is an edited experiment.yaml, but for the keys that say where and
+    how it is computed, which are taken from the file.
+
+    Args:
+        run: the run, or its folder.
+        on_generation: as in `optimize`; called for the new generations only.
+        generations: a larger budget than the experiment's, also for a finished run.
+        evaluations: the same.
+        seconds: the same.
+        settings: other values of what says where it is evaluated, and of the method's budget, see
+            `Experiment.load`: `timeouts.step=5`, `method.evaluations=10000`.
+        on_progress: as in `optimize`.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        wait: as in `optimize`.
+        progress: as in `optimize`.
+        accept_changed_code: go on with changed code, which is noted in the run and copied.
+        simulation: a class, or `FILE:Class`, instead of the run's; what is another code needs
+            `accept_changed_code`.
+        trust: as in `Run.open`.
+
+    Raises:
+        InputError: there is no such run, its store is damaged or of another version, another process works on
+            it, fewer generations are asked for than there are, or its code or its experiment.yaml was
+            changed.
+        RunError: as in `optimize`; or the method, with the versions installed here, does not come to the same
+            candidates again.
+    """
+    folder = run.path if isinstance(run, Run) else Path(run)
+    run = Run.open(folder, trust=trust)
+    try:
+        with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
+            _go_on(
+                run,
+                on_generation,
+                on_progress,
+                settings=settings,
+                budget={"generations": generations, "evaluations": evaluations, "seconds": seconds},
+                accept_changed_code=accept_changed_code,
+                simulation=simulation,
+                where={"broker": broker, "servers": servers, "wait": wait},
+            )
+    except KeyboardInterrupt:
+        raise InterruptedWithResults(folder) from None
+    except RunError as error:
+        _fail(error, folder)
+    return _finished(folder)
+
+
+def _go_on(
+    run: Run,
+    on_generation: OnGeneration | None,
+    on_progress: Progress | None,
+    *,
+    settings: Iterable[str],
+    budget: dict[str, Any],
+    accept_changed_code: bool,
+    simulation: str | type | None,
+    where: dict[str, Any],
+) -> None:
+    """Go on with a run; see `resume`, and `open_backend` for `where`."""
+    with ExitStack() as stack:
+        store = stack.enter_context(StoreWriter.resume(run.path))
+        reader = StoreReader(run.path)
+        edited, notes = edits.taken_over(run, prolonged(run, run.experiment, settings, **budget))
+        experiment = prolonged(run, edited, settings, **budget)
+        changed = experiment != run.experiment
+        loop = new_loop(experiment, experiment.representation(), store)
+        loop.replay(reader)
+        if loop.done:
+            if reader.sessions()[-1].outcome not in {"done", "stopped"}:
+                # It ended between its last generation and its end: that is all there is to mend.
+                store.begin("nothing was left to evaluate", loop.libraries)
+                store.conclude("done")
+                store.note_ended(loop.ended)
+            store.save_best(experiment.representation())
+            return
+        store.add_digests()  # now that it has been computed that the record is the experiment's
+        check_memory(experiment, experiment.representation())
+        code = continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+        for note in notes:
+            say(f"{run.path}: goes on with {note}")
+        experiment, notes = code.experiment, [*notes, *code.notes]
+        backend = stack.enter_context(open_backend(experiment, **where))
+        copy = code.copy
+        if copy is None and code.used:
+            copy = store.keep_code(code.version, code.used)
+        if changed or notes:
+            store.replace_experiment(experiment, copy)
+        libraries = (*loop.libraries, *distributions(code.used))
+        store.begin(backend.description, libraries, None if copy is None else copy.version, notes)
+        _run(experiment, store, loop, backend, on_generation, on_progress)
+
+
+def _holds_results(folder: Path) -> bool:
+    """Whether a generation was finished."""
+    with suppress(InputError):
+        return is_run(folder) and bool(StoreReader(folder).history())
+    return False
+
+
+def _fail(error: RunError, folder: Path | None) -> NoReturn:
+    """Raise the error, with how the run goes on where anything of it is kept."""
+    hint = _how_to_go_on(error, folder)
+    if hint is None:
+        raise error
+    raise RunError(f"{error}; {hint}") from error
+
+
+def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
+    """Return what is kept of a run that failed, and how it goes on."""
+    if folder is None or not is_run(folder):
+        return None
+    done = 0
+    with suppress(InputError):
+        done = len(StoreReader(folder).history())
+    if done:
+        kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
+        return f"{kept} `swarmwright resume {folder}` goes on from there"
+    if isinstance(error.__cause__, sqlite3.Error | OSError):
+        return f"no generation was finished: `swarmwright resume {folder}` begins again"
+    return None
+
+
+def _run(
+    experiment: Experiment,
+    store: StoreWriter,
+    loop: Loop,
+    backend: Backend,
+    on_generation: OnGeneration | None,
+    on_progress: Progress | None,
+) -> None:
+    representation = experiment.representation(backend.sensors, backend.actuators)
+    backend.log_to(store.folder)
+    # What draws the plot is loaded while the simulations run.
+    threading.Thread(target=prepare, daemon=True).start()
+    try:
+        store.conclude(loop.run(backend, on_generation, on_progress))
+        if store.outcome == "done":
+            store.note_ended(loop.ended)
+    except BaseException:
+        with suppress(RunError):  # what broke the run says more than what follows from it
+            store.save_best(representation)
+        raise
+    finally:
+        store.incidents(backend.incidents())
+    store.save_best(representation)
+    if store.outcome != "interrupted":
+        _post_evaluate(experiment, store, backend, on_progress)
+
+
+def _post_evaluate(
+    experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
+) -> None:
+    """Evaluate the best on unseen seeds, where that says something; the run is whole without it."""
+    from swarmwright.runs.post_evaluation import EPISODES, after_run
+
+    try:
+        found = after_run(experiment, StoreReader(store.folder), backend, on_progress)
+    except RunError as error:
+        logging.getLogger("swarmwright").warning(
+            "the best was not evaluated on unseen seeds: %s; the run itself is finished, and "
+            "`swarmwright evaluate %s --episodes %d` does it later",
+            error, store.folder, EPISODES,
+        )  # fmt: skip
+        return
+    if found is not None:
+        store.note_unseen(found.stored())
+
+
+def prolonged(
+    run: Run, experiment: Experiment, settings: Iterable[str] = (), **budget: float | None
+) -> Experiment:
+    """Return the experiment with which a run goes on: with a larger budget, or evaluated elsewhere.
+
+    Args:
+        run: that goes on.
+        experiment: with which it would go on otherwise.
+        settings: as in `resume`.
+        budget: generations, evaluations and seconds, None for those that stay.
+
+    Raises InputError when something else is changed, or the budget is less than the run has.
+    """
+    # Neither asks the class: it may not be the one with which the run goes on.
+    new = experiment.with_settings(
+        settings, only=ELSEWHERE | {"method"}, reason="a run goes on with what it has", ask=False
+    )
+    changes = {name: value for name, value in budget.items() if value is not None}
+    if changes:
+        options = {**new.to_mapping()["method"], **changes}
+        new = dataclasses.replace(new, method=type(new.method).model_validate(options))
+    limits: dict[str, Any] = vars(new.budget)
+    old = experiment.method
+    if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
+        raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
+    used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}
+    for name, before in vars(experiment.budget).items():
+        if limits[name] is not None and limits[name] < (used[name] if before is None else before):
+            has = f"the {used[name]} that the run has" if before is None else f"the experiment's {before}"
+            raise InputError(f"{name}: {limits[name]} is less than {has}; a run can be prolonged, not cut")
+    return new
+
+
+def _finished(folder: Path) -> Run:
+    run = Run.open(folder)
+    try:
+        draw(run, run.path / "fitness.png")
+    except KeyboardInterrupt as interrupt:
+        raise InterruptedAtEnd(run) from interrupt
+    return run

@@ -1,0 +1,145 @@
+"""The optimization loop in steady state: candidate by candidate, so that no server waits for the slowest.
+
+What makes it repeatable: candidate n is made of the results of candidates 0 to n - in_flight, told in this
+order, and of no later one. Results that come earlier wait here. So neither the number of servers nor their
+speed leaves a trace. A generation of the record is so many candidates in a row as a population has members.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import RunError
+from swarmwright.evaluation.backend import Backend, Crews, Progress, Results
+from swarmwright.experiment.budget import Ended
+from swarmwright.optimization.loop import Loop, OnGeneration, strayed
+from swarmwright.runs.store import Evaluated, StoreReader
+from swarmwright.typing import Genome, Genomes
+
+
+@dataclass
+class _Part:
+    """The candidates told since the last whole generation."""
+
+    genomes: list[Genome] = field(default_factory=list)
+    episodes: list[NDArray[np.float64]] = field(default_factory=list)
+    metrics: list[NDArray[np.float64]] = field(default_factory=list)
+    fitness: list[float] = field(default_factory=list)
+
+    def results(self) -> Results:
+        return Results(np.array(self.episodes), np.array(self.metrics), [])
+
+
+class SteadyLoop(Loop):
+    """See `Loop`; here every server has work as long as there is any."""
+
+    def __init__(self, *arguments: Any) -> None:  # noqa: ANN401 - those of `Loop`
+        super().__init__(*arguments)
+        self._seeds = self._ranking.seeds(self._first_seed)
+        self._flying: deque[Genome] = deque()  # asked for and not told
+        self._early: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+        self._part = _Part()
+        self._journal: list[dict[str, Any]] = []
+        self._over = False  # the time is over
+
+    def replay(self, reader: StoreReader) -> None:
+        """Go through the generations in a store; see `Loop.replay`."""
+        for evaluated in reader.generations():
+            rows = zip(evaluated.genomes, evaluated.episodes, evaluated.metrics, strict=True)
+            for genome, episodes, metrics in rows:
+                self._ask_all()
+                if not self._flying or self._flying[0].tobytes() != genome.tobytes():
+                    raise RunError(strayed(reader, evaluated.generation))
+                self._tell_first(episodes, metrics)
+            again = self._evaluated_part()
+            if again.fitness.tobytes() != evaluated.fitness.tobytes():
+                raise RunError(strayed(reader, evaluated.generation))
+        self._go_on_from(reader)
+
+    def _ask_all(self) -> list[Genome]:
+        """Ask for all candidates that can be had now; return the new ones."""
+        new = []
+        while self._method.can_ask:
+            _, genome = self._method.ask_next()
+            new.append(genome)
+        self._flying.extend(new)
+        return new
+
+    def _tell_first(self, episodes: NDArray[np.float64], metrics: NDArray[np.float64]) -> None:
+        """Tell the fitness of the first candidate in flight."""
+        fitness = float(self._ranking.score(episodes[np.newaxis])[0])
+        part = self._part
+        part.genomes.append(self._flying.popleft())
+        part.episodes.append(episodes)
+        part.metrics.append(metrics)
+        part.fitness.append(fitness)
+        self._method.tell_next(fitness)
+
+    def _evaluated_part(self) -> Evaluated:
+        """Return the candidates told as a generation, and begin the next one."""
+        part, self._part = self._part, _Part()
+        number = self._evaluations // self._method.generation_size
+        genomes: Genomes = np.array(part.genomes, dtype=np.float32)
+        fitness = np.array(part.fitness)
+        return self._evaluated(number, genomes, self._seeds, part.results(), fitness)
+
+    def _go_on(
+        self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
+    ) -> bool:
+        stopped = False
+        first = self._method.evaluations  # the backend counts from 0
+
+        def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
+            nonlocal stopped
+            self._journal += [self._placed(entry, first) for entry in results.journal]
+            for row, candidate in enumerate(candidates):
+                self._early[first + candidate] = (results.fitness[row], results.metrics[row])
+            while not self._method.done and self._method.evaluations in self._early:
+                self._tell_first(*self._early.pop(self._method.evaluations))
+                whole = len(self._part.genomes) == self._method.generation_size
+                if whole or self._method.done:
+                    stopped = not self._complete(on_generation)
+                if stopped:
+                    return None
+            return None if self._method.done else self._weights(self._ask_all())
+
+        self._check_first(self._method.generation_size)
+        self._ask_all()
+        done, whole = (count * len(self._seeds) for count in (first, self._whole()))
+        self._announce(backend, None, (done, whole))  # several are under way
+        crews = Crews.of(self._representation, np.array(self._flying, dtype=np.float32))
+        backend.stream(crews, self._seeds, feed, self._watched(on_progress))
+        return stopped and not self._over
+
+    def _used_up(self) -> Ended:
+        """Return which budget a method that is done has used."""
+        last = self._budget.generations
+        whole = last is not None and self._method.evaluations >= last * self._method.generation_size
+        return "generations" if whole else "evaluations"
+
+    def _coming(self) -> int:
+        """Return how many candidates come at least: the method itself keeps to whole generations."""
+        return 0
+
+    def _complete(self, on_generation: OnGeneration | None) -> bool:
+        """Store a generation; return whether to go on."""
+        number = self._evaluations // self._method.generation_size
+        fitness = np.array(self._part.fitness)
+        journal, self._journal = self._journal, []
+        with self._kept(number, journal):
+            self._check(fitness, number)
+        goes_on = self._commit(self._evaluated_part(), journal, on_generation)
+        self._over = goes_on and not self._method.done and self._time_is_over()
+        return goes_on and not self._over
+
+    def _placed(self, entry: dict[str, Any], first: int) -> dict[str, Any]:
+        """Return a journal entry with the candidate's number in the whole run."""
+        return {**entry, "candidate": first + entry["candidate"]} if "candidate" in entry else entry
+
+    def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
+        rows = np.array(genomes, dtype=np.float32).reshape(-1, self._representation.genome_size)
+        return np.ascontiguousarray(self._representation.weights(rows), dtype=np.float32)

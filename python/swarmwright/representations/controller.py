@@ -1,0 +1,184 @@
+"""Evolved controllers, callable on numpy arrays."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.files import read_bytes, write_text
+
+_LARGEST = 1 << 28
+"""Bytes of a file."""
+
+
+class Controller:
+    """Sensors in, actuators out, for one agent or a swarm; or parameters of the simulation.
+
+    Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
+    float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every
+    simulation server. Each agent (row) keeps a state of its own between calls, where the representation has
+    one; `reset` begins a new episode. A parameter set steers nobody: it has `parameters` and cannot be
+    called.
+
+    Args:
+        specification: mapping or JSON text, see protocol/schemas/controller.schema.json.
+
+    Raises:
+        InputError: the specification is wrong; the message names the field.
+    """
+
+    def __init__(self, specification: Mapping[str, Any] | str) -> None:
+        if isinstance(specification, str):
+            self._text = specification
+        else:
+            try:
+                self._text = json.dumps(dict(specification), allow_nan=False)
+            except (TypeError, ValueError) as error:
+                raise InputError(f"controller: cannot be written as JSON: {error}") from error
+        with engine_errors("controller: "):
+            self._agents = [_engine.Controller(self._text)]
+        self._started = 0
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a controller: a specification (JSON), a run's `best.json`, or a run folder.
+
+        Raises InputError when there is none.
+        """
+        file = Path(path)
+        if file.is_dir():
+            file /= "best.json"
+        try:
+            values = json.loads(read_bytes(file, _LARGEST))
+        except FileNotFoundError:
+            raise InputError(f"{file}: there is no such file") from None
+        except OSError as error:
+            raise InputError(f"{file}: cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise InputError(f"{file}: is no JSON: {error}") from error
+        except RecursionError:
+            raise InputError(f"{file}: is nested too deeply") from None
+        if isinstance(values, dict) and isinstance(values.get("controller"), dict):
+            values = values["controller"]
+        if not isinstance(values, dict):
+            raise InputError(
+                f"{file}: is no controller; a specification is a JSON object with version, kind, weights, .."
+            )
+        try:
+            return cls(values)
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the specification as JSON. Raises InputError when the file cannot be written."""
+        write_text(path, json.dumps(self.specification, indent=2) + "\n")
+
+    @property
+    def specification(self) -> dict[str, Any]:
+        """The specification as plain values."""
+        values: dict[str, Any] = json.loads(self._text)
+        return values
+
+    @property
+    def json(self) -> str:
+        """The specification as JSON text."""
+        return self._text
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
+        values: dict[str, Any] = json.loads(self._agents[0].parameters)
+        return values
+
+    @property
+    def sensors(self) -> int:
+        """Numbers that an agent senses; 0 for a parameter set."""
+        return self._agents[0].sensors
+
+    @property
+    def actuators(self) -> int:
+        """Numbers that an agent is steered by; 0 for a parameter set."""
+        return self._agents[0].actuators
+
+    def reset(self) -> None:
+        """Begin a new episode: forget all state, and how many agents there are."""
+        self._agents = self._agents[:1]
+        self._agents[0].reset()
+        self._started = 0
+
+    def __call__(self, sensors: ArrayLike) -> NDArray[np.float32]:
+        """Return the actuators for the sensors of one agent or of a swarm, see the class.
+
+        Raises InputError for another shape, a number that is not finite, another number of agents than in
+        the call before (then `reset` first: rows would take over each other's state), or a parameter set.
+        """
+        if not self.sensors:
+            raise InputError(
+                "controller: is a parameter set, which steers nobody; see its `parameters`, or use `simulate`"
+            )
+        try:
+            values = np.asarray(sensors, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"sensors: must be an array of numbers: {error}") from error
+        if values.ndim not in {1, 2} or values.shape[-1] != self.sensors or 0 in values.shape:
+            raise InputError(
+                f"sensors: have the shape {values.shape}; expected ({self.sensors},) for one agent "
+                f"or (agents, {self.sensors}) for a swarm"
+            )
+        rows = np.ascontiguousarray(np.atleast_2d(values))
+        if not np.isfinite(rows).all():
+            raise InputError("sensors: hold a number that is not finite")
+        self._be(len(rows))
+        with engine_errors("sensors: "):
+            actuators = np.stack([agent.step(row) for agent, row in zip(self._agents, rows, strict=True)])
+        return actuators if values.ndim == 2 else actuators[0]
+
+    def _be(self, agents: int) -> None:
+        if self._started not in {0, agents}:
+            raise InputError(
+                f"sensors: {agents} agent(s) now, {self._started} before; call reset() in between"
+            )
+        with engine_errors("controller: "):
+            self._agents += [_engine.Controller(self._text) for _ in range(agents - len(self._agents))]
+        self._started = agents
+
+    def _repr_html_(self) -> str:
+        """Return the kind, the sizes and a drawing, for notebooks."""
+        from swarmwright.core.html import facts, picture, png_of
+        from swarmwright.figures.controllers import figure
+
+        values = self.specification
+        rows: list[tuple[str, object]] = [
+            (name, values[name])
+            for name in ("kind", "sensors", "hidden", "actuators", "activation")
+            if name in values
+        ]
+        rows += self.parameters.items()
+        drawing = png_of(figure(values, title=str(values.get("kind", "controller"))))
+        return facts("Controller", rows) + picture(drawing, 480, "the controller, drawn")
+
+    def __repr__(self) -> str:
+        """Name the kind and the sizes."""
+        kind = self.specification.get("kind")
+        if self.parameters:
+            return f"<Controller {kind}: {self.parameters}>"
+        return f"<Controller {kind}: {self.sensors} sensors, {self.actuators} actuators>"
+
+
+def controller_words(specification: dict[str, Any]) -> str:
+    """Return what kind of controller it is: `layered, 4-8-1, tanh`."""
+    kind = specification.get("kind", "controller")
+    sensors, actuators = specification.get("sensors"), specification.get("actuators")
+    hidden = specification.get("hidden")
+    parts = [str(kind)]
+    if sensors is not None and actuators is not None:
+        middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
+        parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
+    if "activation" in specification:
+        parts.append(str(specification["activation"]))
+    return ", ".join(parts)

@@ -1,0 +1,28 @@
+"""Which candidate of a run is looked at, and what the run says about it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.runs.run import Run
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One candidate of a run."""
+
+    generation: int
+    candidate: int
+    """Index among the candidates evaluated in that generation."""
+    fitness: float
+    """As the run's ranking made it of all episodes; NaN when the evaluation failed."""
+    seeds: list[int]
+    """Simulation seed of each of its episodes."""
+    specification: dict[str, Any]
+    """The controller as plain values."""
+
+
+def choose(run: Run, generation: int | None = None, candidate: int | None = None) -> Choice:
+    """Return a candidate of the run; what None means and what is raised, `Run.evaluation` says."""
+    one = run.evaluation(candidate, generation)
+    specification = run.experiment.representation().specification(one.genome)
+    return Choice(one.generation, one.candidate, one.fitness, one.seeds, specification)

@@ -1,0 +1,398 @@
+"""The source of a run's simulation and plug-ins: which one is used, and what is done when it has changed.
+
+A run is computed with the source that it began with, of which it keeps a copy. What the copy was taken from
+is used as long as it is the same; where it is gone, as in a run folder that was moved, the copy is used.
+Where it was edited, `resume` refuses unless the change is accepted, and what repeats or shows evaluations
+uses the copy and says so.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmwright.adapters._name import is_adapted
+from swarmwright.core.errors import InputError
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.runs import edits
+from swarmwright.runs.run import Run
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.names import absolute, is_own, name_of
+from swarmwright.user_code import notices
+from swarmwright.user_code.changes import choose, difference, near, present, summary
+from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of
+from swarmwright.user_code.parts import SECTIONS, Part, of_plug_ins, of_simulation
+from swarmwright.user_code.permission import require_copy, require_named
+from swarmwright.user_code.trust import trusting
+
+_INSTEAD = "; --simulation FILE:Class takes another one"
+
+
+def parts_of(experiment: Experiment) -> list[Part]:
+    """Return the source that an experiment is run with, as far as a run keeps a copy of it.
+
+    Raises InputError when a file cannot be read.
+    """
+    simulation = experiment.simulation
+    parts = of_plug_ins(experiment)
+    if not is_own(simulation):
+        return parts
+    held = Copy.holding(Path(simulation.rpartition(":")[0]).absolute())
+    part = choose(*held).part if held is not None else of_simulation(simulation)
+    return parts if part is None else [part, *parts]
+
+
+def copy_of(run: Run, generation: int | None = None) -> Copy | None:
+    """Return the copy of the source with which a generation was evaluated, by default the last one.
+
+    None where there is none, or it was deleted. Raises InputError when it was changed.
+    """
+    if not run.code:
+        return None
+    version = _version(run, generation)
+    copy = Copy.of(run.path, version)
+    if copy is not None and copy.digest != run.code.get(version):
+        raise InputError(
+            f"{copy.folder}: was changed, but copies of a run's code are kept as they were; restore it, or "
+            "name the code to use: --simulation FILE:Class"
+        )
+    return copy
+
+
+def _version(run: Run, generation: int | None = None) -> int:
+    """Return the version of the source with which a generation was evaluated, by default the last one."""
+    versions = {session.session: session.code for session in run.sessions}
+    used = [version for version in versions.values() if version is not None] or [max(run.code)]
+    if generation is None:
+        return used[-1]
+    # Those from before there were copies are as near to the first one as can be.
+    return versions.get(run.store.session_of(generation)) or used[0]
+
+
+def _is_version(run: Run, version: int, parts: list[Part]) -> bool:
+    """Whether source is a version of which the run has the SHA-256, be the copy there or not."""
+    return digest_of({part.name: part.digests for part in parts}) == run.code.get(version)
+
+
+def _has_copy(run: Run, generation: int) -> bool:
+    session = run.store.session_of(generation)
+    return any(one.session == session and one.code is not None for one in run.sessions)
+
+
+def used_for(run: Run, generation: int | None = None, simulation: str | type | None = None) -> Experiment:
+    """Return the experiment with which evaluations of a run are repeated or shown.
+
+    Its simulation is the one that the run was computed with, or another one that is named. What has changed
+    since is told as a warning.
+
+    Args:
+        run: that was computed.
+        generation: whose evaluations; by default the last one's.
+        simulation: a class, or `FILE:Class`, to be used instead of the run's.
+
+    Raises InputError when there is no source, or the other class does not fit.
+    """
+    edited = edits.said(run)
+    if edited is not None:
+        notices.say(f"{edited}; what the run recorded is used")
+    experiment = run.experiment
+    if simulation is not None:
+        return _with(experiment, simulation)
+    copy = copy_of(run, generation)
+    _check_trusted(run, experiment, copy)
+    if copy is not None:
+        if generation is not None and not _has_copy(run, generation):
+            notices.say(
+                f"{run.path}: generation {generation} was evaluated before the run had a copy of its code; "
+                "its first copy is used"
+            )
+        for kept in copy.parts.values():
+            _tell(copy, kept)
+    if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
+        kept = copy.parts["simulation"]
+        place = f"{copy.place(kept).absolute()}:{experiment.simulation.rpartition(':')[2]}"
+        return dataclasses.replace(experiment, simulation=place)
+    if copy is None:
+        _check_there(run, experiment.simulation)
+        if _keeps(experiment.simulation):
+            known = ""
+            if run.code:
+                same = _is_version(run, _version(run, generation), parts_of(experiment))
+                known = " any more, which has not changed" if same else " any more, which HAS changed"
+            notices.say(
+                f"{run.path}: holds no copy of its simulation's code{known}; "
+                f"{near(Path(experiment.simulation))} is used as it is now"
+            )
+    return experiment
+
+
+def remarks(run: Run) -> list[str]:
+    """Return in words what was edited since the run: its experiment.yaml, its simulation, plug-ins."""
+    found = []
+    edited = edits.said(run)
+    if edited is not None:
+        found.append(edited)
+    try:
+        copy = copy_of(run)
+        if copy is not None:
+            differing = ((kept, _differing(copy, kept)) for kept in copy.parts.values())
+            found += [f"{_what(kept)}: {summary(kept, now)}" for kept, now in differing if now is not None]
+    except InputError as error:
+        found.append(str(error))
+    return found
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """With what a run goes on."""
+
+    experiment: Experiment
+    used: list[Part]
+    """The source that is used."""
+    copy: Copy | None
+    """Its copy, None where the run has none yet, or there is nothing to copy."""
+    version: int
+    """Of that copy, also when it has yet to be made."""
+    notes: list[str]
+    """What was changed deliberately, for the record."""
+
+
+def continuation(
+    run: Run,
+    experiment: Experiment,
+    *,
+    accept_changed_code: bool = False,
+    simulation: str | type | None = None,
+) -> Continuation:
+    """Decide with which source a run goes on.
+
+    Args:
+        run: to go on with.
+        experiment: as it is to go on.
+        accept_changed_code: go on although simulation or plug-ins have changed.
+        simulation: a class, or `FILE:Class`, instead of the run's.
+
+    Raises InputError when something has changed that was not accepted, or there is no source.
+    """
+    notes: list[str] = []
+    named = None if simulation is None else _with(experiment, simulation)
+    copy = copy_of(run)
+    if copy is None:
+        if named is None:
+            _check_trusted(run, experiment, copy)
+        experiment = named or experiment
+        _check_there(run, experiment.simulation)
+        parts = parts_of(experiment)
+        if run.code:
+            return _without_copy(run, experiment, parts, accept_changed_code=accept_changed_code)
+        if parts:
+            first = run.generations
+            notices.say(
+                f"{run.path}: holds no copy of its code, so it is not known whether that has changed since "
+                f"the run was begun; from generation {first} on there is one"
+            )
+            notes.append(f"code is kept from generation {first} on")
+        return Continuation(experiment, parts, None, 1, notes)
+    now = {
+        name: of_simulation(named.simulation)
+        if named is not None and name == "simulation"
+        else present(copy, kept)
+        for name, kept in copy.parts.items()
+    }
+    compared = {name: _as_kept(copy.parts[name], part) for name, part in now.items() if part is not None}
+    changed = {name: part for name, part in compared.items() if not _is_same(copy.parts[name], part)}
+    if not changed:
+        if named is None:
+            _check_trusted(run, experiment, copy)
+        used = [part for part in now.values() if part is not None]
+        return Continuation(named or experiment, used, copy, copy.version, notes)
+    if not accept_changed_code:
+        raise InputError(
+            f"{_told_of(run, copy, changed)}\nGenerations that different code evaluated cannot be compared. "
+            f"Restore what was edited (the run's copy is in {near(copy.folder)}), or start a new run, or go "
+            "on all the same with --accept-changed-code, which is noted in the run (in Python, "
+            "accept_changed_code=True)."
+        )
+    if named is None:
+        # Of the changed code there is the difference, which was accepted.
+        _check_trusted(run, experiment, copy, accepted=True)
+    parts = [part or choose(copy, copy.parts[name]).part for name, part in now.items()]
+    notes += [
+        f"changed code accepted from generation {run.generations} on: {summary(copy.parts[name], part)}"
+        for name, part in changed.items()
+    ]
+    if named is None and "simulation" in changed and not is_adapted(experiment.simulation):
+        named = _with(experiment, _name(experiment, changed["simulation"]))
+    version = max(run.code) + 1
+    return Continuation(named or experiment, parts, None, version, notes)
+
+
+def _without_copy(
+    run: Run, experiment: Experiment, parts: list[Part], *, accept_changed_code: bool
+) -> Continuation:
+    """Go on where the copy was deleted: of what it was, the SHA-256 is known."""
+    version = _version(run)
+    if _is_version(run, version, parts):
+        return Continuation(experiment, parts, None, version, [])
+    if not accept_changed_code:
+        raise InputError(
+            f"{run.path}: the code of this run has changed since it was begun. How cannot be shown, as the "
+            f"copy, {FOLDER}/{version}, was deleted. Restore one of the two, or start a new run, or go on "
+            "all the same with --accept-changed-code, which is noted in the run (in Python, "
+            "accept_changed_code=True)."
+        )
+    note = f"changed code accepted from generation {run.generations} on: the copy of what it was is deleted"
+    return Continuation(experiment, parts, None, max(run.code) + 1, [note])
+
+
+def changed_code(run: Run, experiment: Experiment) -> str | None:
+    """Return how an experiment's source differs from that of a run of it, None where it does not.
+
+    None, too, where the run has no copy. Raises InputError when a file cannot be read or the copy was edited.
+    """
+    copy = copy_of(run)
+    if copy is None:
+        return None
+    now = {
+        part.name: _as_kept(copy.parts[part.name], part)
+        for part in parts_of(experiment)
+        if part.name in copy.parts
+    }
+    changed = {name: part for name, part in now.items() if not _is_same(copy.parts[name], part)}
+    return _told_of(run, copy, changed) if changed else None
+
+
+def check(
+    run: Run, asked: Experiment, *, accept_changed_code: bool = False, simulation: str | type | None = None
+) -> Experiment:
+    """Return the experiment with which a run would go on, as far as its experiment.yaml is concerned.
+
+    asked: as `edits.taken_over` has it.
+    Raises InputError where `resume` would, as far as its code or its experiment.yaml is concerned.
+    """
+    experiment, _ = edits.taken_over(run, asked)
+    if run.state != "done" or asked.budget != run.experiment.budget:
+        continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+    return experiment
+
+
+def _check_trusted(run: Run, experiment: Experiment, copy: Copy | None, *, accepted: bool = False) -> None:
+    """Raise InputError unless the code of a run may be executed.
+
+    accepted: whether what has changed since its copy was made may.
+    """
+    if not is_own(experiment.simulation):
+        return
+    if copy is not None and "simulation" in copy.parts:
+        kept = copy.parts["simulation"]
+        require_copy(copy, kept, choose(copy, kept))
+        if accepted or _is_copied(experiment.simulation):
+            return
+    _check_there(run, experiment.simulation)
+    require_named(experiment.simulation)
+
+
+def check_trusted(run: Run) -> None:
+    """Raise InputError unless the code of a run may be executed: see `swarmwright.user_code.trust`."""
+    _check_trusted(run, run.experiment, copy_of(run))
+
+
+def trust_code(run: Run) -> None:
+    """Trust the code of a run, every copy of it. Raises InputError when it is gone or was changed."""
+    with trusting():
+        for version in run.code:
+            copy = Copy.of(run.path, version)
+            if copy is not None and "simulation" in copy.parts:
+                require_copy(copy, copy.parts["simulation"], choose(copy, copy.parts["simulation"]))
+        check_trusted(run)
+
+
+def _told_of(run: Run, copy: Copy, changed: dict[str, Part]) -> str:
+    """Return what has changed in words, with the differences below."""
+    lines = []
+    for name, part in changed.items():
+        kept = copy.parts[name]
+        lines.append(f"{run.path}: {_what(kept)} has changed since the run was begun: {summary(kept, part)}")
+        lines.append(difference(copy, kept, part))
+    return "\n".join(line for line in lines if line)
+
+
+def _tell(copy: Copy, kept: Kept) -> None:
+    """Say that a component has changed since the run."""
+    now = _differing(copy, kept)
+    if now is None:
+        return
+    if kept.name in SECTIONS or is_adapted(kept.component):
+        notices.say(f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; what is there now is used")
+    else:
+        notices.copy_is_used(copy, kept, now, _INSTEAD)
+
+
+def _differing(copy: Copy, kept: Kept) -> Part | None:
+    """Return what is there now in the place of what was copied, None where it is the same or nothing."""
+    now = present(copy, kept)
+    return None if now is None or now.digests == dict(kept.digests) else now
+
+
+def _what(kept: Kept) -> str:
+    return f"{kept.name} {kept.component}"
+
+
+def _is_copied(simulation: str) -> bool:
+    """Whether an experiment's simulation is a run's copy."""
+    return Copy.holding(Path(simulation.rpartition(":")[0])) is not None
+
+
+def _keeps(simulation: str) -> bool:
+    """Whether runs of a simulation keep a copy of its source."""
+    module = simulation.partition(":")[0].partition(".")[0]
+    return is_own(simulation) and not is_adapted(simulation) and module not in {"__main__", "swarmwright"}
+
+
+def _check_there(run: Run, simulation: str) -> None:
+    place, _, wanted = simulation.rpartition(":")
+    if is_own(simulation) and place.endswith(".py") and not Path(place).is_file():
+        raise InputError(
+            f"{run.path}: the code of its simulation is gone: there is no {place}, and the run holds no copy "
+            f"of it; put {Path(place).name} beside the run folder, or name the file: "
+            f"--simulation FILE:{wanted} (in Python, simulation=..)"
+        )
+
+
+def _with(experiment: Experiment, simulation: str | type) -> Experiment:
+    """Return the experiment with another class. Raises InputError when that does not fit the run."""
+    name = name_of(simulation) if isinstance(simulation, type) else simulation
+    if not is_own(name):
+        raise InputError(
+            f"simulation: {name!r} names no class in Python: FILE.py:Class or package.module:Class"
+        )
+    name = absolute(name)
+    announced = catalogue.description(name)
+    for key in ("sensors", "actuators"):
+        recorded = getattr(experiment, key)
+        if recorded is not None and experiment.steers and announced[key] != recorded:
+            raise InputError(
+                f"simulation: {name} has {announced[key]} {key}, but the run's controllers are made for "
+                f"{recorded}; start a new run with it"
+            )
+    problem = catalogue.parameters_problem(name, experiment.parameters)
+    if problem is not None:
+        raise InputError(f"simulation: {name} refuses the run's parameters: {problem}")
+    return dataclasses.replace(experiment, simulation=name)
+
+
+def _name(experiment: Experiment, part: Part) -> str:
+    place = part.origin if part.module is None else part.module
+    return f"{place}:{experiment.simulation.rpartition(':')[2]}"
+
+
+def _as_kept(kept: Kept, part: Part) -> Part:
+    """Return a part whose main file is called as in the copy, so that the two can be compared."""
+    if part.main == kept.main or part.module is not None or kept.module is not None:
+        return part
+    files = {kept.main if place == part.main else place: source for place, source in part.files.items()}
+    return dataclasses.replace(part, main=kept.main, files=files)
+
+
+def _is_same(kept: Kept, part: Part) -> bool:
+    same_class = kept.component.rpartition(":")[2] == part.component.rpartition(":")[2]
+    return same_class and part.digests == dict(kept.digests)

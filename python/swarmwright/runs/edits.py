@@ -1,0 +1,104 @@
+"""What somebody changed in the experiment.yaml of a run: it says what was run, and is not read for it."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.flatten import flat
+from swarmwright.core.problems import shown
+from swarmwright.core.yaml import dump, read
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.runs.run import Run
+
+FILE = "experiment.yaml"
+_BUDGET = {"method.generations", "method.evaluations", "method.seconds"}
+_NOTHING = object()
+
+
+@dataclass(frozen=True)
+class Change:
+    """A key that has another value in the file than in the run."""
+
+    key: str
+    """With points: method.population."""
+    recorded: Any
+    now: Any
+
+    @property
+    def matters(self) -> bool:
+        """Whether results depend on it, rather than where and how they are computed."""
+        return self.key.partition(".")[0] not in ELSEWHERE
+
+    def __str__(self) -> str:
+        """Return key and values in words."""
+        return f"{self.key} is {_said(self.now)} in the file, {_said(self.recorded)} in the run"
+
+
+def changes(run: Run) -> tuple[list[Change], Experiment]:
+    """Return what differs between the file and the run, and the experiment as the file has it.
+
+    Nothing does where the file is gone. Raises InputError when it is no experiment.
+    """
+    file = run.path / FILE
+    recorded = run.store.experiment()
+    if not file.is_file() or file.read_bytes() == dump(recorded).encode():
+        return [], run.experiment
+    written = Experiment._checked(read(file), file, ask=False)
+    # What is left out in either stands for its default in both.
+    before, now = flat(run.experiment.to_mapping()), flat(written.to_mapping())
+    found = [
+        Change(key, before.get(key, _NOTHING), now.get(key, _NOTHING))
+        for key in dict.fromkeys([*before, *now])
+        if before.get(key, _NOTHING) != now.get(key, _NOTHING)
+    ]
+    return found, written
+
+
+def said(run: Run) -> str | None:
+    """Return in words what was changed in the file, None when nothing was."""
+    try:
+        found, _ = changes(run)
+    except InputError as error:
+        return f"{run.path / FILE} was edited and cannot be read any more: {error}"
+    if not found:
+        return None
+    return f"{run.path / FILE} was edited: {', '.join(map(str, found))}"
+
+
+def taken_over(run: Run, asked: Experiment) -> tuple[Experiment, list[str]]:
+    """Return the experiment with which a run goes on, and what it has from the file, in words.
+
+    Keys that say where and how it is computed are taken from the file.
+
+    asked: the experiment with what options say, a larger budget for instance, which the file may hold, too.
+    Raises InputError when something else was edited.
+    """
+    try:
+        found, written = changes(run)
+    except InputError as error:
+        raise InputError(
+            f"{error}\n{run.path / FILE} was edited since the run wrote it; restore it, or delete it, and it "
+            "is written anew"
+        ) from error
+    options = flat(asked.to_mapping())
+    wrong = [one for one in found if one.matters and one.now != options.get(one.key, _NOTHING)]
+    if wrong:
+        lines = "".join(f"\n  {one}" for one in wrong)
+        prolonged = all(one.key in _BUDGET for one in wrong)
+        cure = "To prolong the run, give the option --generations, or --set. " if prolonged else ""
+        raise InputError(
+            f"{run.path / FILE} was edited, and a run goes on only with the experiment that it was begun "
+            f"with:{lines}\n{cure}To go on with this run, restore these values, or delete the file, and it "
+            f"is written anew. To use them, start another run: swarmwright optimize {run.path / FILE}"
+        )
+    moved = [one for one in found if one.key.partition(".")[0] in ELSEWHERE]
+    if not moved:
+        return run.experiment, []
+    sections = {one.key.partition(".")[0] for one in moved}
+    experiment = dataclasses.replace(run.experiment, **{key: getattr(written, key) for key in sections})
+    return experiment, [f"{FILE}: {one.key} {_said(one.recorded)} -> {_said(one.now)}" for one in moved]
+
+
+def _said(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    return "not given" if value is _NOTHING else shown(value)

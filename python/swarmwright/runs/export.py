@@ -1,0 +1,115 @@
+"""The record as a table for other programs."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError
+from swarmwright.runs.store import Record, StoreReader
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+FORMATS = (".csv", ".parquet")
+"""Endings of files that can be written."""
+
+
+def write_table(store: StoreReader, path: Path) -> None:
+    """Write a store's record to a file of one of the formats.
+
+    Raises InputError when that is not possible, or the store is damaged; then no file is left.
+    """
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
+        raise InputError(f"{path}: tables end with {' or '.join(FORMATS)}")
+    try:
+        if ending == ".parquet":
+            _write_parquet(store, path)
+        else:
+            with path.open("w", encoding="utf-8", newline="") as file:
+                file.writelines(csv_lines(store))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    except InputError:
+        if path.is_file():  # and no pipe
+            path.unlink()  # half a record would look like one
+        raise
+
+
+def csv_lines(store: StoreReader) -> Iterator[str]:
+    """Yield the header and a line per evaluation.
+
+    Numbers are the shortest decimals that read back as the same.
+    """
+    metrics = store.metrics
+    empty = True
+    for part in store.rows():
+        if empty:
+            yield _header(part, metrics)
+            empty = False
+        genes = _engine.decimals(part.genomes)
+        rows = zip(
+            part.generation.tolist(),
+            part.candidate.tolist(),
+            part.fitness.tolist(),
+            part.episodes.tolist(),
+            part.metrics.transpose(0, 2, 1).reshape(len(genes), -1).tolist(),
+            genes,
+            strict=True,
+        )
+        for generation, candidate, fitness, episodes, values, text in rows:
+            numbers = ",".join(map(repr, (generation, candidate, fitness, *episodes, *values)))
+            yield f"{numbers},{text}\n"
+    if empty:
+        yield "generation,candidate,fitness\n"
+
+
+def _header(part: Record, metrics: list[str]) -> str:
+    episodes = range(part.episodes.shape[1])
+    columns = ["generation", "candidate", "fitness", *(f"episode_{episode}" for episode in episodes)]
+    columns += [f"{metric}_{episode}" for metric in metrics for episode in episodes]
+    columns += [f"g{gene}" for gene in range(part.genomes.shape[1])]
+    return ",".join(columns) + "\n"
+
+
+def _write_parquet(store: StoreReader, path: Path) -> None:
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise InputError(
+            f"{path}: writing Parquet needs PyArrow: pip install 'swarmwright[parquet]'"
+        ) from None
+    writer: Any = None
+    try:
+        for part in store.rows():
+            table = _arrow(part, store.metrics)
+            if writer is None:
+                writer = parquet.ParquetWriter(path, table.schema, compression="zstd")
+            writer.write_table(table)
+        if writer is None:
+            raise InputError(f"{path}: the run holds no finished generation to export")
+    except pa.ArrowException as error:
+        raise InputError(f"{path}: cannot be written: {error}") from error
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _arrow(part: Record, metrics: list[str]) -> "pa.Table":
+    import pyarrow as pa
+
+    def lists(values: Any) -> "pa.Array":  # noqa: ANN401 - an array of numbers
+        return pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1)), values.shape[1])
+
+    columns: dict[str, Any] = {
+        "generation": part.generation,
+        "candidate": part.candidate,
+        # A failed evaluation has no fitness, rather than one that is no number.
+        "fitness": pa.array(part.fitness, from_pandas=True),
+        "episodes": lists(part.episodes),
+        **{name: lists(part.metrics[:, :, index].copy()) for index, name in enumerate(metrics)},
+        "genome": lists(part.genomes),
+    }
+    return pa.table(columns)

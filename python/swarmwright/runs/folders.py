@@ -1,0 +1,56 @@
+"""Where results go when nothing is said, and what is ours in a run folder."""
+
+from pathlib import Path
+
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.runs.store import FILE
+from swarmwright.user_code.copying import remove
+
+RUNS = Path("runs")
+"""The folder of runs, in the current one."""
+
+_OURS = (
+    "run.sqlite",
+    "run.sqlite-wal",
+    "run.sqlite-shm",
+    "run.sqlite-journal",
+    "run.sqlite.new",
+    "run.lock",
+    "experiment.yaml",
+    "best.json",
+    "best.json.new",
+    "fitness.png",
+    "plot.png",
+    "controller.png",
+)
+"""Files that a run writes into its folder."""
+
+
+def default_folder(experiment: Experiment) -> Path:
+    """Return runs/<file stem or simulation>-<seed>, with a number behind it when that exists."""
+    name = experiment.path.stem if experiment.path is not None else experiment.label
+    safe = (
+        "".join(sign if sign.isalnum() or sign in "-_." else "_" for sign in name).lstrip(".")[:100] or "run"
+    )
+    base = RUNS / f"{safe}-{experiment.seed}"
+    folder, number = base, 1
+    while folder.exists():
+        number += 1
+        folder = base.with_name(f"{base.name}-{number}")
+    return folder
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a run has begun in this folder."""
+    return (folder / FILE).exists()
+
+
+def remove_run(folder: Path) -> list[str]:
+    """Delete what a run wrote; return the names of what else is in the folder, which stays."""
+    remove(folder)
+    for name in _OURS:
+        (folder / name).unlink(missing_ok=True)
+    left = sorted(entry.name for entry in folder.iterdir())
+    if not left:
+        folder.rmdir()
+    return left

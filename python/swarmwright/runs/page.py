@@ -1,0 +1,46 @@
+"""A replay as a page that notebooks display."""
+
+import html
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from swarmwright.core.files import write_text
+from swarmwright.display import record
+from swarmwright.display.page import page
+from swarmwright.runs.replay import Replay
+from swarmwright.runs.run import Run
+
+
+@dataclass(frozen=True)
+class ReplayPage:
+    """An episode to play, pause, step and scrub; made by `Run.replay`. A notebook shows it below the cell."""
+
+    title: str
+    """What is played, in a line."""
+    fitness: float
+    """Of the episode."""
+    html: str
+    """The page: one HTML document that needs nothing else."""
+
+    @classmethod
+    def of(cls, run: Run, *, speed: float = 1.0, **which: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
+        """Play the episode; see `Run.replay`."""
+        replay = Replay.of(run, **which)
+        recording = record(replay.episode())
+        return cls(replay.title, recording.fitness, page(recording, caption=replay.caption(), speed=speed))
+
+    def save(self, path: str | Path) -> None:
+        """Write the page, for a browser. Raises InputError when the file cannot be written."""
+        write_text(path, self.html)
+
+    def _repr_html_(self) -> str:
+        """Return a frame that holds the page, apart from the notebook's own scripts and styles."""
+        return (
+            f'<iframe title="{html.escape(self.title)}" srcdoc="{html.escape(self.html)}" '
+            'sandbox="allow-scripts" width="100%" height="620" style="border: 0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        """Name what is played."""
+        return f"<ReplayPage {self.title}, fitness {self.fitness + 0.0:.6g}>"

@@ -1,0 +1,289 @@
+"""Post-evaluation: what a candidate is worth in episodes whose seeds it was not chosen on."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.statistics import Estimate, estimate, quantile
+from swarmwright.core.untrusted import one_line
+from swarmwright.evaluation.backend import Backend, Crews, Progress, Servers, open_backend
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings import Ranking
+from swarmwright.runs.code import used_for
+from swarmwright.runs.run import Run
+from swarmwright.runs.store import StoreReader
+from swarmwright.typing import Genome
+
+EPISODES = 60
+"""Episodes of a post-evaluation, unless another number is given."""
+_FIRST = 1_000_000_000  # far from the seeds that runs use
+_SHARE = 0.05  # of a run's episodes, at most, are spent on evaluating its best after it
+_LEAST = 10  # episodes; fewer say too little
+_PROBED = 200  # evaluations of a run from which on it is tried whether fitness depends on the seed
+
+
+@dataclass(frozen=True, kw_only=True)
+class PostEvaluation:
+    """A candidate as it was recorded, and in other episodes."""
+
+    number: int
+    """Of the evaluation in the whole run, from 0."""
+    generation: int
+    candidate: int
+    recorded: float
+    """Fitness in the record, by which it was chosen."""
+    seeds: list[int]
+    """Simulation seed of each episode."""
+    seen: int
+    """How many of these seeds the run had used as well."""
+    episodes: NDArray[np.float64]
+    """(episodes,) fitness of each, NaN where it failed."""
+    ranking: Ranking
+    """Of the experiment."""
+
+    @cached_property
+    def measured(self) -> list[float]:
+        """Fitness of the episodes that did not fail."""
+        return [value for value in self.episodes.tolist() if math.isfinite(value)]
+
+    @property
+    def failed(self) -> int:
+        """Episodes that failed."""
+        return len(self.episodes) - len(self.measured)
+
+    @cached_property
+    def mean(self) -> Estimate:
+        """Mean fitness of an episode, with Student's interval."""
+        return estimate(self.measured)
+
+    @cached_property
+    def fitness(self) -> Estimate:
+        """Fitness as the experiment's ranking makes it of its number of episodes: beside `recorded`.
+
+        With the aggregate mean it is the mean of the episodes.
+        """
+        return estimate(
+            [value for value in self.ranking.samples(self.measured).tolist() if math.isfinite(value)]
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values."""
+        ordered = sorted(self.measured)
+        return {
+            "number": self.number,
+            "generation": self.generation,
+            "candidate": self.candidate,
+            "recorded": self.recorded,
+            "fitness": vars(self.fitness),
+            "episodes": len(self.episodes),
+            "failed": self.failed,
+            "seed": self.seeds[0],
+            "seeds_of_the_run": self.seen,
+            "mean": self.mean.mean,
+            "standard_deviation": self.mean.standard_deviation,
+            "standard_error": self.mean.standard_error,
+            "median": quantile(ordered, 0.5),
+            "min": ordered[0] if ordered else math.nan,
+            "max": ordered[-1] if ordered else math.nan,
+            "confidence": 0.95,
+            "interval": "t",
+            "low": self.mean.low,
+            "high": self.mean.high,
+            "seeds": self.seeds,
+            "values": self.episodes.tolist(),
+        }
+
+    def stored(self) -> dict[str, Any]:
+        """Return what a run's store keeps of it."""
+        values = [value if math.isfinite(value) else None for value in self.episodes.tolist()]
+        return {
+            "number": self.number, "generation": self.generation, "candidate": self.candidate,
+            "recorded": self.recorded, "seeds": self.seeds, "seen": self.seen, "episodes": values,
+        }  # fmt: skip
+
+    @classmethod
+    def of_store(cls, values: dict[str, Any], ranking: Ranking) -> Self:
+        """Return one of what a store keeps."""
+        episodes = [math.nan if value is None else value for value in values["episodes"]]
+        return cls(**{**values, "episodes": np.array(episodes, dtype=np.float64)}, ranking=ranking)
+
+
+def post_evaluate(
+    run: Run,
+    candidate: int | None = None,
+    generation: int | None = None,
+    *,
+    episodes: int = EPISODES,
+    seed: int | None = None,
+    experiment: Experiment | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> PostEvaluation:
+    """Evaluate a candidate of a run in other episodes than those it was chosen by.
+
+    The best of a run is the luckiest of many wherever fitness depends on the seed: its fitness in the record
+    is too high. What it is worth, new episodes say. Nothing is added to the run.
+
+    Args:
+        run: where the candidate is recorded.
+        candidate: as in `Run.evaluation`; without both, the best of the run.
+        generation: as in `Run.evaluation`.
+        episodes: how many, from 1 on.
+        seed: simulation seed of the first episode, the next ones follow; default: seeds that the run did not
+            use, the same ones for every run whose `parameters.seed` is the same.
+        experiment: instead of the run's, with other parameters, say; the controller's sizes are the same.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Raises:
+        InputError: there is no such candidate, or a number is out of range.
+        RunError: no broker, no fitting server, or every episode failed.
+    """
+    if episodes < 1:
+        raise InputError(f"episodes: must be at least 1, not {episodes}")
+    evaluation = run.evaluation(candidate, generation)
+    used = run.store.used_seeds()
+    if seed is None:
+        seeds = unseen_seeds(run.experiment.first_seed, used, episodes)
+    elif not 0 <= seed <= 2**63 - episodes:
+        raise InputError(f"seed: must be from 0 to 2**63 - {episodes}, not {seed}")
+    else:
+        seeds = list(range(seed, seed + episodes))
+    experiment = experiment or used_for(run, evaluation.generation)
+    with open_backend(experiment, broker=broker, servers=servers, most=len(seeds)) as backend:
+        values = _evaluated(experiment, backend, evaluation.genome, seeds, on_progress)
+    return PostEvaluation(
+        number=evaluation.number,
+        generation=evaluation.generation,
+        candidate=evaluation.candidate,
+        recorded=evaluation.fitness,
+        seeds=seeds,
+        seen=len(used.intersection(seeds)),
+        episodes=values,
+        ranking=experiment.new_ranking(),
+    )
+
+
+def of_run(run: Run) -> PostEvaluation | None:
+    """Return the best of a run on unseen seeds, if it was evaluated when the run ended."""
+    values = run.store.unseen()
+    if values is None or values["number"] != run.evaluation().number:
+        return None  # the run went on, and another one is the best
+    return PostEvaluation.of_store(values, run.experiment.new_ranking())
+
+
+def after_run(
+    experiment: Experiment, reader: StoreReader, backend: Backend, on_progress: Progress | None
+) -> PostEvaluation | None:
+    """Return the best of a run that has ended on unseen seeds; None where that would say nothing new.
+
+    It is done where the fitness is seen to depend on the seed: by `ranking.seeds`, by the episodes in the
+    record, or, of a simulation that is here, by trying. At most a twentieth of the run's episodes are spent.
+
+    Raises RunError as `post_evaluate`.
+    """
+    best = reader.evaluation(None, None)
+    used = reader.used_seeds()
+    asked = experiment.ranking.unseen_episodes
+    count = _affordable(experiment, reader) if asked is None else asked
+    if count == 0 or not (asked or _depends(experiment, reader, backend)):
+        return None
+    seeds = unseen_seeds(experiment.first_seed, used, count)
+    values = _evaluated(experiment, backend, best.genome, seeds, on_progress)
+    found = PostEvaluation(
+        number=best.number,
+        generation=best.generation,
+        candidate=best.candidate,
+        recorded=best.fitness,
+        seeds=seeds,
+        seen=0,
+        episodes=values,
+        ranking=experiment.new_ranking(),
+    )
+    nothing_new = found.fitness.mean == best.fitness and len(set(found.measured)) == 1 and not found.failed
+    return None if nothing_new and not asked else found
+
+
+def unseen_seeds(first: int, used: set[int], count: int) -> list[int]:
+    """Return simulation seeds that are none of `used`: the first ones from parameters.seed + 10**9 on."""
+    seed = first + _FIRST if first < 2**62 else first - 2**61
+    seeds: list[int] = []
+    while len(seeds) < count:
+        if seed not in used:
+            seeds.append(seed)
+        seed += 1
+    return seeds
+
+
+def _evaluated(
+    experiment: Experiment,
+    backend: Backend,
+    genome: Genome,
+    seeds: Sequence[int],
+    on_progress: Progress | None,
+) -> NDArray[np.float64]:
+    representation = experiment.representation(backend.sensors, backend.actuators)
+    if len(genome) != representation.genome_size:
+        raise InputError(
+            f"the run's controllers have {len(genome)} genes, those of this experiment have "
+            f"{representation.genome_size}"
+        )
+    crews = Crews.of(representation, genome[np.newaxis])
+    backend.post_evaluates()
+    results = backend.evaluate(crews, seeds, on_progress or (lambda *_: None))
+    values: NDArray[np.float64] = results.fitness[0] + 0.0
+    if not np.isfinite(values).any():
+        reasons = [str(entry["error"]) for entry in results.journal if entry.get("error")]
+        last = one_line(reasons[-1]) if reasons else "not known"
+        raise RunError(f"every episode failed; the last reason: {last}")
+    return values
+
+
+def _affordable(experiment: Experiment, reader: StoreReader) -> int:
+    """Return for how many episodes there is time: whole groups as the ranking takes them, 0 for too few."""
+    group = experiment.ranking.episodes
+    spent = reader.history()[-1].evaluations * group
+    count = min(max(EPISODES, 4 * group), int(spent * _SHARE))
+    count -= count % group
+    return count if count >= max(_LEAST, group) else 0
+
+
+def _depends(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
+    """Whether fitness is seen to depend on the seed."""
+    ranking = experiment.ranking
+    if ranking.seeds == "new":
+        return True
+    last = reader.history()[-1].generation
+    if ranking.episodes > 1:
+        return any(_differ(one.episodes) for one in (*reader.one_generation(last), *reader.one_generation(0)))
+    return _tried(experiment, reader, backend)
+
+
+def _differ(rows: NDArray[np.float64]) -> bool:
+    """Whether the episodes of any candidate, (candidates, episodes), came out differently."""
+    return bool(((rows != rows[:, :1]) & np.isfinite(rows) & np.isfinite(rows[:, :1])).any())
+
+
+def _tried(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
+    """Try two candidates with other seeds, where the simulation is here."""
+    from swarmwright.evaluation.backend import LocalBackend
+    from swarmwright.simulations import catalogue
+
+    evaluations = reader.history()[-1].evaluations
+    if not catalogue.is_here(experiment.simulation) or evaluations < _PROBED:
+        return False
+    if experiment.simulation in catalogue.titles():
+        backend = LocalBackend(experiment)  # costs next to nothing, and nothing is sent
+    genomes = np.stack([reader.evaluation(None, None).genome, reader.evaluation(0, 0).genome])
+    first = experiment.first_seed
+    representation = experiment.representation(backend.sensors, backend.actuators)
+    seeds = [first, *unseen_seeds(first, set(), 2)]
+    return _differ(backend.evaluate(Crews.of(representation, genomes), seeds, lambda *_: None).fitness)

@@ -1,0 +1,68 @@
+"""Repeating an evaluation from its record."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.evaluation.backend import Crews, Servers, open_backend
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.runs.code import used_for
+from swarmwright.runs.run import Run
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """An evaluation as it was recorded and as it comes out now."""
+
+    number: int
+    """In the whole run, from 0."""
+    generation: int
+    candidate: int
+    recorded: NDArray[np.float64]
+    """(episodes,) fitness as recorded"""
+    repeated: NDArray[np.float64]
+    """(episodes,) fitness now"""
+
+    @property
+    def same(self) -> bool:
+        """Whether every episode came out the same, to the bit; failed again counts as the same."""
+        return bool(np.array_equal(self.recorded, self.repeated, equal_nan=True))
+
+
+def repeat(
+    run: Run,
+    candidate: int | None = None,
+    generation: int | None = None,
+    *,
+    experiment: Experiment | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    simulation: str | type | None = None,
+) -> Repeated:
+    """Evaluate a candidate of a run once more, with the seeds of its record.
+
+    Args:
+        run: where it is recorded.
+        candidate: as in `Run.evaluation`.
+        generation: as in `Run.evaluation`.
+        experiment: instead of the run's, with other servers or time-outs.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        simulation: a class, or `FILE:Class`, instead of the code with which it was evaluated.
+
+    What was edited since, the simulation's code or experiment.yaml, is told as a warning.
+
+    Raises:
+        InputError: there is no such evaluation, or the code is gone.
+        RunError: no broker or no fitting server.
+    """
+    recorded = run.evaluation(candidate, generation)
+    experiment = experiment or used_for(run, recorded.generation, simulation)
+    with open_backend(experiment, broker=broker, servers=servers, most=len(recorded.seeds)) as backend:
+        representation = experiment.representation(backend.sensors, backend.actuators)
+        crews = Crews.of(representation, recorded.genome[np.newaxis])
+        results = backend.evaluate(crews, recorded.seeds, lambda *_: None)
+    return Repeated(
+        recorded.number, recorded.generation, recorded.candidate, recorded.episodes, results.fitness[0]
+    )

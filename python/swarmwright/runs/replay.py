@@ -1,0 +1,205 @@
+"""Episodes of runs, played again."""
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.display import Caption, Playable
+from swarmwright.experiment.fitness import JudgedEpisode
+from swarmwright.representations.controller import Controller, controller_words
+from swarmwright.runs.choice import Choice, choose
+from swarmwright.runs.code import used_for
+from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from swarmwright.display.pictures import PictureRecording
+    from swarmwright.experiment.experiment import Experiment
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One episode of one controller, in the simulation of a run."""
+
+    run: Run
+    controller: Controller
+    choice: Choice | None
+    """The candidate of the run that the controller is; None when it comes from elsewhere."""
+    source: Path | None
+    """Where a controller from elsewhere comes from."""
+    number: int | None
+    """Index of the episode; None for one that the run did not have."""
+    seed: int
+    """Seed of the simulation."""
+    experiment: "Experiment"
+    """The run's, or with other parameters."""
+
+    @classmethod
+    def of(
+        cls,
+        run: Run,
+        *,
+        generation: int | None = None,
+        candidate: int | None = None,
+        controller: Path | None = None,
+        episode: int | None = None,
+        seed: int | None = None,
+        simulation: str | type | None = None,
+        settings: Iterable[str] = (),
+    ) -> Self:
+        """Choose what is played.
+
+        Args:
+            run: whose simulation and parameters.
+            generation: as in `Run.evaluation`.
+            candidate: as in `Run.evaluation`.
+            controller: file or run folder with another controller, instead of a candidate of the run.
+            episode: one of the run's, default 0.
+            seed: of the simulation, for an episode that the run did not have.
+            simulation: a class, or `FILE:Class`, instead of the code with which the candidate was evaluated.
+            settings: other values of parameters and fitness than the run's, see `Experiment.load`.
+
+        Raises:
+            InputError: the simulation is not here, or there is no such candidate, controller or episode.
+        """
+        _check_here(run)
+        chosen = None if controller is not None else choose(run, generation, candidate)
+        used = used_for(run, None if chosen is None else chosen.generation, simulation)
+        experiment = used.with_settings(
+            settings, only=("parameters", "fitness"), reason="only parameters and fitness can be set here"
+        )
+        seeds = run.seeds(0) if chosen is None else chosen.seeds
+        number = None if seed is not None else episode or 0
+        if number is not None and number >= len(seeds):
+            has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
+            raise InputError(
+                f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"
+            )
+        played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
+        played_seed = seeds[number] if number is not None else seed or 0
+        return cls(run, played, chosen, controller, number, played_seed, experiment)
+
+    @property
+    def pictured(self) -> bool:
+        """Whether the simulation draws pictures itself, in the place of scenes.
+
+        Raises InputError for a simulation that has neither.
+        """
+        from swarmwright.simulations import catalogue
+
+        return catalogue.shown_as(self.experiment.simulation) == "picture"
+
+    def episode(self) -> Playable:
+        """Return the episode, before its first step."""
+        from swarmwright.simulations import catalogue
+
+        if not self.pictured:
+            return self._episode(catalogue.playable(self.experiment.simulation))
+        from swarmwright.display.pictures import Pictured
+
+        host = catalogue.drawing(self.experiment.simulation)
+        return Pictured(self._episode(host), host.picture)
+
+    def pictures(self) -> "PictureRecording":
+        """Play the episode of a simulation that draws pictures, and return them."""
+        from swarmwright.display.pictures import record
+        from swarmwright.simulations import catalogue
+
+        host = catalogue.drawing(self.experiment.simulation)
+        return record(self._episode(host), host.picture)
+
+    def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
+        from swarmwright import _engine
+
+        experiment = self.experiment
+        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
+        parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
+        with engine_errors():
+            episode = _engine.Episode(simulation, parameters, self.controller.json)
+        expression = experiment.fitness_expression
+        return episode if expression is None else JudgedEpisode(episode, expression)
+
+    @property
+    def title(self) -> str:
+        """What is played, in a line."""
+        return f"{self.run.experiment.label}: {self._who}{self._which}"
+
+    @property
+    def _who(self) -> str:
+        if self.choice is None:
+            return f"controller of {self.source}"
+        return f"candidate {self.choice.candidate} of generation {self.choice.generation}"
+
+    @property
+    def _which(self) -> str:
+        if self.number is None:
+            return f", simulation seed {self.seed}"
+        return f", episode {self.number} ({self._episodes} in all)" if self._episodes > 1 else ""
+
+    @property
+    def _episodes(self) -> int:
+        return self.run.experiment.ranking.episodes
+
+    def outcome(self, fitness: float) -> str:
+        """Return the episode's fitness in words, beside the candidate's when that is another thing."""
+        said = f"Fitness {fitness + 0.0:.6g}"  # no -0
+        if self.choice is None:
+            return f"{said}."
+        if self.number is not None and self._episodes == 1:
+            if fitness == self.choice.fitness or math.isnan(self.choice.fitness):
+                return f"{said}."
+            return (
+                f"{said}; in the run it was {self.choice.fitness + 0.0:.6g}: this simulation does not repeat "
+                "itself to the last bit here."
+            )
+        where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
+        meaning = f", the {self._meaning}" if self._episodes > 1 else ""
+        return f"{said} {where}; the candidate's in the run is {self.choice.fitness + 0.0:.6g}{meaning}."
+
+    @property
+    def _meaning(self) -> str:
+        """How episodes became the candidate's fitness."""
+        how = getattr(self.run.experiment.ranking, "aggregate", "outcome")
+        return f"{how} of {self._episodes} episodes"
+
+    def identity(self) -> dict[str, Any]:
+        """Return what is played as plain values, for `--json`."""
+        choice = self.choice
+        return {
+            "episode": self.number,
+            "seed": self.seed,
+            "generation": choice.generation if choice else None,
+            "candidate": choice.candidate if choice else None,
+            "candidate_fitness": choice.fitness if choice else None,
+            "controller": str(self.source) if self.source else None,
+        }
+
+    def caption(self) -> Caption:
+        """Return the title and the facts of the experiment that stand beside a picture."""
+        experiment = self.run.experiment
+        facts = [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
+        if self.choice is not None:
+            value = f"{self.choice.fitness + 0.0:.6g}"
+            episodes = f" ({self._meaning})" if self._episodes > 1 else ""
+            facts.append(("fitness of the candidate", f"{value}{episodes}"))
+        facts.append(("simulation seed", str(self.seed)))
+        return Caption(self.title, tuple(facts))
+
+
+def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
+    method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    return [("method", method), ("seed of the run", str(experiment.seed))]
+
+
+def _check_here(run: Run) -> None:
+    from swarmwright.simulations import catalogue
+
+    title = run.experiment.simulation
+    if not catalogue.is_here(title):
+        raise InputError(
+            f"{run.path}: the simulation '{title}' is not built in, so it cannot be shown here. Its servers "
+            f"can: swarmwright simulate {run.path / 'experiment.yaml'} --controller {run.path} --visual"
+        )

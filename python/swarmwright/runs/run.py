@@ -1,0 +1,309 @@
+"""Reading run folders: what an optimization left behind."""
+
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.statistics import Summary
+from swarmwright.experiment.budget import Ended
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.representations.controller import Controller
+from swarmwright.runs.export import csv_lines, write_table
+from swarmwright.runs.store import FILE, Attempt, Evaluation, Event, Record, Session, StoreReader
+from swarmwright.runs.store.reader import nothing
+from swarmwright.runs.store.table import RecordTable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from swarmwright.runs.page import ReplayPage
+    from swarmwright.runs.post_evaluation import PostEvaluation
+
+State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best candidate of a run; of equals, the first."""
+
+    fitness: float
+    generation: int
+    candidate: int
+    """Index among the candidates evaluated in that generation."""
+    specification: dict[str, Any]
+    """The controller as plain values."""
+
+    @property
+    def controller(self) -> Controller:
+        """A new controller at the start of an episode, callable on numpy arrays."""
+        return Controller(self.specification)
+
+
+class Run:
+    """An optimization's results, in a folder.
+
+    Made by `swarmwright.optimize` or `Run.open(folder)`. The files: run.sqlite (every evaluation and how it
+    came about), experiment.yaml (every default written out), best.json (the best controller) and
+    fitness.png. A run that was killed can be opened too, and one that still goes on; it holds all generations
+    that were finished when it was opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.store = StoreReader(path)
+        """What run.sqlite holds, table by table."""
+
+    @classmethod
+    def open(cls, path: str | Path, *, trust: bool = False) -> Self:
+        """Open a run folder, which runs no code of it.
+
+        Args:
+            path: of the folder.
+            trust: execute its simulation's code when it is evaluated or shown, although it is not of a run
+                that this user has made here. It is remembered for this code.
+
+        Raises InputError when `path` is no run folder, or when its store cannot be read.
+        """
+        folder = Path(path)
+        if not folder.is_dir():
+            what = "is not a folder" if folder.exists() else "there is no such folder"
+            raise InputError(f"{folder}: {what}; name a run folder such as runs/minisim-1")
+        if not (folder / FILE).is_file():
+            from swarmwright.runs.store.folder import without_store
+
+            raise without_store(folder)
+        run = cls(folder)
+        _ = run.history, run.experiment  # complain now rather than later
+        if trust:
+            from swarmwright.runs.code import trust_code
+
+            trust_code(run)
+        return run
+
+    @cached_property
+    def experiment(self) -> Experiment:
+        """The experiment as it was run."""
+        try:
+            experiment = Experiment._stored(self.store.experiment(), self.path)
+        except InputError as error:
+            raise InputError(f"{self.path}: the experiment in {FILE} cannot be used: {error}") from error
+        object.__setattr__(experiment, "path", self.path / "experiment.yaml")
+        return experiment
+
+    @property
+    def name(self) -> str:
+        """What the experiment's file was called, or else its simulation."""
+        return self.store.name
+
+    @property
+    def created(self) -> str:
+        """When it was started, ISO 8601, UTC."""
+        return self.store.created
+
+    @cached_property
+    def history(self) -> list[Summary]:
+        """The figures of each finished generation."""
+        return self.store.history()
+
+    @property
+    def generations(self) -> int:
+        """Finished generations."""
+        return len(self.history)
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluated candidates."""
+        return self.history[-1].evaluations if self.history else 0
+
+    @cached_property
+    def best(self) -> Best:
+        """The best candidate. Raises RunError when no candidate was evaluated."""
+        best = self.store.best()
+        if best is None:
+            raise RunError(nothing(self.path))
+        specification = self.experiment.representation().specification(best.genome)
+        return Best(best.fitness, best.generation, best.candidate, specification)
+
+    @cached_property
+    def unseen(self) -> "PostEvaluation | None":
+        """The best candidate on seeds that the run did not use, evaluated when the run ended.
+
+        None where its fitness does not depend on the seed, or `ranking.unseen_episodes` is 0.
+        """
+        from swarmwright.runs.post_evaluation import of_run
+
+        return of_run(self) if self.generations else None
+
+    @cached_property
+    def sessions(self) -> list[Session]:
+        """Who worked on it: the first process, then one for each time that it was resumed."""
+        return self.store.sessions()
+
+    @property
+    def state(self) -> State:
+        """How it stands.
+
+        done: the budget is used or the target reached; stopped: a callback ended it; interrupted: Ctrl-C did;
+        killed: it ended without a word; failed: no server, a full disk, ..; running: a process works on it.
+        """
+        from swarmwright.runs.store.lock import is_locked
+
+        outcome: Any = self.sessions[-1].outcome if self.sessions else None
+        if outcome is None:
+            return "running" if is_locked(self.path) else "killed"
+        state: State = outcome if outcome in get_args(State) else "failed"
+        return state
+
+    @property
+    def ended(self) -> Ended | None:
+        """What ended a run that is done: `generations`, `evaluations`, `seconds` or `target`; else None."""
+        ended: Any = self.store.ended() if self.state == "done" else ""
+        return ended if ended in get_args(Ended) else None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it ended before its time: by Ctrl-C, by being killed, or by a failure."""
+        return self.state not in {"done", "stopped"}
+
+    @property
+    def seconds(self) -> float:
+        """Duration of all sessions together; what a killed one did after its last generation is not known."""
+        return math.fsum(session.seconds or 0.0 for session in self.sessions)
+
+    @property
+    def code(self) -> dict[int, str]:
+        """SHA-256 of each version of the source that was copied into the folder, from 1 on; in code/1, .."""
+        return self.store.code()
+
+    def attempts(self) -> Iterator[Attempt]:
+        """Yield every attempt at evaluations: which server, when, how long, what went wrong."""
+        return self.store.attempts()
+
+    def events(self) -> Iterator[Event]:
+        """Yield what was worth a warning, in order."""
+        return self.store.events()
+
+    @cached_property
+    def record(self) -> Record:
+        """Every evaluation of the finished generations: arrays, and a mapping of the columns of a table.
+
+        `pandas.DataFrame(run.record)` has the columns that `export` writes.
+        """
+        return RecordTable(self.store.record(), self.metrics)
+
+    def evaluation(self, candidate: int | None = None, generation: int | None = None) -> Evaluation:
+        """Return one line of the record.
+
+        Args:
+            candidate: index among the candidates evaluated in `generation`, the best of them if not given;
+                without a generation, the number of the evaluation in the whole run, from 0.
+            generation: from 0. Without both, the best of the run is returned.
+
+        Raises InputError when there is none of that number, RunError when there is nothing at all.
+        """
+        return self.store.evaluation(candidate, generation)
+
+    def seeds(self, generation: int) -> list[int]:
+        """Return the simulation seed of each episode of a generation. Raises InputError without that one."""
+        return self.store.seeds(generation)
+
+    @property
+    def metrics(self) -> list[str]:
+        """Names of the metrics in the record."""
+        return self.store.metrics
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256, in hexadecimal, of the record as `export` writes it: the same for the same results."""
+        text = hashlib.sha256()
+        for line in csv_lines(self.store):
+            text.update(line.encode())
+        return text.hexdigest()
+
+    def export(self, path: str | Path) -> None:
+        """Write the record as a table, a line per evaluation, sorted by generation and candidate.
+
+        `.csv`: generation, candidate, fitness, episode_0, .. (its episodes' fitness), then metrics if there
+        are any (name_0, ..), then g0, .. (its genome). `.parquet`: the same with lists in the columns
+        episodes and genome and in those of the metrics; this needs `pip install swarmwright[parquet]`.
+        Raises InputError when the file cannot be written.
+        """
+        write_table(self.store, Path(path))
+
+    def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
+        """Return a matplotlib figure of fitness and diversity, which a notebook shows.
+
+        Args:
+            path: where it is written as well (.png, .svg or .pdf); without it, nothing is.
+            x: "evaluations" or "generations".
+
+        Raises InputError when the run has no finished generation, for another ending, or when the file cannot
+        be written.
+        """
+        from swarmwright.figures import run, style
+
+        if path is not None:
+            style.check(Path(path))
+        if not self.history:
+            raise InputError(f"{self.path}: holds no finished generation to draw")
+        figure = run.draw(self, x=x)
+        if path is not None:
+            style.save(figure, Path(path))
+        return figure
+
+    def replay(
+        self,
+        *,
+        generation: int | None = None,
+        candidate: int | None = None,
+        episode: int | None = None,
+        seed: int | None = None,
+        speed: float = 1.0,
+    ) -> "ReplayPage":
+        """Play an episode again; return the page that shows it, which a notebook displays.
+
+        Args:
+            generation: of the candidate, from 0; as in `evaluation`.
+            candidate: as in `evaluation`; default: the best one.
+            episode: one of the run's, default 0.
+            seed: of the simulation, for an episode that the run did not have.
+            speed: how many times faster than the simulation's step size it plays at first.
+
+        Raises InputError when the simulation is not here, or there is no such candidate or episode.
+        """
+        from swarmwright.runs.page import ReplayPage
+
+        return ReplayPage.of(
+            self, generation=generation, candidate=candidate, episode=episode, seed=seed, speed=speed
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what it is and how it went, with its curve, for notebooks."""
+        from swarmwright.core.html import facts, picture
+
+        experiment = self.experiment
+        rows: list[tuple[str, object]] = [
+            ("simulation", experiment.label),
+            ("method", experiment.to_mapping()["method"]["kind"]),
+            ("controller", experiment.controller.kind),
+            ("seed", experiment.seed),
+            ("state", self.state),
+            ("done", f"{self.generations:,} generations, {self.evaluations:,} evaluations"),
+        ]
+        if not self.history:
+            return facts(f"Run {self.path}", rows)
+        best = self.best
+        where = f"generation {best.generation}, candidate {best.candidate}, both from 0"
+        rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({where})"))
+        from swarmwright.figures.plot import png
+
+        return facts(f"Run {self.path}", rows) + picture(png(self), 540, "fitness over generations")
+
+    def __repr__(self) -> str:
+        """Name the folder and how far it got."""
+        return f"<Run {self.path}: {self.generations} generations, {self.evaluations} evaluations>"

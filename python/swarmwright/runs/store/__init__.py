@@ -1,0 +1,25 @@
+"""The store of a run: one SQLite file that holds every evaluation, and how each came about.
+
+The file is plain SQLite (docs/reference/run-folder.md has its tables), so that any program reads it. What
+belongs to the record (what was evaluated, with which seeds, what came out, in order) is the same for the same
+experiment and seed; sessions, attempts and events tell apart from it how it went.
+"""
+
+from swarmwright.runs.store.database import FILE, FORMAT
+from swarmwright.runs.store.reader import Best, Evaluation, Record, StoreReader
+from swarmwright.runs.store.rows import Attempt, Evaluated, Event, Session
+from swarmwright.runs.store.writer import StoreWriter
+
+__all__ = [
+    "FILE",
+    "FORMAT",
+    "Attempt",
+    "Best",
+    "Evaluated",
+    "Evaluation",
+    "Event",
+    "Record",
+    "Session",
+    "StoreReader",
+    "StoreWriter",
+]

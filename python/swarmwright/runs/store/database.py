@@ -1,0 +1,250 @@
+"""Opening the store, and what is said when it cannot be used."""
+
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.runs.store import digests
+
+FILE = "run.sqlite"
+"""Name of the store in a run folder."""
+NEW = f"{FILE}.new"
+"""What it is called while it is made."""
+FORMAT = 2
+"""Version of the run folder; 1 had text files only."""
+_APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
+
+_TABLES = """
+CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE generation (
+    generation INTEGER PRIMARY KEY, first INTEGER NOT NULL, seeds TEXT NOT NULL, evaluations INTEGER NOT NULL,
+    best REAL, mean REAL, best_so_far REAL, lower_quartile REAL, median REAL, upper_quartile REAL,
+    failed INTEGER NOT NULL, leader INTEGER NOT NULL, session INTEGER NOT NULL, seconds REAL NOT NULL,
+    evaluations_digest TEXT, digest TEXT);
+CREATE TABLE evaluation (
+    number INTEGER PRIMARY KEY, generation INTEGER NOT NULL, candidate INTEGER NOT NULL, fitness REAL,
+    episodes BLOB NOT NULL, metrics BLOB NOT NULL, genome BLOB NOT NULL);
+CREATE TABLE session (
+    session INTEGER PRIMARY KEY, started TEXT NOT NULL, place TEXT NOT NULL, host TEXT NOT NULL,
+    machine TEXT NOT NULL, versions TEXT NOT NULL, seconds REAL, outcome TEXT,
+    code INTEGER);
+CREATE TABLE attempt (
+    session INTEGER NOT NULL, generation INTEGER NOT NULL, mode TEXT NOT NULL, candidate INTEGER NOT NULL,
+    candidates INTEGER NOT NULL, episode INTEGER NOT NULL, episodes INTEGER NOT NULL, server INTEGER NOT NULL,
+    attempt INTEGER NOT NULL, steps INTEGER, started REAL NOT NULL, seconds REAL NOT NULL, error TEXT,
+    stack TEXT);
+CREATE TABLE event (
+    session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
+"""
+_LATER = (
+    ("attempt", "stack", "TEXT"),
+    ("session", "code", "INTEGER"),
+    ("generation", "evaluations_digest", "TEXT"),
+    ("generation", "digest", "TEXT"),
+)
+"""Columns that stores of this format may lack: table, column, type."""
+
+
+def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
+    """Return a connection to a new store that holds these facts.
+
+    Raises InputError when it cannot be created there, RunError when the disk is full or fails.
+
+    It gets its name when it is whole: whoever finds a store finds a readable one.
+    """
+    new = file.with_name(NEW)
+    with errors(file, InputError, disk=RunError):
+        new.write_bytes(b"")  # what another process left behind when it was killed
+        connection = sqlite3.connect(new, isolation_level=None)
+        try:
+            connection.execute("PRAGMA journal_mode = MEMORY")
+            connection.executescript(
+                f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT};{_TABLES}"
+            )
+            connection.executemany("INSERT INTO fact VALUES (?, ?)", facts.items())
+            seal_facts(connection)
+            connection.execute("COMMIT")
+        finally:
+            connection.close()
+        new.rename(file)
+        connection = sqlite3.connect(file, isolation_level=None)
+        connection.execute("PRAGMA journal_mode = WAL")
+        _settle(connection)
+    return connection
+
+
+def reopen(file: Path) -> sqlite3.Connection:
+    """Return a connection to write on in a store.
+
+    Raises InputError when it is none, damaged or read-only, RunError when the disk is full or fails.
+    """
+    with errors(file, InputError, disk=RunError):
+        connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
+        try:
+            _check(connection, file)
+            connection.execute("PRAGMA journal_mode = WAL")
+            _settle(connection)
+            for (line,) in connection.execute("PRAGMA quick_check(1)"):
+                if line != "ok":
+                    raise InputError(f"{file}: is damaged: {line}")
+            connection.execute("BEGIN IMMEDIATE")
+            for table, column, kind in _LATER:
+                there = {name for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
+                if column not in there:
+                    connection.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
+            connection.execute("COMMIT")
+        except BaseException:
+            connection.close()
+            raise
+    return connection
+
+
+def seal_facts(connection: sqlite3.Connection) -> None:
+    """Write the digest of the facts, within the transaction that has changed them."""
+    facts = dict(connection.execute("SELECT name, value FROM fact"))
+    connection.execute("INSERT OR REPLACE INTO fact VALUES (?, ?)", (digests.FACT, digests.of_facts(facts)))
+
+
+def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
+    """Return the facts of a store, compared with their digest if there is one.
+
+    Raises InputError when they are not what was written.
+    """
+    facts = dict(connection.execute("SELECT name, value FROM fact"))
+    sealed = facts.get(digests.FACT)
+    if sealed is None and _has_digests(connection):
+        raise InputError(f"{file}: is damaged: the digest of the table fact is missing")
+    if sealed is not None and sealed != digests.of_facts(facts):
+        raise InputError(
+            f"{file}: is damaged: the table fact, with the experiment, is not what was written: it disagrees "
+            "with its digest"
+        )
+    missing = {"experiment", "metrics", "name", "created"} - facts.keys()
+    if missing:
+        raise InputError(f"{file}: is damaged: {min(missing)} is missing")
+    return facts
+
+
+def _has_digests(connection: sqlite3.Connection) -> bool:
+    columns = {name for _, name, *_ in connection.execute("PRAGMA table_info(generation)")}
+    if "digest" not in columns:
+        return False
+    count = "SELECT count(digest) FROM generation"
+    return bool(connection.execute(count).fetchone()[0])
+
+
+@contextmanager
+def reading(file: Path) -> Iterator[sqlite3.Connection]:
+    """Yield a connection that reads a store, also while a run writes it or in a folder that is read-only.
+
+    Raises InputError when it is none, damaged, or of another version.
+    """
+    with errors(file, InputError):
+        connection = _connect_to_read(file)
+        try:
+            # One snapshot for all that is read here, whatever is committed meanwhile.
+            connection.execute("BEGIN")
+            yield connection
+        except (ValueError, TypeError, OverflowError) as error:  # SQLite takes text in a column of numbers
+            raise InputError(f"{file}: is damaged: {error}") from error
+        finally:
+            connection.close()
+
+
+def _connect_to_read(file: Path) -> sqlite3.Connection:
+    address = file.absolute().as_uri()
+    connection = sqlite3.connect(f"{address}?mode=ro", uri=True, isolation_level=None)
+    try:
+        _check(connection, file)
+    except sqlite3.OperationalError:
+        # A write-ahead log needs a file beside it. Where none can be made and no log is left, none is needed.
+        connection.close()
+        if file.with_name(f"{file.name}-wal").exists():
+            raise
+        connection = sqlite3.connect(f"{address}?mode=ro&immutable=1", uri=True, isolation_level=None)
+        _check(connection, file)
+    return connection
+
+
+def _check(connection: sqlite3.Connection, file: Path) -> None:
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != _APPLICATION:
+        raise InputError(f"{file}: is no store of a run of Swarmwright's")
+    if version > FORMAT:
+        raise InputError(
+            f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
+        )
+    if version < FORMAT:
+        raise InputError(f"{file}: has format {version}, which this version of Swarmwright no longer reads")
+
+
+def _settle(connection: sqlite3.Connection) -> None:
+    # Survives the end of the process at any moment; a power cut may take the last commits, never the rest.
+    connection.execute("PRAGMA synchronous = NORMAL")
+    connection.execute("PRAGMA busy_timeout = 10000")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection, file: Path) -> Iterator[None]:
+    """Commit all or nothing. Raises RunError when the disk does not take it."""
+    with errors(file, RunError):
+        try:
+            connection.execute("BEGIN IMMEDIATE")  # Ctrl-C may come right behind it
+            yield
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+
+
+_Kind = type[InputError] | type[RunError]
+_DISK = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR}
+
+
+@contextmanager
+def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[None]:
+    """Turn SQLite's errors into ours, which say what to do.
+
+    disk: instead of `kind` where the disk is to blame.
+    """
+    try:
+        yield
+    except sqlite3.Error as error:
+        code = code_of(error)
+        ours = disk if disk is not None and code in _DISK else kind
+        raise ours(f"{file}: {_reason(error, code, file)}") from error
+
+
+def code_of(error: BaseException | None) -> int:
+    """Return SQLite's primary result code; 0 for what is no error of its."""
+    return int(getattr(error, "sqlite_errorcode", 0) or 0) & 0xFF
+
+
+def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
+    if code in _DISK and _full(file):
+        return "the disk is full; what was written before is kept"
+    reasons = {
+        sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",
+        sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",
+        sqlite3.SQLITE_READONLY: "may not be written by this user",
+        sqlite3.SQLITE_CANTOPEN: "cannot be opened; is the folder there, and may this user write in it?",
+        sqlite3.SQLITE_BUSY: "is being used by another program",
+        sqlite3.SQLITE_CORRUPT: (
+            f"is damaged: {error}; what is still good says: swarmwright runs verify {file.parent}"
+        ),
+        sqlite3.SQLITE_NOTADB: "is damaged, or no store of a run: it is no SQLite file",
+    }
+    return reasons.get(code, f"cannot be used: {error}")
+
+
+def _full(file: Path) -> bool:
+    import shutil
+
+    try:
+        return shutil.disk_usage(file.parent).free < 1 << 16
+    except OSError:
+        return False

@@ -1,0 +1,62 @@
+"""Run folders before there is a store in them: may a run be made there, and why is something no run?"""
+
+import os
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+from swarmwright.runs.store.database import FILE, NEW
+from swarmwright.runs.store.lock import LOCK, is_locked
+from swarmwright.user_code.copying import FOLDER as CODE
+
+EXPERIMENT = "experiment.yaml"
+
+
+def check_folder(folder: Path) -> None:
+    """Raise InputError unless `folder` is new or empty: results are never written over.
+
+    A folder whose process ended before there was a store counts as empty.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder for the results")
+    try:
+        if (folder / FILE).exists():
+            raise InputError(
+                f"{folder}: holds a run already, and results are never written over; name another folder, "
+                f"or go on with that run: swarmwright resume {folder}"
+            )
+        if folder.is_dir() and not _broken_off(folder) and any(folder.iterdir()):
+            raise InputError(
+                f"{folder}: is not empty, and results are never written over; name another folder"
+            )
+        parent = next(above for above in (folder, *folder.absolute().parents) if above.exists())
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be used for results: {error.strerror}") from error
+    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+        raise InputError(f"{folder}: cannot be created: no right to write in {parent}")
+
+
+def _broken_off(folder: Path) -> bool:
+    """Whether a process began to make a run folder and ended before there was a store.
+
+    Raises InputError when it is still at it.
+    """
+    names = {entry.name for entry in folder.iterdir()}
+    if NEW not in names or not names <= {NEW, LOCK, EXPERIMENT, CODE}:
+        return False
+    if is_locked(folder):
+        raise without_store(folder)
+    return True
+
+
+def without_store(folder: Path) -> InputError:
+    """Return what is said of a folder in which there is no store."""
+    if (folder / NEW).exists():
+        if is_locked(folder):
+            return InputError(f"{folder}: another process is just creating this run; try again in a moment")
+        return InputError(
+            f"{folder}: is no run folder: the process that began it ended before anything was computed; "
+            f"begin again: swarmwright optimize FILE --out {folder}"
+        )
+    older = (folder / "record.csv").exists() and (folder / "generations.csv").exists()
+    hint = "; it was written by Swarmwright 0.0, which this version does not read" if older else ""
+    return InputError(f"{folder}: is no run folder: {FILE} is missing{hint}")

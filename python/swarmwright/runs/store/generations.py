@@ -1,0 +1,227 @@
+"""Generations in a store, compared with their digests as they are read."""
+
+import math
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.statistics import Summary
+from swarmwright.runs.store import digests
+
+_CHUNK = 256  # rows are fetched so many evaluations at a time
+_COLUMNS = (
+    "generation, first, seeds, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, "
+    "failed, leader"
+)
+_EVALUATIONS = (
+    "SELECT number, generation, candidate, fitness, episodes, metrics, genome FROM evaluation "
+    "WHERE number BETWEEN ? AND ? ORDER BY number"
+)
+MISSING = "it is missing in the table generation"
+ROW_DISAGREES = "the table generation disagrees with its digest"
+_DISAGREE = "the table evaluation disagrees with its digest"
+
+Evaluations = list[tuple[Any, ...]]
+"""Rows: number, generation, candidate, fitness, episodes, metrics, genome."""
+
+
+class DamageError(InputError):
+    """What stands in a store is not what was written."""
+
+    def __init__(self, file: Path, what: str, generation: int | None = None) -> None:
+        where = "" if generation is None else f"generation {generation}: "
+        super().__init__(
+            f"{file}: is damaged: {where}{what}; what is still good says: "
+            f"swarmwright runs verify {file.parent}"
+        )
+        self.what = what
+        self.generation = generation
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table `generation`."""
+
+    generation: int
+    first: int
+    """Number of its first evaluation."""
+    seeds: str
+    """JSON."""
+    summary: Summary
+    leader: int
+    evaluations_digest: str | None
+    digest: str | None
+
+    @property
+    def count(self) -> int:
+        """How many evaluations it has."""
+        return self.summary.evaluations - self.first
+
+    def digest_after(self, previous: str) -> str:
+        """Return the digest that it ought to have after this one."""
+        one = self.summary
+        return digests.of_generation(
+            previous,
+            (self.generation, self.first, one.evaluations, one.failed, self.leader),
+            (one.best, one.mean, one.best_so_far, one.lower_quartile, one.median, one.upper_quartile),
+            self.seeds,
+            self.evaluations_digest or "",
+        )
+
+
+class Generations:
+    """The tables `generation` and `evaluation` of a store that is open.
+
+    Every method raises InputError for what is not what was written, and sqlite3.Error.
+
+    Args:
+        connection: to the store, within one transaction.
+        file: the store, for messages.
+        digests: whether it has any; those of versions before there were digests have none.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, file: Path, *, digests: bool) -> None:
+        self._connection = connection
+        self._file = file
+        self.digests = digests
+        self._columns = _COLUMNS + (", evaluations_digest, digest" if digests else ", NULL, NULL")
+
+    def rows(self) -> list[Row]:
+        """Return every finished generation."""
+        found = self.select("ORDER BY generation")
+        previous = ""
+        for index, row in enumerate(found):
+            if row.generation != index:
+                raise self.damaged(MISSING, index)
+            self.check(row, previous)
+            previous = row.digest or ""
+        self.check_end(found[-1] if found else None)
+        return found
+
+    def row(self, generation: int) -> Row | None:
+        """Return a generation; None when there is none of that number."""
+        found = self.select(
+            "WHERE generation BETWEEN ? AND ? ORDER BY generation", generation - 1, generation
+        )
+        if not found or found[-1].generation != generation:
+            return None
+        if generation and len(found) == 1:
+            raise self.damaged(MISSING, generation - 1)
+        self.check(found[-1], found[0].digest or "" if generation else "")
+        return found[-1]
+
+    def last(self) -> Row | None:
+        """Return the last generation; None when none is finished."""
+        found = self._connection.execute("SELECT max(generation) FROM generation").fetchone()[0]
+        row = None if found is None else self.row(int(found))
+        self.check_end(row)
+        return row
+
+    def of_evaluation(self, number: int) -> Row | None:
+        """Return the generation that an evaluation belongs to; None when there is none of that number."""
+        found = self._connection.execute(
+            "SELECT generation FROM generation WHERE first <= ? AND ? < evaluations", (number, number)
+        ).fetchone()
+        return None if found is None else self.row(int(found[0]))
+
+    def check(self, row: Row, previous: str) -> None:
+        """Compare a line of the table with its digest."""
+        if self.digests and row.digest != self.expected(row, previous):
+            raise self.damaged(ROW_DISAGREES, row.generation)
+
+    def expected(self, row: Row, previous: str) -> str:
+        """Return the digest that a line of the table ought to have."""
+        try:
+            return row.digest_after(previous)
+        except digests.WRONG_TYPES as error:
+            raise self.damaged(f"the table generation cannot be read: {error}", row.generation) from error
+
+    def check_end(self, last: Row | None) -> None:
+        """See that there is no evaluation behind the last generation."""
+        (most,) = self._connection.execute("SELECT max(number) FROM evaluation").fetchone()
+        evaluations = 0 if last is None else last.summary.evaluations
+        if most is not None and most >= evaluations:
+            raise self.damaged(f"evaluations from {evaluations} to {most} belong to no generation")
+
+    def evaluations(self, row: Row) -> Iterator[Evaluations]:
+        """Yield the evaluations of a generation, some hundred at a time; at the end they are compared."""
+        cursor = self._connection.execute(_EVALUATIONS, (row.first, row.summary.evaluations - 1))
+        total, there = digests.EvaluationsDigest(), 0
+        while rows := cursor.fetchmany(_CHUNK):
+            there += len(rows)
+            if self.digests:
+                try:
+                    total.add(rows)
+                except digests.WRONG_TYPES as error:
+                    raise self.damaged(_DISAGREE, row.generation) from error
+            yield rows
+        if there != row.count:
+            raise self.damaged(f"{row.count - there} evaluations are missing", row.generation)
+        if self.digests and total.hexdigest() != row.evaluations_digest:
+            raise self.damaged(_DISAGREE, row.generation)
+
+    def checked_evaluations(self, row: Row) -> Iterator[Evaluations]:
+        """Yield the evaluations of a generation, all of which have been compared before."""
+        if self.digests and row.count > _CHUNK:
+            for _ in self.evaluations(row):
+                pass
+            yield from self.evaluations(row)
+        else:
+            yield from list(self.evaluations(row))
+
+    def damaged(self, what: str, generation: int | None = None) -> DamageError:
+        """Return the error that says so."""
+        return DamageError(self._file, what, generation)
+
+    def select(self, which: str, *values: int) -> list[Row]:
+        """Return lines of the table, not compared with anything."""
+        cursor = self._connection.execute(f"SELECT {self._columns} FROM generation {which}", values)  # noqa: S608
+        return [_row(found) for found in cursor]
+
+
+def digest_before(connection: sqlite3.Connection, generation: int) -> str:
+    """Return the digest that a generation's own goes on from; empty for the first."""
+    before = connection.execute(
+        "SELECT digest FROM generation WHERE generation = ?", (generation - 1,)
+    ).fetchone()
+    return "" if before is None else str(before[0])
+
+
+def add_digests(connection: sqlite3.Connection, file: Path) -> None:
+    """Write the digests of all generations of a store that has none."""
+    generations = Generations(connection, file, digests=False)
+    for row in generations.rows():
+        total = digests.EvaluationsDigest()
+        for rows in generations.evaluations(row):
+            total.add(rows)
+        sealed = replace(row, evaluations_digest=total.hexdigest())
+        connection.execute(
+            "UPDATE generation SET evaluations_digest = ?, digest = ? WHERE generation = ?",
+            (
+                sealed.evaluations_digest,
+                sealed.digest_after(digest_before(connection, row.generation)),
+                row.generation,
+            ),
+        )
+
+
+def _row(found: tuple[Any, ...]) -> Row:
+    generation, first, seeds, evaluations, *figures, failed, leader, evaluations_digest, digest = found
+    best, mean, best_so_far, lower, median, upper = (
+        math.nan if value is None else float(value) for value in figures
+    )
+    summary = Summary(
+        generation=int(generation),
+        evaluations=int(evaluations),
+        best=best,
+        mean=mean,
+        best_so_far=best_so_far,
+        lower_quartile=lower,
+        median=median,
+        upper_quartile=upper,
+        failed=int(failed),
+    )
+    return Row(int(generation), int(first), str(seeds), summary, int(leader), evaluations_digest, digest)

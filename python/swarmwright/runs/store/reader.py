@@ -1,0 +1,372 @@
+"""Reading a store, while a run writes it or afterwards."""
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.statistics import Summary
+from swarmwright.runs.store import digests
+from swarmwright.runs.store.database import FILE, checked_facts, reading
+from swarmwright.runs.store.generations import Evaluations, Generations, Row
+from swarmwright.runs.store.rows import Attempt, Evaluated, Event, Session, journal_line
+from swarmwright.typing import Genome
+
+_LEADER = "SELECT leader FROM generation ORDER BY generation DESC LIMIT 1"
+
+
+@dataclass(frozen=True)
+class Record:
+    """Every evaluation of a run, sorted by generation and candidate."""
+
+    generation: NDArray[np.int64]
+    """(evaluations,)"""
+    candidate: NDArray[np.int64]
+    """(evaluations,)"""
+    fitness: NDArray[np.float64]
+    """(evaluations,), NaN where it failed."""
+    episodes: NDArray[np.float64]
+    """(evaluations, episodes)"""
+    metrics: NDArray[np.float64]
+    """(evaluations, episodes, metrics)"""
+    genomes: NDArray[np.float32]
+    """(evaluations, genome_size)"""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One line of the record."""
+
+    number: int
+    """In the whole run, from 0."""
+    generation: int
+    candidate: int
+    fitness: float
+    """As the ranking made it; NaN when it failed."""
+    seeds: list[int]
+    """Simulation seed of each episode."""
+    episodes: NDArray[np.float64]
+    """(episodes,) fitness"""
+    metrics: NDArray[np.float64]
+    """(episodes, metrics)"""
+    genome: Genome
+
+
+@dataclass(frozen=True)
+class Best:
+    """The evaluation that leads in the end; of equals, the first."""
+
+    fitness: float
+    generation: int
+    candidate: int
+    genome: Genome
+
+
+class StoreReader:
+    """Reads the store in a run folder.
+
+    Raises InputError, here and in every method, when the store is missing, damaged, or of another version.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.file = folder / FILE
+        """The store itself."""
+        _ = self._facts  # complain now rather than later
+
+    def _reading(self) -> AbstractContextManager[sqlite3.Connection]:
+        return reading(self.file)
+
+    @contextmanager
+    def _generations(self) -> Iterator[Generations]:
+        has_digests = digests.FACT in self._facts
+        with self._reading() as connection:
+            yield Generations(connection, self.file, digests=has_digests)
+
+    @cached_property
+    def _facts(self) -> dict[str, str]:
+        return self._facts_now()
+
+    def _facts_now(self) -> dict[str, str]:
+        with self._reading() as connection:
+            return checked_facts(connection, self.file)
+
+    @property
+    def has_digests(self) -> bool:
+        """Whether what it holds can be compared with digests: not what versions before them have written."""
+        return digests.FACT in self._facts
+
+    @property
+    def created(self) -> str:
+        """When the run was started, ISO 8601, UTC."""
+        return self._facts["created"]
+
+    @property
+    def name(self) -> str:
+        """Name of the experiment's file, without its ending, or of the simulation."""
+        return self._facts["name"]
+
+    @property
+    def metrics(self) -> list[str]:
+        """Names of the metrics that are stored."""
+        names: list[str] = self._parsed(self._facts["metrics"])
+        return names
+
+    def experiment(self) -> dict[str, Any]:
+        """Return the experiment as plain values."""
+        values: dict[str, Any] = self._parsed(self._facts_now()["experiment"])
+        return values
+
+    def _parsed(self, text: str) -> Any:  # noqa: ANN401 - JSON
+        try:
+            return json.loads(text)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{self.file}: is damaged: {error}") from error
+
+    def history(self) -> list[Summary]:
+        """Return the figures of each finished generation."""
+        with self._generations() as generations:
+            return [row.summary for row in generations.rows()]
+
+    def generations(self) -> Iterator[Evaluated]:
+        """Yield the generations in order, one in memory at a time."""
+        with self._generations() as generations:
+            rows = generations.rows()
+        for row in rows:
+            yield self._evaluated(row)
+
+    def _evaluated(self, row: Row) -> Evaluated:
+        with self._generations() as generations:
+            record = self._record(list(chain.from_iterable(generations.evaluations(row))))
+        return Evaluated(
+            generation=row.generation,
+            seeds=self._parsed(row.seeds),
+            genomes=record.genomes,
+            episodes=record.episodes,
+            metrics=record.metrics,
+            fitness=record.fitness,
+            summary=row.summary,
+            leader=row.leader,
+        )
+
+    def one_generation(self, generation: int) -> Iterator[Evaluated]:
+        """Yield a generation, if it is there."""
+        with self._generations() as generations:
+            row = generations.row(generation)
+        if row is not None:
+            yield self._evaluated(row)
+
+    def used_seeds(self) -> set[int]:
+        """Return every simulation seed of the finished generations."""
+        with self._generations() as generations:
+            texts = {row.seeds for row in generations.rows()}
+        return {seed for text in texts for seed in self._parsed(text)}
+
+    def ended(self) -> str:
+        """Return what ended a run that is done; empty where that was not written."""
+        return self._facts_now().get("ended", "")
+
+    def unseen(self) -> dict[str, Any] | None:
+        """Return how the best did on seeds that the run did not use; None when that was not evaluated."""
+        text = self._facts_now().get("unseen")
+        return None if text is None else self._parsed(text)
+
+    def record(self) -> Record:
+        """Return every evaluation of the finished generations."""
+        with self._generations() as generations:
+            parts = [part for row in generations.rows() for part in generations.evaluations(row)]
+        return self._record(list(chain.from_iterable(parts)))
+
+    def rows(self) -> Iterator[Record]:
+        """Yield every evaluation, some hundred at a time, so that memory stays flat.
+
+        None of a generation is yielded before all of it has been compared with its digest.
+        """
+        with self._generations() as generations:
+            for row in generations.rows():
+                for part in generations.checked_evaluations(row):
+                    yield self._record(part)
+
+    def seeds(self, generation: int) -> list[int]:
+        """Return the simulation seed of each episode of a generation."""
+        with self._generations() as generations:
+            seeds: list[int] = self._parsed(self._row(generations, generation).seeds)
+        return seeds
+
+    def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
+        """Return one evaluation; what None means, `Run.evaluation` says."""
+        with self._generations() as generations:
+            row, number = self._place(generations, candidate, generation)
+            found = _chosen(generations.evaluations(row), number)
+            if found is None:
+                raise generations.damaged("the evaluation is missing", row.generation)
+        one = self._record([found])
+        return Evaluation(
+            int(found[0]),
+            int(one.generation[0]),
+            int(one.candidate[0]),
+            float(one.fitness[0]),
+            self._parsed(row.seeds),
+            one.episodes[0],
+            one.metrics[0],
+            one.genomes[0],
+        )
+
+    def _place(
+        self, generations: Generations, candidate: int | None, generation: int | None
+    ) -> tuple[Row, int | None]:
+        """Return the generation of the evaluation that is meant, and its number; None for the best there."""
+        if generation is None:
+            if candidate is None:
+                last = generations.last()
+                if last is None:
+                    raise RunError(nothing(self._folder))
+                candidate = last.leader
+            row = generations.of_evaluation(candidate)
+            if row is None:
+                last = generations.last()
+                there = _range(0 if last is None else last.summary.evaluations, "evaluation")
+                raise InputError(f"{self._folder}: holds {there}, not {candidate}")
+            return row, candidate
+        row = self._row(generations, generation)
+        if candidate is None:
+            return row, None
+        if not 0 <= candidate < row.count:
+            there = _range(row.count, "candidate")
+            raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
+        return row, row.first + candidate
+
+    def _row(self, generations: Generations, generation: int) -> Row:
+        """Return a generation. Raises InputError without that one."""
+        row = generations.row(generation)
+        if row is None:
+            last = generations.last()
+            there = _range(0 if last is None else last.generation + 1, "generation")
+            raise InputError(f"{self._folder}: holds {there}, not {generation}")
+        return row
+
+    def best(self) -> Best | None:
+        """Return the best evaluation; None when there is none."""
+        with self._generations() as generations:
+            if generations.last() is None:
+                return None
+        one = self.evaluation(None, None)
+        return Best(one.fitness, one.generation, one.candidate, one.genome)
+
+    def sessions(self) -> list[Session]:
+        """Return who worked on the run, in order."""
+        with self._reading() as connection:
+            reached = dict(
+                connection.execute("SELECT session, max(seconds) FROM generation GROUP BY session")
+            )
+            cursor = connection.execute("SELECT * FROM session ORDER BY session")
+            names = [column[0] for column in cursor.description]
+            sessions = []
+            for row in cursor:
+                values = dict(zip(names, row, strict=True))
+                values["versions"] = self._parsed(values["versions"])
+                if values["seconds"] is None:  # killed: known up to its last generation
+                    values["seconds"] = reached.get(values["session"])
+                sessions.append(journal_line(Session, values))
+        return sessions
+
+    def session_of(self, generation: int) -> int:
+        """Return the session in which a generation was evaluated. Raises InputError without that one."""
+        with self._reading() as connection:
+            row = connection.execute(
+                "SELECT session FROM generation WHERE generation = ?", (generation,)
+            ).fetchone()
+        if row is None:
+            self.seeds(generation)  # says which there are
+            raise AssertionError
+        return int(row[0])
+
+    def code(self) -> dict[int, str]:
+        """Return the SHA-256 of each version of the source that was copied, from 1 on."""
+        numbered = {name.partition(".")[2]: digest for name, digest in self._facts_now().items()}
+        return {int(number): digest for number, digest in sorted(numbered.items()) if number.isdecimal()}
+
+    def attempts(self) -> Iterator[Attempt]:
+        """Yield every attempt at evaluations, in the order in which they ended."""
+        yield from self._each(Attempt, "attempt")
+
+    def events(self) -> Iterator[Event]:
+        """Yield the warnings, in order."""
+        yield from self._each(Event, "event")
+
+    def _each(self, kind: type[Any], table: str) -> Iterator[Any]:
+        with self._reading() as connection:
+            cursor = connection.execute(f"SELECT * FROM {table} ORDER BY rowid")  # noqa: S608 - our own names
+            names = [column[0] for column in cursor.description]
+            for row in cursor:
+                yield journal_line(kind, dict(zip(names, row, strict=True)))
+
+    def _record(self, rows: list[tuple[Any, ...]]) -> Record:
+        count, metrics = len(rows), len(self.metrics)
+        try:
+            columns = list(zip(*rows, strict=True))[1:] if rows else [()] * 6
+            episodes = _numbers(columns[3], "<f8", count)
+            return Record(
+                np.array(columns[0], dtype=np.int64),
+                np.array(columns[1], dtype=np.int64),
+                np.array([math.nan if value is None else value for value in columns[2]], dtype=np.float64),
+                episodes,
+                _numbers(columns[4], "<f8", count).reshape(count, episodes.shape[1], metrics),
+                _numbers(columns[5], "<f4", count),
+            )
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{self.file}: is damaged: {error}") from error
+
+
+def _chosen(parts: Iterator[Evaluations], number: int | None) -> tuple[Any, ...] | None:
+    """Return the evaluation of this number, None for the best; goes through all of them."""
+    chosen: tuple[Any, ...] | None = None
+    for part in parts:
+        for one in part:
+            if one[0] == number or (number is None and (chosen is None or _rank(one) > _rank(chosen))):
+                chosen = one
+    return chosen
+
+
+def _rank(evaluation: tuple[Any, ...]) -> tuple[bool, float]:
+    """Return what the larger of is the better; NULL, of a failed evaluation, comes last."""
+    fitness = evaluation[3]
+    return (fitness is not None, fitness or 0.0)
+
+
+def nothing(folder: Path) -> str:
+    """Say that there is no best candidate yet."""
+    return f"{folder}: holds no finished generation, so there is no best candidate"
+
+
+def best_of(connection: sqlite3.Connection) -> Best | None:
+    """Return the evaluation that leads after the last generation."""
+    row = connection.execute(
+        f"SELECT fitness, generation, candidate, genome FROM evaluation WHERE number = ({_LEADER})"  # noqa: S608
+    ).fetchone()
+    if row is None:
+        return None
+    fitness, generation, candidate, genome = row
+    return Best(fitness, generation, candidate, np.frombuffer(genome, dtype="<f4").astype(np.float32))
+
+
+def _range(count: int, what: str) -> str:
+    if count == 0:
+        return f"no finished {what}"
+    return f"one {what}, number 0" if count == 1 else f"the {what}s 0 to {count - 1}"
+
+
+def _numbers(blobs: tuple[bytes, ...], kind: str, count: int) -> NDArray[Any]:
+    values = np.frombuffer(b"".join(blobs), dtype=kind)
+    # Without rows, the width is not known and does not matter.
+    return values.astype(kind[1:]).reshape(count, -1 if count else 0)

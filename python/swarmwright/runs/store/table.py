@@ -1,0 +1,74 @@
+"""The record as a mapping of columns, which libraries for tables take as it is."""
+
+from collections.abc import ItemsView, Iterator, KeysView, Sequence, ValuesView
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.runs.store.reader import Record
+
+Column = NDArray[Any]
+
+
+class RecordTable(Record, dict[str, Column]):
+    """Every evaluation of a run, sorted by generation and candidate: arrays, and columns by name.
+
+    The attributes are the arrays. As a mapping it has a column of numbers, (evaluations,), for each column of
+    the table that `Run.export` writes as CSV: generation, candidate, fitness, episode_0, .., metrics if there
+    are any (name_0, ..), then g0, .. (the genome). So `pandas.DataFrame(run.record)` works, and polars' too.
+    Columns are made when the first of them is wanted.
+    """
+
+    def __init__(self, record: Record, metrics: Sequence[str]) -> None:
+        Record.__init__(self, **vars(record))
+        object.__setattr__(self, "_metrics", tuple(metrics))
+
+    def _filled(self) -> None:
+        if dict.__len__(self):
+            return
+        episodes = range(self.episodes.shape[1])
+        columns = {"generation": self.generation, "candidate": self.candidate, "fitness": self.fitness}
+        columns |= {f"episode_{episode}": self.episodes[:, episode] for episode in episodes}
+        metrics: tuple[str, ...] = self.__dict__["_metrics"]
+        for index, name in enumerate(metrics):
+            columns |= {f"{name}_{episode}": self.metrics[:, episode, index] for episode in episodes}
+        genes = np.ascontiguousarray(self.genomes.T)
+        columns |= {f"g{gene}": column for gene, column in enumerate(genes)}
+        dict.update(self, columns)
+
+    def __getitem__(self, name: str) -> Column:
+        self._filled()
+        return dict.__getitem__(self, name)
+
+    def __contains__(self, name: object) -> bool:
+        self._filled()
+        return dict.__contains__(self, name)
+
+    def __iter__(self) -> Iterator[str]:
+        self._filled()
+        return dict.__iter__(self)
+
+    def __len__(self) -> int:
+        self._filled()
+        return dict.__len__(self)
+
+    def keys(self) -> KeysView[str]:  # type: ignore[override] # dict's own view
+        """Return the names of the columns."""
+        self._filled()
+        return dict.keys(self)
+
+    def values(self) -> ValuesView[Column]:  # type: ignore[override] # dict's own view
+        """Return the columns."""
+        self._filled()
+        return dict.values(self)
+
+    def items(self) -> ItemsView[str, Column]:  # type: ignore[override] # dict's own view
+        """Return names and columns."""
+        self._filled()
+        return dict.items(self)
+
+    def __repr__(self) -> str:
+        """Say how much there is."""
+        evaluations, genes = self.genomes.shape
+        return f"<Record: {evaluations} evaluations, {self.episodes.shape[1]} episodes each, {genes} genes>"

@@ -1,0 +1,397 @@
+"""Writing the store: a generation is there wholly or not at all."""
+
+import json
+import math
+import platform
+import socket
+import sqlite3
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright.adapters._name import is_adapted
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.files import write_text
+from swarmwright.core.yaml import dump
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.representations import Representation
+from swarmwright.runs.store import digests
+from swarmwright.runs.store.database import (
+    FILE,
+    NEW,
+    code_of,
+    create,
+    errors,
+    reopen,
+    seal_facts,
+    transaction,
+)
+from swarmwright.runs.store.folder import EXPERIMENT, check_folder, without_store
+from swarmwright.runs.store.generations import Row, add_digests, digest_before
+from swarmwright.runs.store.lock import Lock
+from swarmwright.runs.store.reader import StoreReader, best_of
+from swarmwright.runs.store.rows import Evaluated, attempt_row
+from swarmwright.user_code.copying import FOLDER as CODE
+from swarmwright.user_code.copying import Copy
+from swarmwright.user_code.copying import remove as remove_copies
+from swarmwright.user_code.parts import Part
+from swarmwright.user_code.permission import remember
+
+_EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
+_GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
+
+
+class StoreWriter:
+    """Writes a run folder's store. A context manager around one session.
+
+    Made by `create` or `resume`. Only one writer is possible at a time.
+    """
+
+    def __init__(self, folder: Path, connection: sqlite3.Connection, lock: Lock) -> None:
+        self.folder = folder
+        self.file = folder / FILE
+        self._connection = connection
+        self._lock = lock
+        self._session = 0
+        self._started = time.monotonic()
+        self._outcome: str | None = None
+
+    @classmethod
+    def create(
+        cls, folder: Path, experiment: Experiment, metrics: Sequence[str], code: Sequence[Part] = ()
+    ) -> Self:
+        """Make a run folder with an empty store.
+
+        Args:
+            folder: new or empty.
+            experiment: as it is run, sensors and actuators known.
+            metrics: names, in the order in which they are stored.
+            code: the source that is not Swarmwright's own, of which a copy is kept.
+
+        Raises:
+            InputError: the folder cannot be written, or is not empty.
+        """
+        check_folder(folder)
+        facts = {
+            "name": experiment.path.stem if experiment.path is not None else experiment.label,
+            "metrics": json.dumps(list(metrics)),
+            "created": _now(),
+        }
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / NEW).touch()  # by this the folder is known to be ours should the process end now
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        lock = Lock(folder)
+        try:
+            if (folder / FILE).exists():  # another process was faster
+                check_folder(folder)
+            remove_copies(folder)  # of a process that ended before there was a store
+            copy = Copy.write(folder, 1, code) if code else None
+            remember(code)
+            values = _recorded(experiment, folder, copy)
+            if copy is not None:
+                facts[f"{CODE}.1"] = copy.digest
+            facts["experiment"] = json.dumps(values, allow_nan=False)
+            write_text(folder / EXPERIMENT, dump(values))
+            return cls(folder, create(folder / FILE, facts), lock)
+        except OSError as error:
+            lock.close()
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        except BaseException:
+            lock.close()
+            raise
+
+    @classmethod
+    def resume(cls, folder: Path) -> Self:
+        """Open a run folder to go on with it.
+
+        Raises:
+            InputError: it is no run folder, its store is damaged or may not be written, or another process
+                works on it.
+        """
+        file = folder / FILE
+        if not file.is_file():
+            raise without_store(folder)
+        lock = Lock(folder)
+        try:
+            if not (folder / EXPERIMENT).exists():
+                write_text(folder / EXPERIMENT, dump(StoreReader(folder).experiment()))
+            return cls(folder, reopen(file), lock)
+        except BaseException:
+            lock.close()
+            raise
+
+    def replace_experiment(self, experiment: Experiment, copy: Copy | None) -> None:
+        """Note a changed experiment: a larger budget.
+
+        copy: of the code with which the run goes on; None when there is none.
+        """
+        values = _recorded(experiment, self.folder, copy)
+        with self._writing():
+            self._connection.execute(
+                "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)
+            )
+            self._seal()
+        write_text(self.folder / EXPERIMENT, dump(values))
+
+    def keep_code(self, version: int, code: Sequence[Part]) -> Copy:
+        """Keep a copy of the source with which the run goes on. Raises RunError when the disk refuses it."""
+        try:
+            copy = Copy.write(self.folder, version, code)
+            remember(code)
+        except OSError as error:
+            raise RunError(f"{self.folder}: cannot be written: {error.strerror}") from error
+        with self._writing():
+            self._connection.execute(
+                "INSERT OR REPLACE INTO fact VALUES (?, ?)", (f"{CODE}.{version}", copy.digest)
+            )
+            self._seal()
+        return copy
+
+    def begin(
+        self, place: str, libraries: Sequence[str] = (), code: int | None = None, notes: Iterable[str] = ()
+    ) -> None:
+        """Begin a session: note where, when and with what.
+
+        Args:
+            place: where it is evaluated.
+            libraries: packages that the method, the simulation and plug-ins import.
+            code: version of their source, if there is a copy.
+            notes: what was changed deliberately since the last session.
+        """
+        self._started = time.monotonic()
+        with self._writing():
+            cursor = self._connection.execute(
+                "INSERT INTO session (started, place, host, machine, versions, code) "
+                "VALUES (?, ?, ?, ?, ?, ?)",
+                (
+                    *(_now(), place, socket.gethostname(), platform.platform()),
+                    *(json.dumps(_versions(libraries)), code),
+                ),
+            )
+            self._session = int(cursor.lastrowid or 0)
+            for note in notes:
+                self._connection.execute(_EVENT, (self._session, None, _now(), "changed", note))
+
+    def commit(self, evaluated: Evaluated, journal: Iterable[dict[str, Any]]) -> None:
+        """Write a generation and how it was evaluated, wholly or not at all.
+
+        Raises RunError when the disk does not take it; what was written before is kept.
+        """
+        summary, number = evaluated.summary, evaluated.generation
+        first = summary.evaluations - len(evaluated.genomes)
+        seeds, total = json.dumps(evaluated.seeds), digests.EvaluationsDigest()
+        with self._writing():
+            self._note(number, journal)
+            self._connection.executemany(_EVALUATION, total.taking(_evaluations(evaluated, first)))
+            row = Row(number, first, seeds, summary, evaluated.leader, total.hexdigest(), None)
+            self._connection.execute(
+                _GENERATION,
+                (
+                    number,
+                    first,
+                    seeds,
+                    summary.evaluations,
+                    *(summary.best, summary.mean, summary.best_so_far),
+                    *(summary.lower_quartile, summary.median, summary.upper_quartile),
+                    summary.failed,
+                    evaluated.leader,
+                    self._session,
+                    time.monotonic() - self._started,
+                    row.evaluations_digest,
+                    row.digest_after(digest_before(self._connection, number)),
+                ),
+            )
+
+    def add_digests(self) -> None:
+        """Write digests of what a version before there were any has stored; nothing where they are there."""
+        if not StoreReader(self.folder).has_digests:
+            with self._writing():
+                add_digests(self._connection, self.file)
+                seal_facts(self._connection)
+
+    def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
+        """Write how evaluations went that do not count: those of a generation that was broken off."""
+        with self._writing():
+            self._note(generation, journal)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Commit all or nothing. Raises RunError when the disk does not take it, or another process wrote."""
+        with transaction(self._connection, self.file):
+            if self._session:
+                # Somebody deleted the lock, or it does not hold on this file system.
+                (latest,) = self._connection.execute("SELECT max(session) FROM session").fetchone()
+                if latest != self._session:
+                    raise RunError(
+                        f"{self.folder}: another process has gone on with this run, although this one had "
+                        "reserved it; what it writes counts, and this one ends"
+                    )
+            yield
+
+    def _note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
+        attempts, events = [], []
+        for entry in journal:
+            if "warning" in entry:
+                whose = f"candidate {entry['candidate']}, " if "candidate" in entry else ""
+                events.append((self._session, generation, _now(), "warning", whose + entry["warning"]))
+            else:
+                attempts.append(attempt_row(self._session, generation, entry))
+        self._connection.executemany(_ATTEMPT, attempts)
+        self._connection.executemany(_EVENT, events)
+
+    def incidents(self, counts: Mapping[str, int]) -> None:
+        """Write how often something went wrong in this session, or was done about it."""
+        if not counts:
+            return
+        text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
+        with suppress(RunError), self._writing():
+            self._connection.execute(_EVENT, (self._session, None, _now(), "incidents", text))
+
+    def note_unseen(self, values: Mapping[str, Any]) -> None:
+        """Write how the best did on seeds that the run did not use; it is no part of the record."""
+        text = json.dumps(dict(values), allow_nan=False)
+        with self._writing():
+            self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
+            self._seal()
+
+    def note_ended(self, ended: str | None) -> None:
+        """Write which budget a run that is done has used, or that the target was reached."""
+        with self._writing():
+            self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
+            self._seal()
+
+    def _seal(self) -> None:
+        """Write the digest of the facts anew, unless this is a store without digests."""
+        there = "SELECT count(*) FROM fact WHERE name = ?"
+        if self._connection.execute(there, (digests.FACT,)).fetchone()[0]:
+            seal_facts(self._connection)
+
+    def conclude(self, outcome: str) -> None:
+        """Say how this session ended: done, interrupted, stopped, or why it failed."""
+        self._outcome = outcome
+
+    @property
+    def outcome(self) -> str | None:
+        """How this session ended, None as long as it has not."""
+        return self._outcome
+
+    def save_best(self, representation: Representation) -> None:
+        """Write best.json, the best controller so far, for programs that want nothing else."""
+        best = best_of(self._connection)
+        if best is None:
+            return
+        values = {
+            "fitness": best.fitness,
+            "generation": best.generation,
+            "candidate": best.candidate,
+            "controller": representation.specification(best.genome),
+        }
+        target, temporary = self.folder / "best.json", self.folder / "best.json.new"
+        try:
+            temporary.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            temporary.replace(target)
+        except OSError as error:
+            raise RunError(
+                f"{target}: cannot be written: {error.strerror}; the evaluations are kept in {self.file}"
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        if self._outcome is None and kind is not None:
+            self._outcome = (
+                "interrupted" if issubclass(kind, KeyboardInterrupt) else str(error) or kind.__name__
+            )
+        try:
+            failed = self._close()
+        finally:
+            self._connection.close()
+            self._lock.close()
+        # What ended the session otherwise says more; an interrupt does not.
+        if failed is not None and (kind is None or issubclass(kind, KeyboardInterrupt)):
+            raise failed from failed.__cause__
+
+    def _close(self) -> RunError | None:
+        """Write how the session ended, make one file of the store; return why the disk did not take it."""
+        failed = None
+        try:
+            if self._session:
+                with self._writing():
+                    self._connection.execute(
+                        "UPDATE session SET seconds = ?, outcome = ? WHERE session = ?",
+                        (time.monotonic() - self._started, self._outcome, self._session),
+                    )
+        except RunError as error:
+            failed = error
+        try:
+            # The log becomes part of the file, so that the folder can be copied and read anywhere.
+            with errors(self.file, RunError):
+                self._connection.execute("PRAGMA busy_timeout = 100")
+                self._connection.execute("PRAGMA journal_mode = DELETE")
+        except RunError as error:
+            if not _in_use(error):  # a reader that is there keeps the log, which does no harm
+                failed = failed or error
+        return failed
+
+
+def _recorded(experiment: Experiment, folder: Path, copy: Copy | None) -> dict[str, Any]:
+    """Return the experiment as it is written: with the run's copy of its class, which goes where it goes."""
+    values = experiment.to_mapping()
+    kept = None if copy is None else copy.parts.get("simulation")
+    if copy is not None and kept is not None and not is_adapted(kept.component):
+        place = copy.place(kept).relative_to(folder).as_posix()
+        values["simulation"] = f"{place}:{kept.component.rpartition(':')[2]}"
+    return values
+
+
+def _evaluations(evaluated: Evaluated, first: int) -> Iterable[tuple[Any, ...]]:
+    genomes = np.ascontiguousarray(evaluated.genomes, dtype="<f4")
+    episodes = np.ascontiguousarray(evaluated.episodes, dtype="<f8")
+    metrics = np.ascontiguousarray(evaluated.metrics, dtype="<f8")
+    for index, fitness in enumerate(evaluated.fitness.tolist()):
+        yield (
+            first + index,
+            evaluated.generation,
+            index,
+            None if math.isnan(fitness) else fitness,
+            episodes[index].tobytes(),
+            metrics[index].tobytes(),
+            genomes[index].tobytes(),
+        )
+
+
+def _in_use(error: RunError) -> bool:
+    return code_of(error.__cause__) in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _versions(libraries: Sequence[str]) -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+
+    versions = {
+        "swarmwright": _engine.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "sqlite": sqlite3.sqlite_version,
+    }
+    for library in libraries:
+        with suppress(PackageNotFoundError):  # the method says itself what is missing
+            versions[library] = version(library)
+    return versions

@@ -1,0 +1,146 @@
+"""What simulations say about themselves: built in ones, and those that are named by a class in Python."""
+
+import json
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal
+
+from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.simulations.names import is_own
+
+if TYPE_CHECKING:
+    from swarmwright.simulations.host import Host
+
+
+@cache
+def titles() -> tuple[str, ...]:
+    """Return the titles of the built-in simulations, sorted."""
+    from swarmwright import _engine
+
+    return tuple(_engine.simulations())
+
+
+@cache
+def _description(title: str) -> str:
+    from swarmwright import _engine
+
+    with engine_errors():
+        return _engine.describe(title)
+
+
+def _own_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+    from swarmwright.simulations.loading import load
+
+    return _described(load(name))  # the class may be another one when its file was edited
+
+
+@cache
+def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
+    from swarmwright.simulations.host import Host
+
+    return Host(kind).description
+
+
+def is_here(simulation: str) -> bool:
+    """Whether a simulation can be run by this machine: it is built in, or named by its class."""
+    return simulation in titles() or is_own(simulation)
+
+
+def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
+    """Return what `_engine.Episode` takes: the title of a built-in simulation, or a host of a class.
+
+    Raises InputError for a class that cannot be loaded.
+    """
+    if not is_own(simulation):
+        return simulation
+    from swarmwright.simulations.host import Host
+    from swarmwright.simulations.loading import load
+
+    return Host(load(simulation))
+
+
+def shown_as(simulation: str) -> Literal["scene", "picture"]:
+    """Return what a simulation that is here can show: scenes, or pictures that it draws itself.
+
+    Raises InputError for a class that cannot be loaded, or has nothing to show.
+    """
+    if not is_own(simulation):
+        return "scene"
+    from swarmwright.simulations.loading import load
+    from swarmwright.simulations.shown import shown_as
+
+    return shown_as(load(simulation))
+
+
+def drawing(simulation: str) -> "Host":
+    """Return a host of a class that draws pictures. Raises InputError when it cannot."""
+    from swarmwright.simulations.host import Host
+    from swarmwright.simulations.loading import load
+    from swarmwright.simulations.shown import drawing
+
+    return Host(drawing(load(simulation)))
+
+
+def title(simulation: str) -> str:
+    """Return the title of a simulation in discovery. Raises InputError for a class that cannot be loaded."""
+    return str(_own_description(simulation).title) if is_own(simulation) else simulation
+
+
+def description(simulation: str) -> dict[str, Any]:
+    """Return what a simulation that is here says of itself.
+
+    Title, dimensions, max_agents, sensors, actuators, parameters, and metrics (name -> unit, description).
+    Raises InputError for a class that cannot be loaded.
+    """
+    if is_own(simulation):
+        plain: dict[str, Any] = _own_description(simulation).plain()
+        return plain
+    described: dict[str, Any] = json.loads(_description(simulation))
+    return described
+
+
+def parameter_names(simulation: str) -> list[str]:
+    """Return the names of the parameters of a simulation that is here, the seed among them."""
+    return list(dict.fromkeys([*description(simulation)["parameters"], "seed"]))
+
+
+def takes_any(simulation: str) -> bool:
+    """Return whether any other parameter is possible, too: in a class that declares none."""
+    return is_own(simulation) and not description(simulation)["parameters"]
+
+
+def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
+    """Return whether the agents of a simulation that is here steer themselves with these parameters.
+
+    Raises InputError for parameters that the simulation refuses.
+    """
+    from swarmwright import _engine
+
+    text = json.dumps(parameters, allow_nan=False)
+    with engine_errors():
+        if is_own(simulation):
+            from swarmwright.simulations.host import Host
+            from swarmwright.simulations.loading import load
+
+            acting, _, done = Host(load(simulation)).reset(text)
+            return not len(acting) and not done
+        return _engine.steers_itself(simulation, text)
+
+
+def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
+    """Return what is wrong with the parameters of a simulation that is here, None when nothing is."""
+    from swarmwright import _engine
+
+    try:
+        text = json.dumps(parameters, allow_nan=False)
+        if is_own(simulation):
+            from swarmwright.simulations.parameters import filled_in
+
+            filled_in(_own_description(simulation).parameters, parameters)
+            return None
+        with engine_errors():
+            _engine.check_parameters(simulation, text)
+    except InputError as error:
+        return str(error)
+    except ValueError:
+        return "a number is not finite; .inf and .nan cannot be sent to a simulation"
+    return None

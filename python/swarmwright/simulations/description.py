@@ -1,0 +1,116 @@
+"""What a user's simulation says of itself, checked."""
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.simulations.base import Described
+from swarmwright.simulations.parameters import Parameter, declared
+
+_LARGEST = 1_000_000
+_DETERMINISMS = ("bitwise", "statistical", "none")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a simulation says of itself; see the attributes of `Simulation`."""
+
+    title: str
+    dimensions: int
+    max_agents: int | None
+    sensors: int
+    actuators: int
+    parameters: Mapping[str, Parameter]
+    metrics: Mapping[str, str]
+    copies: bool
+    determinism: str | None
+    tolerance: float
+    lanes: int
+    frame_seconds: float
+
+    def plain(self) -> dict[str, Any]:
+        """Return what `_engine.describe` says of a built-in simulation."""
+        return {
+            "title": self.title,
+            "dimensions": self.dimensions,
+            "max_agents": self.max_agents,
+            "sensors": self.sensors,
+            "actuators": self.actuators,
+            "parameters": {
+                name: {"type": one.kind, "default": one.default, "description": one.description}
+                for name, one in self.parameters.items()
+            },
+            "metrics": {name: {"unit": "", "description": text} for name, text in self.metrics.items()},
+            "determinism": self.determinism,
+        }
+
+
+def describe(simulation: Described | Any, where: str = "") -> Description:  # noqa: ANN401 - or what acts like one
+    """Ask a simulation. Raises InputError, naming class (`where`) and attribute, for what cannot be."""
+    where = where or type(simulation).__name__
+    title: Any = simulation.title or where.lower()
+    if not isinstance(title, str) or len(title) > 1000:
+        raise InputError(f"{where}.title: {title!r} found, expected text of at most 1000 characters")
+    parameters = declared(simulation.parameters, where)
+    for name, one in parameters.items():
+        try:
+            json.dumps(one.default, allow_nan=False)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{where}.parameters[{name!r}]: default: {one.default!r} found, expected what JSON can hold"
+            ) from None
+    most = simulation.max_agents
+    return Description(
+        title=title,
+        dimensions=_count(where, "dimensions", simulation.dimensions, least=0),
+        max_agents=None if most is None else _count(where, "max_agents", most),
+        sensors=_count(where, "sensors", getattr(simulation, "sensors", None)),
+        actuators=_count(where, "actuators", getattr(simulation, "actuators", None)),
+        parameters=parameters,
+        metrics=_metrics(where, simulation.metrics),
+        copies=bool(simulation.copies),
+        determinism=_determinism(where, simulation.determinism),
+        tolerance=_tolerance(where, simulation.tolerance),
+        lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
+        frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
+    )
+
+
+def _determinism(where: str, value: Any) -> str | None:  # noqa: ANN401 - whatever the class says
+    if value is not None and value not in _DETERMINISMS:
+        expected = ", ".join(_DETERMINISMS)
+        raise InputError(f"{where}.determinism: {value!r} found, expected one of {expected}, or None")
+    return None if value is None else str(value)
+
+
+def _tolerance(where: str, value: Any, name: str = "tolerance") -> float:  # noqa: ANN401 - whatever it says
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise InputError(f"{where}.{name}: {value!r} found, expected a number, 0 or more")
+    return float(value)
+
+
+def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the class says
+    """Return name -> description."""
+    if isinstance(metrics, str) or not isinstance(metrics, Iterable):
+        raise InputError(f"{where}.metrics: {metrics!r} found, expected names, or names with descriptions")
+    named = dict(metrics) if isinstance(metrics, Mapping) else dict.fromkeys(metrics, "")
+    for name, text in named.items():
+        if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "fitness":
+            raise InputError(
+                f"{where}.metrics: {name!r} found, "
+                "expected a letter or _, then letters, digits and _; fitness is the simulation's own"
+            )
+        if not isinstance(text, str):
+            raise InputError(f"{where}.metrics[{name!r}]: {text!r} found, expected a description")
+    return named
+
+
+def _count(where: str, name: str, value: Any, *, least: int = 1) -> int:  # noqa: ANN401 - whatever the class says
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= _LARGEST:
+        raise InputError(f"{where}.{name}: {value!r} found, expected an integer from {least} to {_LARGEST}")
+    return value

@@ -1,0 +1,189 @@
+"""Finds the class of a simulation: `package.module:Class`, `path/to/file.py:Class`, or an adapter's."""
+
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+from swarmwright.adapters._name import is_adapted
+from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.simulations import isolation
+from swarmwright.simulations.base import Described, Simulation
+from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.names import FROM_FILE, files
+from swarmwright.user_code.changes import choose
+from swarmwright.user_code.copying import Copy, Kept
+from swarmwright.user_code.imports import Walk
+from swarmwright.user_code.notices import copy_is_used
+from swarmwright.user_code.permission import require_copy
+
+_stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
+"""Path of a file -> that and its neighbours as they were when it was imported."""
+
+serving = False
+"""Whether this process is a simulation server, which imports a module only for its class."""
+
+
+def load(name: str, folder: Path | None = None) -> type[Simulation] | type[BatchSimulation]:
+    """Import the module and return the class.
+
+    A file that is a run's copy stands for the class of that run: what it was copied from is used where that
+    has not changed, else the copy.
+
+    Args:
+        name: see above. Modules are looked for where Python looks for them, then in the working folder.
+        folder: that paths are relative to; default: the working folder.
+
+    Raises InputError: there is no such file, module, class or environment, or importing it fails.
+    """
+    if is_adapted(name):
+        from swarmwright import adapters
+
+        _look_in(Path.cwd())
+        return adapters.simulation(name)
+    place, _, wanted = name.rpartition(":")
+    module = _from_file(((folder or Path()) / place).resolve()) if place.endswith(".py") else _module(place)
+    found = getattr(module, wanted, None)
+    if isinstance(found, type) and issubclass(found, Simulation | BatchSimulation):
+        return found
+    classes = [
+        key
+        for key, value in vars(module).items()
+        if isinstance(value, type)
+        and issubclass(value, Described)
+        and value not in {Described, Simulation, BatchSimulation}
+    ]
+    where = getattr(module, "__file__", None) or place
+    if found is not None:
+        raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
+    there = f"there is: {', '.join(classes)}" if classes else "no subclass of swarmwright.Simulation is there"
+    raise InputError(f"{where}: has no class {wanted!r}{did_you_mean(wanted, classes) or ';'} {there}")
+
+
+def _from_file(path: Path) -> ModuleType:
+    held = Copy.holding(path)
+    return _file(path) if held is None else _kept(*held)
+
+
+def _kept(copy: Copy, kept: Kept) -> ModuleType:
+    """Import what a run has a copy of: the one place where code that lies in a run folder is executed."""
+    place = str(copy.place(kept))
+    if place in files:
+        return files[place]
+    choice = choose(copy, kept)
+    if not serving:  # else whoever has started this server has asked
+        require_copy(copy, kept, choice)
+    if not choice.copied:
+        part = choice.part
+        return _file(part.origin) if part.module is None else _module(part.module)
+    if choice.instead is not None and not serving:
+        copy_is_used(copy, kept, choice.instead)
+    own = [one for one in kept.digests if kept.module is not None or one != kept.main]
+    apart = isolation.Apart(copy.folder / kept.name, {one.partition("/")[0].partition(".")[0] for one in own})
+    if kept.module is not None and "." in kept.module:
+        with apart.entered():
+            files[place] = _module(kept.module)
+    else:
+        with _explained(place):
+            files[place] = apart.load(f"{FROM_FILE}{place}", Path(place))
+    return files[place]
+
+
+@contextmanager
+def _explained(name: str) -> Iterator[None]:
+    """Turn what a module's code raises into an InputError: a user's code may fail in any way."""
+    try:
+        yield
+    except InputError:  # what it needs is not there
+        raise
+    except Exception as error:
+        raise InputError(_failure(name, error)) from error
+
+
+def _file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file")
+    key = str(path)
+    if key in files and _stamps.get(key, {}) != _stamped(_stamps.get(key, {})):
+        _forget(key)
+    if key not in files:
+        _look_in(path.parent)
+        # A name that no import statement can have, so that it hides no other module.
+        spec = importlib.util.spec_from_file_location(f"{FROM_FILE}{path}", path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # dataclasses and pickle look there
+        with _explained(key):
+            try:
+                spec.loader.exec_module(module)
+            except BaseException:
+                del sys.modules[spec.name]
+                raise
+        files[key] = module
+        _stamps[key] = _stamped(Walk.of_file(path).files.values())
+    return files[key]
+
+
+def _stamped(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
+    """Return what tells whether files were edited."""
+    found: dict[Path, tuple[int, int] | None] = {}
+    for path in paths:
+        try:
+            status = path.stat()
+        except OSError:
+            found[path] = None
+        else:
+            found[path] = status.st_mtime_ns, status.st_size
+    return found
+
+
+def _forget(key: str) -> None:
+    """Let a file that was edited, or whose neighbours were, be imported anew: in a notebook, for instance."""
+    neighbours = {str(path) for path in _stamps.pop(key)}
+    for name, module in list(sys.modules.items()):
+        if name != "__main__" and getattr(module, "__file__", None) in neighbours:
+            del sys.modules[name]
+    del files[key]
+    importlib.invalidate_caches()
+
+
+def _module(name: str) -> ModuleType:
+    _look_in(Path.cwd())
+    with _explained(name):
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+                raise
+            raise InputError(
+                f"there is no module {name!r} here or among Python's; "
+                f"a file is named like path/to/{name.rpartition('.')[2]}.py:Class"
+            ) from error
+
+
+def _look_in(folder: Path) -> None:
+    """Let modules be found in a folder, after all others: nothing in it can hide one."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+
+
+def _failure(name: str, error: Exception) -> str:
+    """Say what went wrong while a module was imported, and where."""
+    if isinstance(error, SyntaxError):
+        return f"{error.filename}:{error.lineno}: {error.msg}"
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<")
+        and frame.filename not in {__file__, isolation.__file__}
+        and "importlib" not in frame.filename
+    ]
+    place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else name
+    words = f": {error}" if str(error).strip() else ""
+    return f"{place}: {type(error).__name__} while it is imported{words}"

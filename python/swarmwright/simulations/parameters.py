@@ -1,0 +1,116 @@
+"""Parameters of a user's simulation: declared, checked, filled in."""
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.core.errors import InputError
+
+_KINDS = {bool: "boolean", int: "integer", float: "number", str: "string", list: "list", dict: "object"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a simulation.
+
+    Its type is that of its default: integer, number, boolean, string, list or object; a default of None takes
+    any.
+
+        parameters = {"gravity": Parameter(9.81, "Metres per second squared.", minimum=0.0)}
+    """
+
+    default: Any
+    """What it is when left out; a value that JSON has."""
+    description: str = ""
+    """Meaning and unit, in a sentence."""
+    minimum: float | None = None
+    """The least value that is possible."""
+    maximum: float | None = None
+    """The largest value that is possible."""
+    choices: Sequence[Any] | None = None
+    """All values that are possible."""
+
+    @property
+    def kind(self) -> str:
+        """Its type in words: boolean, integer, number, string, list, object, or any."""
+        plain = list if isinstance(self.default, tuple) else type(self.default)
+        return _KINDS.get(plain, "any")
+
+    def problem(self, value: Any) -> str | None:  # noqa: ANN401 - any JSON value
+        """Return what is wrong with a value, None when nothing is."""
+        kind = self.kind
+        fits = {
+            "any": True,
+            "boolean": isinstance(value, bool),
+            "integer": _is_number(value) and float(value).is_integer(),
+            "number": _is_number(value),
+            "string": isinstance(value, str),
+            "list": isinstance(value, list | tuple),
+            "object": isinstance(value, Mapping),
+        }[kind]
+        if not fits:
+            return f"{value!r} found, expected {'an' if kind[0] in 'aio' else 'a'} {kind}"
+        if self.choices is not None and value not in self.choices:
+            return f"{value!r} found, expected one of {', '.join(map(repr, self.choices))}"
+        if self.minimum is not None and value < self.minimum:
+            return f"{value!r} found, expected at least {self.minimum}"
+        if self.maximum is not None and value > self.maximum:
+            return f"{value!r} found, expected at most {self.maximum}"
+        return None
+
+    def taken(self, value: Any) -> Any:  # noqa: ANN401 - any JSON value
+        """Return a checked value as `reset` gets it: 3.0 as 3 for an integer, 3 as 3.0 for a number."""
+        if self.kind == "integer":
+            return int(value)
+        return float(value) if self.kind == "number" else value
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON value
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond binary64
+        return False
+
+
+def declared(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:
+    """Return a class's `parameters` as Parameter objects.
+
+    Raises InputError, beginning with `where`, for a default that its own declaration refuses.
+    """
+    if not isinstance(parameters, Mapping):
+        raise InputError(
+            f"{where}.parameters: {parameters!r} found, expected names with their defaults or Parameter(..)"
+        )
+    found = {}
+    for name, value in parameters.items():
+        if not isinstance(name, str):
+            raise InputError(f"{where}.parameters: the name {name!r} found, expected text")
+        if name == "seed":
+            raise InputError(f"{where}.parameters: 'seed' is given to reset by itself; leave it out")
+        one = value if isinstance(value, Parameter) else Parameter(value)
+        problem = one.problem(one.default)
+        if problem is not None:
+            raise InputError(f"{where}.parameters[{name!r}]: default: {problem}")
+        found[name] = one
+    return found
+
+
+def filled_in(known: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `reset` gets: what is given, checked, and the defaults of what is not.
+
+    Raises InputError, "name: what is wrong".
+    """
+    values = {name: copy.deepcopy(one.default) for name, one in known.items()}
+    for name, value in given.items():
+        if name in known:
+            problem = known[name].problem(value)
+            if problem is not None:
+                raise InputError(f"{name}: {problem}")
+            values[name] = known[name].taken(value)
+        else:
+            values[name] = value
+    return values

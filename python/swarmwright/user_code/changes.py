@@ -1,0 +1,154 @@
+"""What is there now in the place of source that a run has a copy of, and how it differs."""
+
+import difflib
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmwright.adapters._name import is_adapted
+from swarmwright.core.errors import InputError
+from swarmwright.user_code.copying import Copy, Kept, beside
+from swarmwright.user_code.parts import SECTIONS, Part, Source, of_plug_in, of_simulation
+
+LINES = 60
+"""Of a difference, at most."""
+_WIDTH = 200
+
+
+def present(copy: Copy, kept: Kept) -> Part | None:
+    """Return the source that is now where the copy was taken from; None when nothing is there any more.
+
+    A file is looked for where it was seen from the run folder, then in and beside the run folder, then where
+    it was: whoever copies both means the file that is nearer. Raises InputError when it cannot be read.
+    """
+    if kept.name in SECTIONS:
+        try:
+            return of_plug_in(kept.name, kept.component)
+        except InputError:
+            return None  # not installed; whoever uses it is told
+    if is_adapted(kept.component):
+        return of_simulation(kept.component)
+    if kept.module is not None:
+        part = Part.of_module(kept.name, kept.component, kept.module)
+        if part is not None or "." in kept.module:
+            return part
+    for path in _places(copy.run, kept):
+        if path.is_file():
+            return Part.of_file(kept.name, kept.component, path)
+    return None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which source of a kept component is used."""
+
+    part: Part
+    copied: bool
+    """Whether it is the copy."""
+    instead: Part | None
+    """Where it is the copy: what is there now in the place of what was copied, if anything is."""
+
+
+def choose(copy: Copy, kept: Kept) -> Choice:
+    """Take what is there now where it is what was copied, else the copy.
+
+    Data files that the code reads lie beside the former only. Raises InputError when the copy was changed.
+    """
+    now = present(copy, kept)
+    if now is not None and now.digests == dict(kept.digests):
+        return Choice(now, copied=False, instead=None)
+    folder = copy.folder / kept.name
+    files = {place: Source(folder / place, copy.read(kept, place)) for place in kept.digests}
+    part = Part(kept.name, kept.component, kept.main, kept.module, files, frozenset())
+    return Choice(part, copied=True, instead=now)
+
+
+def _places(run: Path, kept: Kept) -> Iterator[Path]:
+    yield Path(os.path.normpath(run.resolve() / kept.beside))
+    yield from beside(run, kept.origin)
+    yield kept.origin
+
+
+def files_of(simulation: str) -> dict[str, str]:
+    """Return the files of a class as they are now: path -> SHA-256, in hexadecimal.
+
+    None of what has no source, nor of a run's copy, which is what it is. Raises InputError.
+    """
+    place = simulation.rpartition(":")[0]
+    if not place or Copy.holding(Path(place)) is not None:
+        return {}
+    part = of_simulation(simulation)
+    return {} if part is None else {str(one.origin): one.digest for one in part.files.values()}
+
+
+def check_unchanged(files: Mapping[str, str]) -> None:
+    """Raise InputError when one of these files is not any more what `files_of` has found."""
+    for name, digest in files.items():
+        try:
+            data = Path(name).read_bytes()
+        except OSError as error:
+            raise InputError(f"{name}: cannot be read any more: {error.strerror}") from error
+        if hashlib.sha256(data).hexdigest() != digest:
+            raise InputError(
+                f"{name}: was edited since this run was started, so that a new server would not compute "
+                "what the others do; restore it, and go on with `swarmwright resume`"
+            )
+
+
+def summary(kept: Kept, part: Part) -> str:
+    """Return which files differ, in words."""
+    now = part.digests
+    edited = [place for place in kept.digests if place in now and kept.digests[place] != now[place]]
+    words = [f"{near(part.files[place].origin)} was edited" for place in edited]
+    before, after = (one.component.rpartition(":")[2] for one in (kept, part))
+    if before != after:
+        words.append(f"class {after} instead of {before}")
+    words += [f"{place} is not imported any more" for place in kept.digests if place not in now]
+    words += [
+        f"{near(part.files[place].origin)} is imported now" for place in now if place not in kept.digests
+    ]
+    return ", ".join(words)
+
+
+def difference(copy: Copy, kept: Kept, part: Part) -> str:
+    """Return a unified difference from the copy to what is there now, not longer than `LINES` lines.
+
+    Raises InputError when the copy itself was changed.
+    """
+    lines: list[str] = []
+    for place in sorted({*kept.digests, *part.files}):
+        old = copy.read(kept, place) if place in kept.digests else b""
+        source = part.files.get(place)
+        new = b"" if source is None else source.data
+        if old == new:
+            continue
+        before = str(near(copy.folder / kept.name / place)) if place in kept.digests else os.devnull
+        after = os.devnull if source is None else str(near(source.origin))
+        lines += _unified(old, new, before, after)
+    more = len(lines) - LINES
+    if more > 0:
+        lines = [*lines[:LINES], f".. and {more} more lines"]
+    return "\n".join(lines)
+
+
+def _unified(old: bytes, new: bytes, before: str, after: str) -> list[str]:
+    try:
+        texts = old.decode().splitlines(), new.decode().splitlines()
+    except UnicodeDecodeError:
+        return [f"binary files {before} and {after} differ"]
+    found = [_printable(line) for line in difflib.unified_diff(*texts, before, after, lineterm="")]
+    return found or [f"{before} and {after} differ in the ends of their lines"]
+
+
+def _printable(line: str) -> str:
+    """Return a line without what would steer a terminal: the copy may come from anywhere."""
+    clean = "".join(sign if sign.isprintable() or sign == "\t" else "\ufffd" for sign in line)
+    return clean if len(clean) <= _WIDTH else f"{clean[:_WIDTH]} .."
+
+
+def near(path: Path) -> Path:
+    """Return a path relative to the working folder where it lies in there."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

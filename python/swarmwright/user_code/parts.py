@@ -1,0 +1,132 @@
+"""The source of one component of an experiment as it is now."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from pathlib import Path
+from typing import Any, Self
+
+from swarmwright.adapters._name import is_adapted, split
+from swarmwright.core.errors import InputError
+from swarmwright.user_code.imports import Walk
+
+SECTIONS = ("controller", "method", "ranking")
+"""Sections of an experiment whose components may be plug-ins."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file."""
+
+    origin: Path
+    data: bytes
+
+    @property
+    def digest(self) -> str:
+        """SHA-256, in hexadecimal."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+@dataclass(frozen=True)
+class Part:
+    """The source of one component."""
+
+    name: str
+    """simulation, controller, method or ranking"""
+    component: str
+    """What the experiment calls it: the class or environment, or the kind of a plug-in."""
+    main: str
+    """The file that holds it, one of `files`."""
+    module: str | None
+    """What it is imported as; None for a file that is loaded by its path."""
+    files: Mapping[str, Source]
+    """By their place below a folder of modules."""
+    packages: frozenset[str]
+    """Installed packages that it imports, by the names by which they are imported."""
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """Place -> SHA-256."""
+        return {place: source.digest for place, source in self.files.items()}
+
+    @property
+    def origin(self) -> Path:
+        """The main file."""
+        return self.files[self.main].origin
+
+    @classmethod
+    def of_file(cls, name: str, component: str, path: Path) -> Self:
+        """Read what lies in a file and in those that it imports. Raises InputError."""
+        return cls._read(name, component, path.name, None, lambda: Walk.of_file(path.resolve()))
+
+    @classmethod
+    def of_module(cls, name: str, component: str, module: str, *, installed: bool = True) -> Self | None:
+        """Read the source of a module; None when there is none. Raises InputError."""
+        part = cls._read(name, component, "", module, lambda: Walk.of_module(module, installed=installed))
+        path = module.replace(".", "/")
+        for main in (f"{path}.py", f"{path}/__init__.py"):
+            if main in part.files:
+                return cls(name, component, main, module, part.files, part.packages)
+        return None
+
+    @classmethod
+    def _read(cls, name: str, component: str, main: str, module: str | None, walk: Any) -> Self:  # noqa: ANN401 - a function
+        try:
+            walked = walk()
+            files = {place: Source(path, path.read_bytes()) for place, path in sorted(walked.files.items())}
+        except OSError as error:
+            raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        return cls(name, component, main, module, files, frozenset(walked.packages))
+
+
+def of_simulation(name: str) -> Part | None:
+    """Return the source of a simulation that is named by its class; None where there is none to keep.
+
+    That is so for built-in ones and for classes of a notebook. Raises InputError when a file cannot be read.
+    """
+    if is_adapted(name):
+        library, environment, _ = split(name)
+        module = environment.rpartition(":")[0] if library == "gymnasium" else environment
+        return Part.of_module("simulation", name, module, installed=False) if _importable(module) else None
+    place, _, wanted = name.rpartition(":")
+    if place.endswith(".py"):
+        return Part.of_file("simulation", f"{Path(place).name}:{wanted}", Path(place))
+    if place.partition(".")[0] in {"__main__", "swarmwright"} or not place:
+        return None
+    return Part.of_module("simulation", name, place)
+
+
+def _importable(module: str) -> bool:
+    return bool(module) and all(part.isidentifier() for part in module.split("."))
+
+
+def of_plug_in(section: str, kind: str) -> Part | None:
+    """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
+    from swarmwright.experiment.validation import REGISTRIES
+
+    module = REGISTRIES[section].module(kind)
+    return None if module is None else Part.of_module(section, kind, module)
+
+
+def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment, which is above this
+    """Return the sources of all plug-ins that an experiment uses."""
+    found = (of_plug_in(section, getattr(experiment, section).kind) for section in SECTIONS)
+    return [part for part in found if part is not None]
+
+
+def distributions(parts: Iterable[Part]) -> tuple[str, ...]:
+    """Return the installed packages that parts import, by the names under which they are installed."""
+    names = sorted({name for part in parts for name in part.packages})
+    known: Mapping[str, list[str]] | None = None
+    found = []
+    for name in names:
+        try:
+            version(name)
+        except PackageNotFoundError:
+            if known is None:
+                known = packages_distributions()  # reads the lists of all files of all packages
+            found += sorted(set(known.get(name, ())))
+        else:
+            found.append(name)
+    return tuple(dict.fromkeys(found))

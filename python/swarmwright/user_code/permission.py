@@ -1,0 +1,75 @@
+"""Whether the code that a run names may be executed: see `swarmwright.user_code.trust`."""
+
+import hashlib
+import site
+import sysconfig
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+from swarmwright.adapters._name import is_adapted, split
+from swarmwright.core.errors import InputError
+from swarmwright.user_code import trust
+from swarmwright.user_code.changes import Choice
+from swarmwright.user_code.copying import Copy, Kept
+from swarmwright.user_code.imports import Walk
+from swarmwright.user_code.parts import Part
+
+
+def remember(parts: Iterable[Part]) -> None:
+    """Trust the simulation among the source of a run that this user makes."""
+    for part in parts:
+        if part.name == "simulation":
+            trust.remember(part.digests, str(part.origin))
+            trust.remember(_own(part), str(part.origin))
+
+
+def require_copy(copy: Copy, kept: Kept, choice: Choice) -> None:
+    """Raise InputError unless a run's copy may be executed, or what is used in its place."""
+    if not choice.copied and not _own(choice.part):
+        return  # an installed package
+    trust.require(kept.digests, copy.place(kept) if choice.copied else choice.part.origin)
+
+
+def require_named(simulation: str) -> None:
+    """Raise InputError unless the code that a run names, and has no copy of, may be executed."""
+    found = _files(simulation)
+    if found:
+        files = {place: hashlib.sha256(path.read_bytes()).hexdigest() for place, path in found.items()}
+        trust.require(files, next(iter(found.values())))
+
+
+def _files(simulation: str) -> Mapping[str, Path]:
+    """Return the files of a class or environment that are not installed; none of what there is not."""
+    place, _, _ = simulation.rpartition(":")
+    if is_adapted(simulation):
+        library, environment, _ = split(simulation)
+        place = environment.rpartition(":")[0] if library == "gymnasium" else environment
+    try:
+        if place.endswith(".py") and not is_adapted(simulation):
+            return Walk.of_file(Path(place).resolve()).files
+        if not place or place == "__main__":
+            return {}
+        found = Walk.of_module(place).files
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+    return {name: path for name, path in found.items() if not _is_installed(path)}
+
+
+def _own(part: Part) -> dict[str, str]:
+    if part.module is None:
+        return part.digests
+    return {place: one.digest for place, one in part.files.items() if not _is_installed(one.origin)}
+
+
+def _is_installed(path: Path) -> bool:
+    """Whether a file lies where this Python's packages are installed; no folder's name or content says so."""
+    path = path.resolve()
+    return any(path.is_relative_to(place) for place in _places())
+
+
+@cache
+def _places() -> tuple[Path, ...]:
+    known = {sysconfig.get_path(name) for name in ("purelib", "platlib", "stdlib", "platstdlib")}
+    known |= {*site.getsitepackages(), site.getusersitepackages()}
+    return tuple(Path(place).resolve() for place in known if place)

@@ -1,0 +1,112 @@
+"""Which code of run folders this user trusts: that of the user's own runs, and what was allowed.
+
+Kept by its SHA-256 in a folder of the user's own, outside of all run folders: who hands on a run folder can
+write whatever there is in it.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+
+Ask = Callable[[str], bool]
+"""Asks a person a question, which may have several lines; whether the answer is yes."""
+
+_granted: set[str] = set()
+"""By this process; also where the folder cannot be written."""
+_asks: list[Ask] = []
+_all = 0
+
+
+def folder() -> Path:
+    """Return the folder with a file for each digest: below XDG_STATE_HOME, by default ~/.local/state."""
+    fallback = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
+    state = os.environ.get("XDG_STATE_HOME") or fallback or Path.home() / ".local" / "state"
+    return Path(state) / "swarmwright" / "trusted-code"
+
+
+def digest_of(files: Mapping[str, str]) -> str:
+    """Return the SHA-256, in hexadecimal, of source: place -> SHA-256 of the file."""
+    return hashlib.sha256(json.dumps(dict(files), sort_keys=True).encode()).hexdigest()
+
+
+def remember(files: Mapping[str, str], name: str) -> None:
+    """Trust source from now on.
+
+    files: place -> SHA-256. name: what it is, for people who look into the folder.
+    """
+    if not files:
+        return
+    digest = digest_of(files)
+    _granted.add(digest)
+    file = folder() / digest
+    try:
+        if not file.exists():
+            file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            file.write_text(f"{name}\n", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        logging.getLogger("swarmwright").warning(
+            "%s: cannot be written: %s; in another process this code is not known to be trusted",
+            file, error.strerror,
+        )  # fmt: skip
+
+
+def is_trusted(files: Mapping[str, str]) -> bool:
+    """Whether source was remembered."""
+    digest = digest_of(files)
+    return digest in _granted or (folder() / digest).is_file()
+
+
+def require(files: Mapping[str, str], path: Path) -> None:
+    """Let source be executed if it is trusted, or a person says so, who is asked.
+
+    files: place -> SHA-256. path: where the main file is.
+
+    Raises InputError when it is not.
+    """
+    if is_trusted(files):
+        return
+    digest = digest_of(files)
+    what = f"{path} (SHA-256 {digest[:16]}..) is code that a run folder names"
+    more = "" if len(files) == 1 else f", with {len(files) - 1} more files that it imports"
+    if _all or any(
+        ask(
+            f"{what}{more}, and it is not of a run that was made here by this user.\n"
+            "It can do whatever you can. Execute it, now and from now on?"
+        )
+        for ask in _asks
+    ):
+        remember(files, str(path))
+        return
+    raise InputError(
+        f"{what}{more}, and it is not of a run that was made here by this user, so it is not executed. Read "
+        "it; to trust it from now on, give --trust (in Python, Run.open(folder, trust=True)), or name code "
+        "of your own: --simulation FILE:Class"
+    )
+
+
+@contextmanager
+def trusting() -> Iterator[None]:
+    """Within the block, whatever is asked for is trusted, and remembered."""
+    global _all  # noqa: PLW0603 - of the process, as modules are
+    _all += 1
+    try:
+        yield
+    finally:
+        _all -= 1
+
+
+@contextmanager
+def asking(ask: Ask) -> Iterator[None]:
+    """Within the block, a person is asked about code that is not trusted."""
+    _asks.append(ask)
+    try:
+        yield
+    finally:
+        _asks.remove(ask)

@@ -1,0 +1,82 @@
+"""Runs whose fitness is known, as `Run` shows them; what wrote their folder does not matter here."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmwright import Experiment, Run
+from swarmwright.core.statistics import Summary, summarize
+from swarmwright.runs.store import Record
+
+BASE: dict[str, Any] = {
+    "simulation": "minisim", "servers": "local", "controller": {"kind": "layered", "hidden": [2]},
+    "method": {"kind": "nnga", "population": 4, "generations": 3},
+}  # fmt: skip
+
+
+class KnownRun(Run):
+    """A run of these generations: a row of fitness values for each, genomes drawn with its seed."""
+
+    def __init__(
+        self, path: Path, fitness: Sequence[Sequence[float]], *, genomes: Any = None, **changes: Any
+    ) -> None:
+        self.path = path  # and no store
+        self._fitness = [np.array(row, dtype=np.float64) for row in fitness]
+        self._experiment = Experiment.from_mapping(BASE).replace(**changes)
+        self._genomes = genomes
+
+    @property
+    def experiment(self) -> Experiment:
+        return self._experiment
+
+    @property
+    def code(self) -> dict[int, str]:
+        return {}
+
+    @property
+    def interrupted(self) -> bool:
+        return False
+
+    @property
+    def history(self) -> list[Summary]:
+        found = []
+        so_far, evaluations = -np.inf, 0
+        for generation, row in enumerate(self._fitness):
+            evaluations += len(row)
+            so_far = max([so_far, *row[np.isfinite(row)]])
+            failed = int(np.isnan(row).sum())
+            found.append(
+                summarize(
+                    row, generation=generation, evaluations=evaluations, best_so_far=so_far, failed=failed
+                )
+            )
+        return found
+
+    @property
+    def record(self) -> Record:
+        values = np.concatenate(self._fitness)
+        sizes = [len(row) for row in self._fitness]
+        genomes = self._genomes
+        if genomes is None:
+            random = np.random.default_rng(self._experiment.seed)
+            genomes = random.standard_normal((len(values), self._experiment.genome_size))
+        return Record(
+            generation=np.repeat(np.arange(len(sizes)), sizes),
+            candidate=np.concatenate([np.arange(size) for size in sizes]),
+            fitness=values,
+            episodes=values[:, None],
+            metrics=np.empty((len(values), 1, 0)),
+            genomes=np.asarray(genomes, dtype=np.float32),
+        )
+
+
+def runs(path: Path, finals: Sequence[float], **changes: Any) -> list[KnownRun]:
+    """A run for each value, with seeds 1, 2, ..: two generations, of which the second has the value."""
+    name = "-".join(str(value) for value in changes.values()) or "base"
+    safe = "".join(sign if sign.isalnum() else "_" for sign in name)
+    return [
+        KnownRun(path / f"{safe}-{seed}", [[final - 2, final - 3], [final, final - 1]], seed=seed, **changes)
+        for seed, final in enumerate(finals, 1)
+    ]

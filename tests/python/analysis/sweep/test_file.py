@@ -1,0 +1,129 @@
+from pathlib import Path
+
+import pytest
+
+from swarmwright import InputError
+from swarmwright.analysis.sweep import Sweep, tasks
+
+BASE = """\
+simulation: minisim
+method: {kind: nnga, population: 6, generations: 3, severity: 0.2}
+servers: local
+seed: 9
+"""
+
+
+def sweep(folder: Path, text: str) -> Sweep:
+    (folder / "base.yaml").write_text(BASE)
+    (folder / "methods.yaml").write_text(text)
+    return Sweep.load(folder / "methods.yaml")
+
+
+def test_every_combination_is_a_variant(tmp_path: Path) -> None:
+    found = sweep(
+        tmp_path,
+        "experiment: base.yaml\ngrid: {method.population: [6, 8], parameters.maxSteps: [5, 9]}\nseeds: 2\n",
+    )
+    assert [one.label for one in found.variants] == [
+        "population 6, maxSteps 5", "population 6, maxSteps 9", "population 8, maxSteps 5",
+        "population 8, maxSteps 9",
+    ]  # fmt: skip
+    third = found.variants[2].experiment
+    assert (third.method.population, third.parameters["maxSteps"]) == (8, 5)  # type: ignore[attr-defined]
+    assert found.seeds == (1, 2)
+    assert found.out == Path("runs/methods")
+    todo = tasks(found)
+    assert [task.seed for task in todo] == [1] * 4 + [2] * 4
+    assert [task.experiment.seed for task in todo] == [1] * 4 + [2] * 4
+    assert len({task.folder for task in todo}) == 8
+    assert todo[0].folder == Path("runs/methods/population_6_maxSteps_5-1")
+
+
+def test_another_kind_keeps_the_options_that_it_knows(tmp_path: Path) -> None:
+    found = sweep(
+        tmp_path,
+        "experiment: base.yaml\nseeds: [3, 1, 3]\n"
+        "grid: {method.population: [7], method.kind: [random_search, nnga]}\n",
+    )
+    other, same = (one.experiment.method for one in found.variants)
+    assert (other.kind, other.population, other.generations) == ("random_search", 7, 3)  # type: ignore[attr-defined]
+    assert (same.kind, same.severity) == ("nnga", 0.2)  # type: ignore[attr-defined]
+    assert found.seeds == (3, 1)
+
+
+def test_another_kind_has_its_own_defaults(tmp_path: Path) -> None:
+    # Both have `elite`, `mutate` and `crossover`, with other defaults, and each set of shares adds up to 1.
+    found = sweep(tmp_path, "experiment: base.yaml\ngrid: {method.kind: [cea2d], method.renew: [0.0]}\n")
+    method = found.variants[0].experiment.method
+    assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.2)  # type: ignore[attr-defined]
+    assert (method.elite, method.mutate, method.crossover) == (0.11, 0.59, 0.3)  # type: ignore[attr-defined]
+
+
+def test_options_of_the_same_name_but_of_another_sort_are_not_kept(tmp_path: Path) -> None:
+    found = sweep(
+        tmp_path,
+        "experiment: base.yaml\n"
+        "grid: {controller.kind: [fully_meshed], controller.activation: [tanh, sigmoid]}\n",
+    )
+    one, other = (variant.experiment.controller for variant in found.variants)
+    assert (one.kind, one.hidden, one.activation) == ("fully_meshed", 2, "tanh"), "a list of layers there"
+    assert other.activation == "sigmoid"
+
+
+def test_several_grids_may_overlap(tmp_path: Path) -> None:
+    found = sweep(
+        tmp_path,
+        "experiment: base.yaml\nout: there\ngrid:\n- method.severity: [0.1, 0.2]\n"
+        "- {method.kind: [random_search]}\n- method.generations: [3, 4]\n",
+    )
+    assert [one.label for one in found.variants] == [
+        "severity 0.1",
+        "severity 0.2",
+        "random_search",
+        "generations 4",
+    ]
+    assert found.out == Path("there")
+    assert found.seeds == (1, 2, 3, 4, 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is no sweep"),
+        ("- 1", "is no sweep"),
+        ("a: [", "methods.yaml:"),
+        ("grid: {method.severity: [0.1]}", "experiment: must be the path of an experiment file"),
+        ("experiment: nothing.yaml\ngrid: {method.severity: [0.1]}", "nothing.yaml: there is no such file"),
+        ("experiment: base.yaml", "grid: must be a mapping"),
+        ("experiment: base.yaml\ngrid: []", "grid: must be a mapping"),
+        ("experiment: base.yaml\ngrid: {}", "grid: must be a mapping"),
+        (
+            "experiment: base.yaml\ngrid: {method.severity: 3}",
+            "methods.yaml:2: grid.method.severity: must be a list",
+        ),
+        ("experiment: base.yaml\ngrid: {method.severity: []}", "must be a list"),
+        ("experiment: base.yaml\ngrid: {seed: [1]}", "see the key 'seeds'"),
+        ("experiment: base.yaml\ngrid: {method.severit: [1]}", "with severit 1: method.severit: unknown key"),
+        ("experiment: base.yaml\ngrid: {method.kind: [magic]}", "magic"),
+        (
+            "experiment: base.yaml\ngrid: {method.kind: [random_search], method.severity: [0.1]}",
+            "method.severity",
+        ),
+        ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: 0", "methods.yaml:3: seeds: must be"),
+        ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: [1, -1]", "seeds: must be"),
+        ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: []", "seeds: must be"),
+        (
+            "experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseed: 3",
+            "unknown key; did you mean 'seeds'?",
+        ),
+        (
+            "experiment: base.yaml\ngrid: {method.severity: [0.1]}\nout: 3",
+            "out: must be the path of a folder",
+        ),
+        ("experiment: base.yaml\ngrid: {method.severity: [0.1, 0.3]}\nseeds: 99999", "too many runs"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError) as error:
+        sweep(tmp_path, text)
+    assert said in str(error.value)

@@ -1,0 +1,82 @@
+"""Sweeps in Python."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import swarmwright
+from swarmwright import Experiment, InputError, Run, sweep
+
+BASE: dict[str, Any] = {
+    "simulation": "minisim", "servers": "local", "parameters": {"maxSteps": 5},
+    "method": {"kind": "nnga", "population": 6, "generations": 3},
+}  # fmt: skip
+
+
+def test_a_mapping_becomes_runs_a_table_a_comparison_and_a_figure(tmp_path: Path) -> None:
+    grid = {"method.kind": ["nnga", "random_search"], "method.population": (6, 8)}
+    source = {
+        "experiment": BASE,
+        "grid": grid,
+        "seeds": range(1, 3),
+    }
+    result = sweep(source, out=tmp_path / "out", jobs=1)
+    assert (len(result.runs), result.failures, result.interrupted) == (8, (), False)
+    rows = result.table()
+    assert [(row["variant"], row["seed"]) for row in rows][:3] == [
+        ("nnga, population 6", 1),
+        ("nnga, population 8", 1),
+        ("random_search, population 6", 1),
+    ]
+    assert [key for key in rows[0] if "." in key] == ["method.kind", "method.population"]
+    assert all(row["fitness"] == Run.open(row["run"]).best.fitness for row in rows)
+    assert len(result.compare().groups) == 4
+    figure = result.plot(tmp_path / "figure.svg")
+    assert (tmp_path / "figure.svg").exists()
+    assert len(figure.axes) == 2
+    assert repr(result) == f"<SweepResult {tmp_path / 'out'}: 8 runs>"
+    assert result._repr_html_().count("<tr>") == 9
+    # Once more nothing is computed, whoever is asked; other processes come to the same records.
+    again = sweep({**source, "experiment": Experiment.from_mapping(BASE)}, out=tmp_path / "out")
+    assert [run.sessions for run in again.runs] == [run.sessions for run in result.runs]
+    others = sweep(source, out=tmp_path / "others", jobs=2)
+    assert [run.digest for run in others.runs] == [run.digest for run in result.runs]
+
+
+def test_a_file_is_taken_and_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Experiment.from_mapping(BASE).save("base.yaml")
+    Path("few.yaml").write_text("experiment: base.yaml\ngrid: {method.population: [6]}\nseeds: 1\n")
+    assert sweep("few.yaml").path == Path("runs/few")
+    mapping = {"experiment": "base.yaml", "grid": {"method.population": [6]}, "seeds": 1}
+    assert sweep(mapping).path == Path("runs/minisim-sweep")
+
+
+def test_failures_are_in_the_result(tmp_path: Path) -> None:
+    grid = {"parameters.trouble": ["reset", ""]}
+    experiment = {
+        "simulation": "tests.python.simulations.troubled:Walk", "servers": "local",
+        "method": {"population": 3, "generations": 1},
+    }  # fmt: skip
+    result = sweep({"experiment": experiment, "grid": grid, "seeds": 1}, out=tmp_path / "out", jobs=1)
+    assert len(result.runs) == 1
+    (failure,) = result.failures
+    assert (failure.variant, failure.seed) == ("trouble reset", 1)
+    assert "every candidate of generation 0 failed" in failure.message
+    assert "trouble reset" in result._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ({}, "experiment: must be an Experiment, a mapping"),
+        ({"experiment": BASE}, "grid: must be a mapping"),
+        ({"experiment": BASE, "grids": {}}, "grids: unknown key; did you mean 'grid'"),
+        ({"experiment": {"simulation": "minisim", "method": {"kind": "nnag"}}}, "nnga"),
+        ({"experiment": "nowhere.yaml"}, "nowhere.yaml"),
+    ],
+)
+def test_mistakes_are_named(source: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        swarmwright.sweep(source)

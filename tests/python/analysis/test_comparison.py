@@ -1,0 +1,210 @@
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import swarmwright
+from swarmwright import Comparison, InputError, Run, compare
+from tests.python.analysis.runs import KnownRun, runs
+
+SEARCH = {"kind": "random_search", "population": 4, "generations": 3}
+
+
+def two(path: Path) -> list[KnownRun]:
+    return [*runs(path, [5, 6, 7, 8, 9.0]), *runs(path, [1, 2, 3, 4, 5.0], method=SEARCH)]
+
+
+def drawn(comparison: Comparison, path: Path) -> None:
+    """Write the figure, and see that it is one and that nothing was complained of."""
+    comparison.plot(path / "x.png")
+    with Image.open(path / "x.png") as picture:
+        assert picture.width >= 1000
+        pixels = np.asarray(picture.convert("L"))
+    assert (pixels < 200).mean() > 0.005
+
+
+def test_two_groups(tmp_path: Path) -> None:
+    found = compare(two(tmp_path))
+    first, second = found.groups
+    assert (first.label, first.median, first.quartiles) == ("nnga", 7.0, (6.0, 8.0))
+    assert (second.label, second.median, second.evaluations) == ("random_search", 3.0, (4, 4))
+    (pair,) = found.pairs
+    assert pair.difference.u == 24.5
+    assert pair.difference.effect == 0.98
+    assert pair.difference.shift == 4.0
+    assert pair.difference.p == pair.p_holm < 0.05
+    assert found.kruskal is None
+    assert found.notes == ()
+    said = str(found)
+    assert "nnga" in said
+    assert "0.98  large" in said
+    assert "Note" not in said
+    drawn(found, tmp_path)
+
+
+def test_more_groups_are_tested_together_and_by_pairs(tmp_path: Path) -> None:
+    found = compare([*two(tmp_path), *runs(tmp_path, [0, 0, 0, 0, 0.0], method={"population": 9})])
+    assert found.kruskal is not None
+    assert found.kruskal.p < 0.01
+    assert [(pair.first.label, pair.second.label) for pair in found.pairs] == [
+        ("nnga, population 4", "random_search, population 4"),
+        ("nnga, population 4", "nnga, population 9"),
+        ("random_search, population 4", "nnga, population 9"),
+    ]
+    assert all(pair.p_holm >= pair.difference.p for pair in found.pairs)
+    assert "Kruskal-Wallis" in str(found)
+    drawn(found, tmp_path)
+
+
+def test_many_groups_are_drawn_and_told_in_short(tmp_path: Path) -> None:
+    groups = [
+        run
+        for size in range(4, 16)
+        for run in runs(tmp_path, [size, size + 1.0], method={"population": size})
+    ]
+    found = compare(groups)
+    assert len(found.pairs) == 66
+    assert "and 51 pairs with larger p" in str(found)
+    drawn(found, tmp_path)
+
+
+def climbing(final: float) -> list[list[float]]:
+    """A run whose first candidates are far worse than all later ones."""
+    return [[-1000.0 / 4**number + final, -2000.0 / 4**number] for number in range(40)]
+
+
+def test_the_boxes_have_names_and_the_curves_are_not_squashed(tmp_path: Path) -> None:
+    several = [
+        KnownRun(tmp_path / f"{size}-{seed}", climbing(size), seed=seed, method={"population": size})
+        for size in (4, 9)
+        for seed in range(5)
+    ]
+    figure = compare(several).figure()
+    curves, boxes = figure.axes
+    assert [text.get_text() for text in boxes.get_xticklabels()] == ["population 4", "population 9"]
+    bottom, top = curves.get_ylim()
+    assert -300 < bottom < 0
+    assert 9 < top < 100
+    assert any("the beginning reaches down to −996" in text.get_text() for text in curves.texts)
+    even = compare(runs(tmp_path, [5, 6, 7, 8, 9.0])).figure().axes[0]
+    assert not [text for text in even.texts if "reaches down" in text.get_text()]
+    assert even.get_ylim()[0] < 3
+
+
+def test_names_of_many_groups_are_slanted_and_whole_lists_stay_together(tmp_path: Path) -> None:
+    groups = [
+        run
+        for size in range(4, 14)
+        for run in runs(tmp_path, [size], method={"population": size}, controller={"hidden": [size, 2]})
+    ]
+    ticks = compare(groups).figure().axes[1].get_xticklabels()
+    assert [text.get_text() for text in ticks][:1] == ["hidden [4, 2], population 4"]
+    assert {text.get_rotation() for text in ticks} == {40.0}
+    (first, *_) = compare(groups[:2]).figure().axes[1].get_xticklabels()
+    assert first.get_text() == "hidden [4, 2]\npopulation 4"
+
+
+def test_few_runs_are_said_to_be_few(tmp_path: Path) -> None:
+    found = compare([*runs(tmp_path, [1.0, 2.0, 3.0]), *runs(tmp_path, [1.0], method=SEARCH)])
+    assert found.notes == (
+        "with fewer than 5 runs in a group (nnga: 3; random_search: 1) a test says little",
+    )
+    assert "none, too few runs" in str(found)
+    drawn(found, tmp_path)
+
+
+def test_one_group_alone_is_described(tmp_path: Path) -> None:
+    for finals in ([3.0], [1.0, 2.0, 4.0]):
+        found = compare(runs(tmp_path, finals))
+        assert (found.pairs, found.kruskal, found.notes) == ((), None, ())
+        assert found.groups[0].label == "minisim, nnga"
+        assert str(found).count("\n") == 1
+        drawn(found, tmp_path)
+
+
+def test_runs_of_different_length_and_a_place_to_compare_at(tmp_path: Path) -> None:
+    long = KnownRun(tmp_path / "long", [[0.0] * 4, [1.0] * 4, [5.0] * 4], seed=1)
+    short = KnownRun(tmp_path / "short", [[2.0] * 4], seed=1, method=SEARCH)
+    found = compare([long, short])
+    assert [one.median for one in found.groups] == [5.0, 2.0]
+    assert "4 to 12 evaluations, and each is compared at its own end" in found.notes[-1]
+    drawn(found, tmp_path)
+    for at, expected in ((4, 0.0), (11, 1.0), (12, 5.0), (99, 5.0)):
+        assert compare([long, short], at=at).groups[0].median == expected
+    assert "own end" not in str(compare([long, short], at=4))
+    with pytest.raises(InputError, match=r"at 3 evaluations .* compare at 4 or later"):
+        compare([long, short], at=3)
+
+
+def test_no_run_counts_as_failed_that_had_not_finished_a_generation(tmp_path: Path) -> None:
+    quick = KnownRun(tmp_path / "quick", [[0.0] * 4, [1.0] * 4], seed=1)
+    slow = KnownRun(tmp_path / "slow", [[2.0] * 8], seed=1, method=SEARCH)
+    with pytest.raises(InputError, match=r"at 5 evaluations .*slow had no finished .* at 8 or later"):
+        compare([quick, slow], at=5)
+
+
+def test_failed_candidates_and_runs(tmp_path: Path) -> None:
+    nan = math.nan
+    partly = [KnownRun(tmp_path / f"p{seed}", [[nan, nan], [nan, 2.0]], seed=seed) for seed in range(3)]
+    never = [KnownRun(tmp_path / f"n{seed}", [[nan, nan]], seed=seed, method=SEARCH) for seed in range(3)]
+    found = compare([*partly, *never])
+    assert found.groups[0].median == 2.0
+    assert np.isnan(found.groups[1].final).all()
+    assert found.pairs[0].difference.effect == 1.0
+    assert "failed" in str(found)
+    drawn(found, tmp_path)
+    json.dumps(found.to_mapping())
+
+
+def test_extreme_fitness(tmp_path: Path) -> None:
+    huge = [KnownRun(tmp_path / f"h{seed}", [[-1e300], [1e300]], seed=seed) for seed in range(5)]
+    tiny = [
+        KnownRun(tmp_path / f"t{seed}", [[-1e-300], [0.0]], seed=seed, method=SEARCH) for seed in range(5)
+    ]
+    found = compare([*huge, *tiny])
+    assert "1e+300" in str(found)
+    drawn(found, tmp_path)
+    drawn(compare(tiny), tmp_path)
+
+
+@pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
+@pytest.mark.parametrize("x", ["evaluations", "generations"])
+def test_the_same_figure_is_the_same_file(tmp_path: Path, ending: str, x: str) -> None:
+    comparison = compare(two(tmp_path))
+    for name in ("a", "b"):
+        assert comparison.plot(tmp_path / f"{name}{ending}", x=x) == tmp_path / f"{name}{ending}"
+    assert (tmp_path / f"a{ending}").read_bytes()[:4] in {b"\x89PNG", b"<?xm", b"%PDF"}
+    if ending != ".svg":  # whose names of parts are drawn at random
+        assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
+
+
+def test_what_cannot_be_compared_or_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no runs to compare"):
+        compare([])
+    with pytest.raises(InputError, match="there is no such folder"):
+        compare([tmp_path / "nowhere"])
+    with pytest.raises(InputError, match="no finished generation"):
+        compare([KnownRun(tmp_path / "empty", [])])
+    with pytest.raises(InputError, match=r"\.png, \.svg or \.pdf"):
+        compare(two(tmp_path)).plot(tmp_path / "x.gif")
+    with pytest.raises(InputError, match="there is no folder"):
+        compare(two(tmp_path)).plot(tmp_path / "nowhere" / "x.png")
+
+
+def test_real_runs_by_path(tmp_path: Path) -> None:
+    experiment = swarmwright.Experiment.from_mapping(
+        {"simulation": "minisim", "servers": "local", "method": {"population": 5, "generations": 2}}
+    )
+    made: list[Run | Path] = []
+    for seed in (1, 2):
+        run = swarmwright.optimize(experiment, seed=seed, out=tmp_path / str(seed))
+        made += [run.path if seed == 1 else run]
+    found = compare(made)
+    assert [run.path.name for run in found.groups[0].runs] == ["1", "2"]
+    assert found.groups[0].final.max() == max(Run.open(tmp_path / name).best.fitness for name in ("1", "2"))
+    shown: dict[str, Any] = found.to_mapping()
+    assert [run["seed"] for run in shown["groups"][0]["runs"]] == [1, 2]

@@ -1,0 +1,116 @@
+"""The tests against their definitions, against SciPy, and on what they must not choke on."""
+
+from itertools import combinations
+from math import comb, inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from swarmwright.analysis.significance import difference, holm, kruskal_wallis, mann_whitney
+
+Values = st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=6).map(np.array)
+
+
+@given(Values, Values)
+def test_p_is_the_share_of_arrangements_that_are_as_extreme(one: np.ndarray, two: np.ndarray) -> None:
+    found = difference(one, two)
+    pooled = np.concatenate([one, two])
+    seen = abs(found.u - len(one) * len(two) / 2)
+    extreme = 0
+    for chosen in combinations(range(len(pooled)), len(one)):
+        first = pooled[list(chosen)]
+        second = np.delete(pooled, chosen)
+        u = sum((a > b) + 0.5 * (a == b) for a in first for b in second)
+        extreme += abs(u - len(one) * len(two) / 2) >= seen - 1e-9
+    assert found.p == pytest.approx(extreme / comb(len(pooled), len(one)))
+
+
+@pytest.mark.parametrize(("n", "m"), [(5, 7), (12, 20), (25, 30)])
+def test_without_ties_it_is_scipys_exact_test(n: int, m: int) -> None:
+    random = np.random.default_rng(n)
+    one, two = random.normal(0.5, 1, n), random.normal(0, 1, m)
+    expected = stats.mannwhitneyu(one, two, method="exact")
+    found = difference(one, two)
+    assert found.u == expected.statistic
+    assert found.p == pytest.approx(float(expected.pvalue), rel=1e-9)
+
+
+def test_many_runs_are_approximated() -> None:
+    random = np.random.default_rng(1)
+    one, two = random.integers(0, 9, 60).astype(float), random.integers(1, 10, 60).astype(float)
+    expected = stats.mannwhitneyu(one, two, method="asymptotic")
+    found = difference(one, two)
+    assert found.p == pytest.approx(float(expected.pvalue))
+    assert found.interval is not None
+    assert found.interval[0] <= found.shift <= found.interval[1]
+
+
+def test_effect_shift_and_interval_are_those_of_the_definitions() -> None:
+    one, two = np.array([3.0, 5, 7, 9]), np.array([1.0, 2, 4, 8])
+    found = difference(one, two)
+    pairs = sorted(a - b for a in one for b in two)
+    assert found.u == sum(value > 0 for value in pairs)
+    assert found.effect == found.u / 16
+    assert found.shift == np.median(pairs)
+    # P(U < 1) = 1/70 is below 2.5 %, P(U < 2) = 2/70 is not: from the first to the last difference.
+    assert found.interval == (pairs[0], pairs[-1])
+    assert difference(one[:3], two[:3]).interval is None, "1/20 is above 2.5 %"
+
+
+def test_the_interval_covers_the_shift_as_often_as_it_says() -> None:
+    random = np.random.default_rng(3)
+    covered = 0
+    for _ in range(400):
+        found = difference(random.normal(1.0, 1, 8), random.normal(0, 1, 8))
+        assert found.interval is not None
+        covered += found.interval[0] <= 1.0 <= found.interval[1]
+    assert 0.92 < covered / 400 <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("effect_of", "word"),
+    [([-1, 1], "negligible"), ([-1, 1, 0], "negligible"), ([0, 0, 1], "medium"), ([-1, -1], "large")],
+)
+def test_effects_have_their_usual_names(effect_of: list[float], word: str) -> None:
+    assert difference(np.array(effect_of, dtype=float), np.array([-0.5, 0.5])).magnitude == word
+
+
+def test_failed_runs_count_as_worse_than_all_others() -> None:
+    failed = difference(np.array([nan, nan, nan]), np.array([1.0, 2, 3]))
+    assert (failed.effect, failed.shift) == (0.0, -inf)
+    assert failed.p == pytest.approx(0.1)
+    both = difference(np.array([nan, nan]), np.array([nan]))
+    assert (both.p, both.effect, both.shift) == (1.0, 0.5, 0.0)
+
+
+def test_huge_and_tiny_fitness() -> None:
+    huge = difference(np.array([1e300, 1.5e308]), np.array([-1e-300, -1.5e308]))
+    assert huge.effect == 1.0 - 0.25 * 0
+    assert huge.shift > 1e299
+    tiny = difference(np.array([-1e-300]), np.array([-2e-300]))
+    assert tiny.effect == 1.0
+    assert tiny.shift == pytest.approx(1e-300)
+
+
+def test_all_alike() -> None:
+    same = np.zeros(5)
+    assert mann_whitney(same, same, 12.5) == 1.0
+    found = kruskal_wallis([same, same, same])
+    assert (found.h, found.p) == (0.0, 1.0)
+
+
+def test_kruskal_and_wallis_is_scipys_and_takes_failures() -> None:
+    groups = [np.array([1.0, 2, 3]), np.array([2.0, 4, 9]), np.array([7.0, 8, 1])]
+    found = kruskal_wallis(groups)
+    expected = stats.kruskal(*groups)
+    assert (found.h, found.p) == pytest.approx((expected.statistic, expected.pvalue))
+    assert 0 < kruskal_wallis([np.array([nan, 1.0]), groups[1], groups[2]]).p < 1
+
+
+def test_holm() -> None:
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []

@@ -1,0 +1,29 @@
+"""Addresses of brokers."""
+
+import pytest
+
+from swarmwright.broker.address import broker_problem
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["mqtt://host", "mqtts://host:8883?mqtt=3", "ws://host/mqtt?mqtt=5", "wss://host/mqtt?token=x&mqtt=3"],
+)
+def test_addresses_that_can_be_used(url: str) -> None:
+    assert broker_problem(url) is None
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("mqtt://host?mqtt=4", ("?mqtt=3", "?mqtt=5")),
+        ("ws://host/mqtt?mqtt=", ("?mqtt=3", "?mqtt=5")),
+        ("mqtt://host?clean=1", ("?mqtt=3", "?mqtt=5")),
+        ("http://host", ("mqtt://",)),
+        ("mqtt://host:0", ("65535",)),
+    ],
+)
+def test_what_is_wrong_comes_with_what_is_right(url: str, words: tuple[str, ...]) -> None:
+    problem = broker_problem(url)
+    assert problem is not None
+    assert all(word in problem for word in words)

@@ -1,0 +1,154 @@
+"""Experiment files are YAML 1.2, read without surprises and with line numbers."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright import InputError
+from swarmwright.core.yaml import dotted_path, dump, parse, read
+
+SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False)
+    | st.text(st.characters(codec="utf-8"))
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.text("abc:#- '", min_size=1, max_size=6), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+
+
+@given(st.dictionaries(st.text("abcdefgh", min_size=1, max_size=8), VALUES, max_size=5))
+def test_what_is_written_is_read_back(values: dict[str, Any]) -> None:
+    source = parse(dump(values), "x.yaml")
+    assert source.problems == []
+    assert (source.values or {}) == values
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", 0.001),
+        ("1.5E+3", 1500.0),
+        (".inf", math.inf),
+        ("-.INF", -math.inf),
+        ("12", 12),
+        ("-0x1F", -31),
+        ("0o17", 15),
+        ("0.33", 0.33),
+        ("true", True),
+        ("~", None),
+        ("yes", "yes"),
+        ("off", "off"),
+        ("2026-01-01", "2026-01-01"),
+        ("'50'", "50"),
+        ("1.2.3", "1.2.3"),
+    ],
+)
+def test_scalars(text: str, value: object) -> None:
+    found = parse(f"key: {text}\n", "x.yaml").values["key"]
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_long_words_are_written_at_once() -> None:
+    values = {"simulation": "swarmwright.adapters.mujoco._quadrotors:Quadrotors" + "a" * 200 + "!"}
+    assert parse(dump(values), "x.yaml").values == values
+
+
+def test_lines_of_keys_and_items() -> None:
+    source = parse("a: 1\nb:\n  c:\n    - 1\n    - {d: 2,\n       e: 3}\n", "x.yaml")
+    assert source.lines[("a",)] == 1
+    assert source.lines[("b", "c", 0)] == 4
+    assert source.lines[("b", "c", 1, "e")] == 6
+    assert source.place(("b", "c", 1, "e")) == "x.yaml:6: b.c[1].e: "
+    # A key that is missing stands where its mapping stands.
+    assert source.place(("b", "missing")) == "x.yaml:2: b.missing: "
+
+
+def test_all_duplicates_are_found_with_both_lines() -> None:
+    source = parse("a: 1\nb: {x: 1, x: 2}\na: 3\n", "x.yaml")
+    assert [(path, line) for path, line, _ in source.problems] == [(("b", "x"), 2), (("a",), 3)]
+    assert "first in line 1" in source.problems[1][2]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("a: [1, 2\nb: 3\n", 2),
+        ("a: 'open\n", 2),
+        ("a: 1\n\tb: 2\n", 2),
+        ("a: b: c\n", 1),
+        ("a: @x\n", 1),
+        ("--- 1\n--- 2\n", 2),
+    ],
+)
+def test_what_is_no_yaml_is_said_with_its_line(text: str, line: int) -> None:
+    with pytest.raises(InputError, match=rf"^x\.yaml:{line}: is no YAML: "):
+        parse(text, "x.yaml")
+
+
+def test_a_tab_is_answered_with_how_to_indent() -> None:
+    with pytest.raises(InputError, match="indented with spaces, not with tabs"):
+        parse("method:\n\tkind: nnga\n", "x.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &a [*a]\n", "alias"),
+        ("a: !!python/object/apply:os.system [ls]\n", "tag"),
+        ("a: !foo bar\n", "tag"),
+        ("? [1, 2]\n: 3\n", "key"),
+    ],
+)
+def test_what_has_no_meaning_here_is_a_problem(text: str, words: str) -> None:
+    source = parse(text, "x.yaml")
+    assert any(words in message for _, _, message in source.problems)
+
+
+def test_aliases_are_copies() -> None:
+    assert parse("a: &x [1]\nb: *x\n", "x.yaml").values == {"a": [1], "b": [1]}
+
+
+def test_a_bomb_of_aliases_is_refused() -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+    with pytest.raises(InputError, match="more than 1000000 values"):
+        parse("\n".join(lines), "x.yaml")
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, "a: " + "[" * 200 + "]" * 200])
+def test_deep_nesting_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"nested too deeply|is no YAML"):
+        parse(text, "x.yaml")
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.yaml: there is no such file"):
+        read(tmp_path / "none.yaml")
+    with pytest.raises(InputError, match="is a folder"):
+        read(tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(b"simulation: \xff\xfe")
+    with pytest.raises(InputError, match="is not UTF-8 text"):
+        read(tmp_path / "binary.yaml")
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path: Path) -> None:
+    (tmp_path / "windows.yaml").write_bytes(b"\xef\xbb\xbfsimulation: minisim\r\nseed: 3\r\n")
+    assert read(tmp_path / "windows.yaml").values == {"simulation": "minisim", "seed": 3}
+
+
+def test_dotted_paths() -> None:
+    assert dotted_path(("a", "b", 0, "c")) == "a.b[0].c"
+    assert dotted_path(()) == ""

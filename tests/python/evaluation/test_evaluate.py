@@ -1,0 +1,117 @@
+"""Evaluating genomes and single controllers."""
+
+import sys
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Controller, Experiment, InputError, evaluate, simulate
+from swarmwright.core.random_numbers import Stream
+from swarmwright.evaluation.backend import open_backend
+
+MINISIM = Experiment.from_mapping(
+    {
+        "simulation": "minisim",
+        "parameters": {"placement": "random"},
+        "ranking": {"episodes": 3},
+        "servers": "local",
+    }
+)
+
+
+def genomes(count: int, experiment: Experiment = MINISIM) -> np.ndarray[Any, np.dtype[np.float32]]:
+    representation = experiment.representation()
+    return np.stack([representation.initial(Stream(1, "test", 0, index)) for index in range(count)])
+
+
+@pytest.mark.parametrize("kind", ["layered", "fully_meshed"])
+def test_fitness_does_not_depend_on_where_it_is_computed(kind: str) -> None:
+    experiment = MINISIM.replace(controller={"kind": kind})
+    rows = genomes(40, experiment)
+    here = evaluate(experiment, rows)
+    assert here.shape == (40,)
+    assert here.dtype == np.float64
+    assert np.isfinite(here).all()
+    assert evaluate(experiment, rows, servers=2).tobytes() == here.tobytes()
+
+
+def test_candidates_do_not_touch_each_other() -> None:
+    rows = genomes(50)
+    whole = evaluate(MINISIM, rows)
+    assert evaluate(MINISIM, rows[::-1]).tolist() == whole.tolist()[::-1]
+    assert evaluate(MINISIM, rows[7:8]).tolist() == [whole[7]]
+
+
+def test_episodes_have_their_own_seeds() -> None:
+    rows = genomes(5)
+    singles = [
+        evaluate(MINISIM.replace(ranking={"episodes": 1}, parameters={"seed": 40 + episode}), rows)
+        for episode in range(3)
+    ]
+    together = evaluate(MINISIM.replace(parameters={"seed": 40}), rows)
+    assert together == pytest.approx(np.mean(singles, axis=0), rel=1e-12)
+    assert len({values.tobytes() for values in singles}) == 3
+
+
+def test_nothing_to_evaluate() -> None:
+    assert evaluate(MINISIM, np.empty((0, 49))).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (np.zeros(49), r"have the shape \(49,\); expected \(candidates, genome_size\)"),
+        (np.zeros((2, 50)), "have 50 genes; this experiment's controllers have 49"),
+        (np.full((2, 49), np.nan), "number 0 holds a gene that is not finite"),
+        ([["a"] * 49], "must be an array of numbers"),
+    ],
+)
+def test_wrong_genomes(rows: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        evaluate(MINISIM, rows)
+
+
+def test_one_episode_of_one_controller() -> None:
+    rows = genomes(1)
+    single = MINISIM.replace(ranking={"episodes": 1})
+    controller = Controller(single.representation().specification(rows[0]))
+    assert simulate(single, controller) == evaluate(single, rows)[0]
+    assert simulate(single, controller, servers=1) == evaluate(single, rows)[0]
+
+
+def test_without_a_controller_a_random_one_drives() -> None:
+    experiment = MINISIM.replace(ranking={"episodes": 1}, method={"population": 5})
+    first = experiment.new_method(experiment.representation()).ask()[:1]
+    assert simulate(experiment) == evaluate(experiment, first)[0]
+    assert simulate(experiment.replace(seed=2)) != simulate(experiment)
+
+
+def test_a_controller_of_another_size() -> None:
+    other = Experiment.from_mapping({"simulation": "x", "sensors": 3, "actuators": 2}).representation()
+    controller = Controller(other.specification(other.initial(Stream(1, "x"))))
+    with pytest.raises(InputError, match="has 3 sensors and 2 actuators; minisim has 4 and 1"):
+        simulate(MINISIM, controller)
+
+
+@pytest.mark.parametrize(
+    ("notebook", "mode", "here"), [(True, "auto", True), (True, "stepwise", False), (False, "auto", False)]
+)
+def test_automatic_servers_in_a_notebook_are_none(
+    monkeypatch: pytest.MonkeyPatch, notebook: bool, mode: str, here: bool
+) -> None:
+    if notebook:
+        monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
+    else:
+        monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    experiment = MINISIM.replace(servers="auto", mode=mode)
+    with open_backend(experiment) as backend:
+        assert (backend.description == "in this process") is here
+
+
+def test_no_servers_at_all_are_refused() -> None:
+    with pytest.raises(
+        InputError, match="servers: must be auto, local, in-process or a number from 1 on, not 0"
+    ):
+        evaluate(MINISIM, genomes(1), servers=0)

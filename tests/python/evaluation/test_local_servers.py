@@ -1,0 +1,96 @@
+"""Servers that a run starts for itself: they start, they end, and their last words are heard."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import RunError, _engine
+from swarmwright.evaluation.local_servers import LocalServers, automatic_count
+
+
+def settings(broker: str, identifier: int = 1) -> dict[str, Any]:
+    return {"simulation": "minisim", "broker": broker, "id": identifier, "prefix": "", "step_timeout": 5.0}
+
+
+def listed(broker: str) -> dict[int, str]:
+    return {one["server"]: one["state"] for one in json.loads(_engine.servers(broker, wait=0.3))}
+
+
+def alive(pid: int) -> bool:
+    return Path(f"/proc/{pid}").exists()
+
+
+def test_servers_are_there_for_the_time_of_the_block(any_broker: str) -> None:
+    with LocalServers([settings(any_broker, index) for index in (5, 6, 7)]) as servers:
+        assert listed(any_broker) == {5: "ready", 6: "ready", 7: "ready"}
+        assert all(map(alive, servers.pids))
+        pids = servers.pids
+        servers.check()
+        began = time.monotonic()
+    assert time.monotonic() - began < 4
+    assert not any(map(alive, pids))
+    # They said good-bye: nothing is left on the broker.
+    assert "ready" not in listed(any_broker).values()
+
+
+def test_no_broker(unused_port: int) -> None:
+    with (
+        pytest.raises(
+            RunError, match=rf"simulation server 1 ended with status 1:\n.*127\.0\.0\.1:{unused_port}"
+        ),
+        LocalServers([settings(f"mqtt://127.0.0.1:{unused_port}")]),
+    ):
+        pytest.fail("started without a broker")
+
+
+def test_two_servers_with_one_id(embedded_broker: str) -> None:
+    with (
+        LocalServers([settings(embedded_broker, 9)]) as first,
+        pytest.raises(RunError, match=r"simulation server 9 ended with status 1:\n.*9"),
+        LocalServers([settings(embedded_broker, 9)]),
+    ):
+        pytest.fail("started with an id that is taken")
+    assert first.pids == []
+
+
+def test_an_error_in_the_block_leaves_nobody_behind(embedded_broker: str) -> None:
+    pids: list[int] = []
+
+    def fail() -> None:
+        with LocalServers([settings(embedded_broker)]) as servers:
+            pids.extend(servers.pids)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert pids
+    assert not any(map(alive, pids))
+
+
+def test_servers_draw_on_our_output_when_asked(tmp_path: Path) -> None:
+    script = tmp_path / "visual.py"
+    script.write_text(
+        "from swarmwright import Experiment, simulate\n"
+        "parameters = {'maxSteps': 3, 'stepSize': 1, 'helloMessage': 'Good morning'}\n"
+        "experiment = Experiment.from_mapping({'simulation': 'minisim', 'parameters': parameters})\n"
+        "simulate(experiment, visual=True)\n"
+    )
+    shown = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert shown.stdout.count("Good morning") >= 3
+    assert shown.stderr == ""
+    silent = subprocess.run(
+        [sys.executable, "-c", script.read_text().replace("visual=True", "visual=False")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert silent.stdout == ""
+
+
+def test_the_automatic_number_of_servers() -> None:
+    assert 2 <= automatic_count() <= 8

@@ -1,0 +1,89 @@
+"""The JSON Schema says what the loader does, and the reference page what the schema says."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from swarmwright import Experiment, InputError, templates
+from swarmwright.core.yaml import parse
+from swarmwright.experiment.reference import reference
+
+GOOD: list[dict[str, Any]] = [
+    {"simulation": "minisim"},
+    {"simulation": "x", "sensors": 1, "actuators": 2, "requirements": {"dimensions": 3, "max_agents": 7}},
+    {"simulation": "minisim", "method": {"population": 10}, "controller": {"hidden": []}},
+    {"simulation": "minisim", "method": {"kind": "random_search"}, "controller": {"kind": "fully_meshed"}},
+    {"simulation": "minisim", "fitness": "arrived - 0.01 * steps"},
+    {"simulation": "minisim", "servers": 8, "mode": "stepwise", "timeouts": {"step": 1}, "prefix": "a"},
+]
+BAD: list[dict[str, Any]] = [
+    {},
+    {"simulation": 1},
+    {"simulation": "minisim", "simulatoin": "minisim"},
+    {"simulation": "minisim", "fitness": 3},
+    {"simulation": "minisim", "method": {"kind": "nnga", "populaton": 3}},
+    {"simulation": "minisim", "method": {"kind": "random_search", "elite": 0.15}},
+    {"simulation": "minisim", "controller": {"kind": "fully_meshed", "hidden": [8]}},
+    {"simulation": "minisim", "controller": {"kind": "magic"}},
+    {"simulation": "minisim", "ranking": {"episodes": 0}},
+    {"simulation": "minisim", "servers": 0},
+    {"simulation": "minisim", "servers": "many"},
+    {"simulation": "minisim", "timeouts": {"step": 0}},
+    {"simulation": "minisim", "requirements": {}},
+    {"simulation": "minisim", "seed": -1},
+]
+
+
+@pytest.fixture(scope="module")
+def validator() -> Draft202012Validator:
+    schema = Experiment.json_schema()
+    Draft202012Validator.check_schema(schema)
+    return Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize("values", GOOD)
+def test_what_loads_is_valid(values: dict[str, Any], validator: Draft202012Validator) -> None:
+    validator.validate(values)
+    validator.validate(Experiment.from_mapping(values).to_mapping())
+
+
+@pytest.mark.parametrize("values", BAD)
+def test_what_does_not_load_is_not_valid(values: dict[str, Any], validator: Draft202012Validator) -> None:
+    assert not validator.is_valid(values)
+    with pytest.raises(InputError):
+        Experiment.from_mapping(values)
+
+
+def test_templates_are_valid(validator: Draft202012Validator) -> None:
+    for name in templates.names():
+        validator.validate(parse(templates.text(name), name).values)
+
+
+def test_every_key_is_described() -> None:
+    def undescribed(node: Any, path: str = "") -> list[str]:
+        found = []
+        for name, key in node.get("properties", {}).items():
+            here = f"{path}.{name}"
+            if not (key.get("description") or "$ref" in key or name == "kind"):
+                found.append(here)
+            for variant in key.get("oneOf", []):
+                found += undescribed(variant, here)
+        return found
+
+    schema = Experiment.json_schema()
+    assert undescribed(schema) == []
+    assert [name for name, one in schema["$defs"].items() if undescribed(one, name)] == []
+
+
+def test_the_schema_is_plain_json() -> None:
+    schema = Experiment.json_schema()
+    assert json.loads(json.dumps(schema, allow_nan=False)) == schema
+
+
+def test_the_reference_page_is_up_to_date(root: Path) -> None:
+    page = root / "docs" / "reference" / "experiment.md"
+    command = "python -m swarmwright.experiment.reference > docs/reference/experiment.md"
+    assert page.read_text(encoding="utf-8") == reference(), f"run `{command}`"

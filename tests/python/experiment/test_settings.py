@@ -1,0 +1,146 @@
+"""What `--set KEY.PATH=VALUE` makes of an experiment, and what is said when it is wrong."""
+
+# ruff: noqa: E501 - a table of messages, a line each
+
+import json
+from pathlib import Path
+
+import pytest
+
+from swarmwright import Experiment, InputError
+from swarmwright.analysis.sweep import Sweep
+
+FILE = """\
+simulation: minisim
+method: {kind: nnga, population: 12, generations: 4}
+parameters: {agents: [[0.5, 3.5]], maxSteps: 9}
+mode: stepwise
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "my.yaml"
+    path.write_text(FILE)
+    return path
+
+
+def test_values_are_yaml_and_the_last_one_wins(file: Path) -> None:
+    experiment = Experiment.load(
+        file,
+        ["seed=3", "controller.hidden=[8, 4]", "seed=4", "mode=auto", "timeouts.step=2.5", "fitness=arrived"],
+    )
+    assert (experiment.seed, experiment.mode, experiment.timeouts.step) == (4, "auto", 2.5)
+    assert (experiment.controller.hidden, experiment.fitness) == ([8, 4], "arrived")
+    assert experiment.method == Experiment.load(file).method
+
+
+def test_items_of_lists_are_named_by_their_number(file: Path) -> None:
+    one = Experiment.load(file, ["parameters.agents.0=[1, 2]"])
+    other = Experiment.load(file, ["parameters.agents[0][0]=1", "parameters.agents.0.1=2"])
+    assert one.parameters["agents"] == other.parameters["agents"] == [[1, 2]]
+
+
+def test_null_takes_a_key_back_to_its_default(file: Path) -> None:
+    experiment = Experiment.load(file, ["method.population=null", "parameters=null", "mode="])
+    assert (experiment.method.population, experiment.parameters, experiment.mode) == (50, {}, "auto")  # type: ignore[attr-defined]
+
+
+def test_another_kind_starts_from_its_own_defaults(file: Path) -> None:
+    for settings in (["method.step=0.2", "method.kind=cma_es"], ["method.kind=cma_es", "method.step=0.2"]):
+        method = Experiment.load(file, settings).to_mapping()["method"]
+        assert (method["kind"], method["step"], method["generations"]) == ("cma_es", 0.2, 200)
+        assert "population" not in method
+    assert Experiment.load(file, ["method.kind=nnga"]) == Experiment.load(file)
+
+
+def test_another_simulation_brings_its_own_sensors(file: Path) -> None:
+    written = Experiment.load(file, ["parameters=null"])
+    written.save(file)  # with every default written out
+    other = Experiment.load(file, ["simulation=emergency_exit"])
+    assert (other.sensors, other.actuators) == (10, 2)
+    assert written.with_settings(["simulation=emergency_exit"]) == other
+    assert Experiment.load(file, ["simulation=emergency_exit", "seed=5"]).seed == 5
+
+
+def test_names_with_dots_stand_in_quotes() -> None:
+    experiment = Experiment.from_mapping({"simulation": "foreign"}).with_settings(['parameters."pid.k"=3'])
+    assert experiment.parameters == {"pid.k": 3}
+
+
+def test_all_problems_come_at_once_with_those_of_the_file(file: Path) -> None:
+    file.write_text(FILE.replace("population", "populaton").replace("stepwise", "x"))
+    settings = [
+        "method.generatons=5",
+        "controller.hidden=[8, x]",
+        "parameters.agents.1=[1, 1]",
+        "parameters.maxSteps.first=4",
+        "faults={audti: 1}",
+        "controler.kind=layered",
+    ]
+    with pytest.raises(InputError) as caught:
+        Experiment.load(file, settings)
+    assert str(caught.value).replace(str(file), "my.yaml").splitlines() == [
+        "my.yaml:2: method.populaton: unknown key; did you mean 'population'?",
+        "my.yaml:4: mode: must be one of auto, stepwise, batched, offloaded, not 'x'",
+        "--set method.generatons=5: unknown key; did you mean 'generations'?",
+        "--set controller.hidden=[8, x]: controller.hidden[1]: must be an integer, not 'x'",
+        "--set parameters.agents.1=[1, 1]: parameters.agents is a list, which has no item '1'; its items are 0 to 0",
+        "--set parameters.maxSteps.first=4: parameters.maxSteps is 9, which has no part 'first'",
+        "--set faults={audti: 1}: faults.audti: unknown key; did you mean 'audit'?",
+        "--set controler.kind=layered: controler: unknown key; did you mean 'controller'?",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("method.generations", "write KEY=VALUE"),
+        ("=5", "write KEY=VALUE"),
+        ("a..b=5", "write KEY=VALUE"),
+        ("seed=[1", "the value is no YAML"),
+        ("parameters={a: 1, a: 2}", "the key stands twice"),
+        ("seed=!!python/none 1", "has no meaning here"),
+    ],
+)
+def test_what_is_no_setting(text: str, words: str, file: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        Experiment.load(file, [text, "also wrong"])
+    lines = str(caught.value).splitlines()
+    assert lines[0].startswith(f"--set {text}: ")
+    assert words in lines[0]
+    assert lines[1].startswith("--set also wrong: write KEY=VALUE")
+
+
+def test_files_in_settings_are_relative_to_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, here = tmp_path / "of_file", tmp_path / "here"
+    folder.mkdir()
+    here.mkdir()
+    for place, steps in ((folder, 1), (here, 2)):
+        field = {"width": 5, "height": 5, "agents": [[steps, 0]], "exits": [[4, 4]], "blockades": []}
+        (place / "field.json").write_text(json.dumps(field))
+    file = folder / "exit.yaml"
+    file.write_text("simulation: emergency_exit\nparameters: {field: field.json, numAgents: 1}\n")
+    monkeypatch.chdir(here)
+    assert Experiment.load(file).parameters["field"]["agents"] == [[1, 0]]
+    assert Experiment.load(file, ["seed=3"]).parameters["field"]["agents"] == [[1, 0]]
+    assert Experiment.load(file, ["parameters.field=field.json"]).parameters["field"]["agents"] == [[2, 0]]
+
+
+def test_settings_of_a_sweep_hold_for_all_variants(file: Path) -> None:
+    sweep = file.with_name("sweep.yaml")
+    sweep.write_text("experiment: my.yaml\ngrid: {method.population: [10, 20]}\n")
+    loaded = Sweep.load(sweep, settings=["method.generations=7"])
+    assert [one.experiment.generations for one in loaded.variants] == [7, 7]
+    with pytest.raises(InputError, match=r"--set method\.generatons=7: unknown key"):
+        Sweep.load(sweep, settings=["method.generatons=7"])
+
+
+def test_only_what_makes_sense_can_be_set_of_a_run() -> None:
+    experiment = Experiment.from_mapping({"simulation": "minisim"})
+    with pytest.raises(InputError, match="--set seed=3: seed: only parameters count"):
+        experiment.with_settings(
+            ["parameters.maxSteps=3", "seed=3"], only=["parameters"], reason="only parameters count"
+        )

@@ -1,0 +1,44 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from swarmwright.figures.run import draw
+from swarmwright.figures.style import save
+from tests.python.analysis.runs import KnownRun
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    "fitness",
+    [
+        [[1.0, 2.0, 3.0]],
+        [[1.0]],
+        [[NAN, NAN], [NAN, NAN]],
+        [[NAN, 1.0], [NAN, NAN], [2.0, 3.0]],
+        [[-1e300, 1e300], [1e300, -1e-300]],
+        [[-1e-300, 0.0], [0.0, 0.0]],
+        [[0.0, 0.0]] * 300,
+    ],
+    ids=["one generation", "one candidate", "all failed", "some failed", "huge", "tiny", "flat"],
+)
+@pytest.mark.parametrize("x", ["evaluations", "generations"])
+def test_any_run_can_be_drawn(tmp_path: Path, fitness: list[list[float]], x: str) -> None:
+    save(draw(KnownRun(tmp_path, fitness), x=x), tmp_path / "x.png")
+    with Image.open(tmp_path / "x.png") as picture:
+        assert picture.size == (1080, 792)
+        assert (np.asarray(picture.convert("L")) < 200).mean() > 0.005
+
+
+def test_the_lines_are_those_of_the_run(tmp_path: Path) -> None:
+    run = KnownRun(tmp_path, [[0.0, 4.0], [1.0, 2.0], [3.0, 9.0]])
+    upper, _ = draw(run).axes
+    lines = {line.get_label(): line for line in upper.lines}
+    assert np.asarray(lines["best so far"].get_ydata()).tolist() == [4, 4, 9]
+    assert np.asarray(lines["best of the population"].get_ydata()).tolist() == [4, 2, 9]
+    assert np.asarray(lines["mean"].get_ydata()).tolist() == [2, 1.5, 6]
+    assert np.asarray(lines["mean"].get_xdata()).tolist() == [2, 4, 6]
+    assert any(text.get_text() == "9" for text in upper.texts)

@@ -1,0 +1,102 @@
+"""Every representation with every method and ranking: it runs everywhere alike, or is refused and why."""
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, InputError, Run, optimize, resume
+from swarmwright.experiment.validation import REGISTRIES
+from tests.python.records import same_record
+
+SMALL: dict[str, dict[str, Any]] = {
+    "layered": {"hidden": [3]},
+    "fully_meshed": {"hidden": 1},
+    "mealy_fsm": {},
+    "parameter_set": {
+        "parameters": {
+            "avoidance": {"type": "real", "range": [0.0, 5.0]},
+            "avoidanceRadius": {"type": "real", "range": [0.1, 10.0], "scale": "log"},
+        }
+    },
+}
+"""Options of representations that need some, or are large without."""
+RANKINGS: list[dict[str, Any]] = [
+    {"aggregate": "mean"},
+    {"aggregate": "cvar", "level": 0.5, "seeds": "new", "reevaluate": True},
+]
+KINDS = list(
+    product(
+        REGISTRIES["controller"].names(),
+        REGISTRIES["method"].names(),
+        ("generational", "steady_state"),
+        range(len(RANKINGS)),
+    )
+)
+
+
+def experiment(controller: str, method: str, operation: str, ranking: int) -> Experiment:
+    parameters: dict[str, Any] = {"maxSteps": 4, "placement": "random", "numAgents": 2}
+    if controller == "parameter_set":
+        parameters["steering"] = "rule"
+    return Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "parameters": parameters,
+            "controller": {"kind": controller, **SMALL.get(controller, {})},
+            "method": {"kind": method, "operation": operation, "generations": 3, **sizes(method)},
+            "ranking": {"kind": "absolute", "episodes": 2, **RANKINGS[ranking]},
+            "servers": "local",
+        }
+    )
+
+
+def sizes(method: str) -> dict[str, int]:
+    """A small population, in the method's own words."""
+    options = REGISTRIES["method"].get(method).options_model.model_fields
+    if "population" in options:
+        return {"population": 8}
+    return {"width": 3, "height": 3} if "width" in options else {}
+
+
+@pytest.mark.parametrize(("controller", "method", "operation", "ranking"), KINDS)
+def test_it_runs_everywhere_alike_or_is_refused(
+    controller: str, method: str, operation: str, ranking: int, tmp_path: Path
+) -> None:
+    try:
+        made = experiment(controller, method, operation, ranking)
+    except InputError as refusal:
+        refused(str(refusal), controller, method, operation, ranking)
+        return
+    run = optimize(made, out=tmp_path / "run")
+    # A restart of CMA-ES doubles its population, and its generations become fewer.
+    assert run.generations == 3 or (method.endswith("cma_es") and run.generations == 2)
+    assert run.state == "done"
+    assert run.evaluations == len(run.record.fitness) > 0
+    part = optimize(made, lambda now: now.generation < 1, out=tmp_path / "part")
+    same_record(resume(part), run)
+
+
+def refused(why: str, controller: str, method: str, operation: str, ranking: int) -> None:
+    """A refusal names the key, and there is a reason for it."""
+    asks_for_more = ranking == 1
+    component = REGISTRIES["method"].get(method)
+    reasons = [
+        asks_for_more and not component.keeps_members and "ranking.reevaluate: " in why,
+        asks_for_more and operation == "steady_state" and "ranking" in why,
+        operation == "steady_state" and not component.steady_state and "method.operation: " in why,
+        controller in {"mealy_fsm", "parameter_set"} and "method.kind: " in why and controller in why,
+    ]
+    assert any(reasons), why
+
+
+@pytest.mark.parametrize("operation", ["generational", "steady_state"])
+@pytest.mark.parametrize("controller", REGISTRIES["controller"].names())
+def test_servers_give_what_this_process_gives(controller: str, operation: str, tmp_path: Path) -> None:
+    made = experiment(controller, "cea2d", operation, 0)
+    local: Run = optimize(made, out=tmp_path / "local")
+    for mode in ("stepwise", "offloaded"):
+        there = optimize(made.replace(mode=mode, servers=2), out=tmp_path / mode)
+        same_record(there, local)
+        assert {attempt.mode for attempt in there.attempts()} == {mode}

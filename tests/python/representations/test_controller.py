@@ -1,0 +1,146 @@
+"""Controllers are callable on numpy arrays."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Controller, InputError
+from swarmwright.core.random_numbers import Stream
+from swarmwright.testing._common import representation
+
+
+def specification(kind: str = "layered", seed: int = 1) -> dict[str, Any]:
+    made = representation(kind, sensors=3, actuators=2)
+    return made.specification(made.initial(Stream(seed, "test")))
+
+
+@pytest.fixture(params=["layered", "fully_meshed"])
+def controller(request: pytest.FixtureRequest) -> Controller:
+    return Controller(specification(request.param))
+
+
+def inputs(agents: int, steps: int) -> np.ndarray[Any, np.dtype[np.float32]]:
+    return (Stream(4, "inputs").unit(agents * steps * 3) * 2 - 1).astype(np.float32).reshape(steps, agents, 3)
+
+
+def test_one_agent(controller: Controller) -> None:
+    actuators = controller([0.5, -1, 0])
+    assert actuators.shape == (2,)
+    assert actuators.dtype == np.float32
+    assert (np.abs(actuators) <= 1).all()
+    assert (controller.sensors, controller.actuators) == (3, 2)
+
+
+def test_a_linear_controller_by_hand() -> None:
+    weights = [0.5, 1, 2, 3, -0.25, 0, 0, -1]
+    linear = Controller(
+        {
+            "version": 1,
+            "kind": "layered",
+            "sensors": 3,
+            "actuators": 2,
+            "hidden": [],
+            "activation": "linear",
+            "output_range": [-1, 1],
+            "weights": weights,
+        }
+    )
+    assert linear([0.25, 0.125, -0.25]).tolist() == [0.25, 0.0]
+    assert linear([1, 1, 1]).tolist() == [1.0, -1.0]  # limited to -1..1
+
+
+def test_agents_of_a_swarm_do_not_touch_each_other() -> None:
+    swarm = Controller(specification("fully_meshed"))
+    alone = [Controller(specification("fully_meshed")) for _ in range(4)]
+    for step in inputs(4, 5):
+        together = swarm(step)
+        assert together.shape == (4, 2)
+        apart = np.stack([one(row) for one, row in zip(alone, step, strict=True)])
+        assert together.tobytes() == apart.tobytes()
+
+
+def test_state_is_kept_until_reset() -> None:
+    controller = Controller(specification("fully_meshed"))
+    rows = inputs(1, 3)[:, 0]
+    first = [controller(row).tobytes() for row in rows]
+    without_reset = controller(rows[0]).tobytes()
+    controller.reset()
+    assert [controller(row).tobytes() for row in rows] == first
+    assert without_reset != first[0]
+
+
+def test_the_number_of_agents_changes_with_reset_only(controller: Controller) -> None:
+    controller(inputs(3, 1)[0])
+    with pytest.raises(InputError, match=r"2 agent\(s\) now, 3 before; call reset"):
+        controller(inputs(2, 1)[0])
+    controller.reset()
+    assert controller(inputs(2, 1)[0]).shape == (2, 2)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "words"),
+    [
+        ([1, 2], r"have the shape \(2,\); expected \(3,\)"),
+        (np.zeros((2, 4)), r"have the shape \(2, 4\)"),
+        (np.zeros((0, 3)), r"have the shape \(0, 3\)"),
+        (1.0, "have the shape"),
+        ([0, np.nan, 0], "not finite"),
+        ([0, 1e300, 0], "not finite"),
+        (["a", "b", "c"], "must be an array of numbers"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
+def test_wrong_sensors(sensors: Any, words: str, controller: Controller) -> None:
+    with pytest.raises(InputError, match=words):
+        controller(sensors)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kind": "magic"}, "magic"),
+        ({"weights": [1.0]}, "weights"),
+        ({"sensors": 0}, "sensors"),
+        ({"weights": [float("nan")]}, "JSON"),
+        ({"extra": 1}, "extra"),
+    ],
+)
+def test_wrong_specifications(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=f"controller: .*{words}"):
+        Controller(specification() | change)
+
+
+def test_saving_and_loading(controller: Controller, tmp_path: Path) -> None:
+    controller.save(tmp_path / "c.json")
+    loaded = Controller.load(tmp_path / "c.json")
+    assert loaded.specification == controller.specification
+    row = inputs(1, 1)[0, 0]
+    assert loaded(row).tobytes() == controller(row).tobytes()
+
+
+def test_loading_a_best_file_or_its_folder(tmp_path: Path) -> None:
+    best = {"fitness": 0.0, "generation": 1, "candidate": 2, "controller": specification()}
+    (tmp_path / "best.json").write_text(json.dumps(best))
+    for path in (tmp_path, tmp_path / "best.json"):
+        assert Controller.load(path).specification == specification()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "is no JSON"),
+        ("[1, 2]", "is no controller"),
+        ("{}", "controller: "),
+        ("[" * 100_000, r"is nested too deeply|is no JSON"),
+    ],
+)
+def test_files_that_hold_no_controller(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        Controller.load(tmp_path / "c.json")
+    assert "c.json" in str(caught.value)
+    with pytest.raises(InputError, match="there is no such file"):
+        Controller.load(tmp_path / "none.json")

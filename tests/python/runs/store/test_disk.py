@@ -1,0 +1,182 @@
+"""Disks that are full, fail, or may not be written: what is said, what is kept, how it goes on."""
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from swarmwright import InputError, Run, RunError, optimize, resume
+from tests.python.records import EXPERIMENT
+
+FAILING = Path(__file__).with_name("failing_disk.c")
+FILLING = """
+import os, signal, sys
+from pathlib import Path
+from swarmwright import cli
+from swarmwright.optimization import loop as loops
+
+folder, at, number = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+report = loops.Loop._report
+
+def filled(loop, summary, *rest):  # called when a generation is committed
+    if summary.generation == at:
+        with (folder / "rest").open("wb", buffering=0) as file:
+            try:
+                while file.write(bytes(4096)):
+                    pass
+            except OSError:
+                pass
+        if number:
+            os.kill(os.getpid(), number)
+    return report(loop, summary, *rest)
+
+loops.Loop._report = filled
+sys.exit(cli.run(sys.argv[4:]))
+"""
+
+
+@contextmanager
+def disk(place: Path, size: str = "8m") -> Iterator[Path]:
+    """A small disk of its own."""
+    place.mkdir()
+    options = ["-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)]
+    if subprocess.run(["mount", *options], capture_output=True, check=False).returncode:
+        pytest.skip("mounting a disk is not allowed here")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
+    with disk(tmp_path / "disk") as place:
+        shutil.copytree(copy, place / "run")
+        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+        run = Run.open(place / "run")
+        assert run.record.fitness.max() == run.best.fitness
+        assert run.state == "done"
+        with pytest.raises(InputError, match="may not be written by this user"):
+            resume(run, generations=9)
+        with pytest.raises(InputError, match="no right to write"):
+            optimize(EXPERIMENT, out=place / "another")
+
+
+def test_pictures_for_a_read_only_folder_are_refused_in_the_same_words(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from swarmwright.cli import run
+
+    with disk(tmp_path / "disk") as place:
+        shutil.copytree(copy, place / "run")
+        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+        for command, name in (("plot", "plot.png"), ("draw", "controller.png"), ("replay", "x.gif")):
+            file = str(place / "run" / name)
+            options = ["--save", file] if command == "replay" else []
+            assert run([command, str(place / "run"), *options]) == 2
+            assert f"{file}: cannot be written: Read-only file system" in capsys.readouterr().err
+
+
+def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
+    experiment = EXPERIMENT.replace(
+        controller={"kind": "layered", "hidden": [64]}, method={"generations": 1000}
+    )
+    with disk(tmp_path / "disk", "600k") as place:
+        with pytest.raises(RunError, match=r"the disk is full; what was written before is kept"):
+            optimize(experiment, out=place / "run")
+        shutil.copytree(place / "run", tmp_path / "copy")
+    run = Run.open(tmp_path / "copy")
+    assert run.generations > 3
+    assert run.state in {"failed", "killed"}
+    longer = resume(run.path, lambda generation: generation.generation < run.generations)
+    assert longer.generations == run.generations + 1
+    undisturbed = optimize(experiment, lambda now: now.generation < run.generations, out=tmp_path / "whole")
+    assert longer.digest == undisturbed.digest
+
+
+@pytest.mark.parametrize("number", [0, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("at", [3, 1])
+def test_a_disk_that_is_full_at_the_end_is_told_of(
+    finished: Run, tmp_path: Path, at: int, number: int
+) -> None:
+    """After the last generation; and while an interrupt is handled."""
+    finished.experiment.save(tmp_path / "x.yaml")
+    with disk(tmp_path / "disk", "4m") as place:
+        folder = place / "run"
+        command = ["optimize", str(tmp_path / "x.yaml"), "--out", str(folder)]
+        result = subprocess.run(
+            [sys.executable, "-c", FILLING, str(place), str(at), str(int(number)), *command],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+        assert result.returncode == 1
+        assert "Interrupted" not in result.stdout
+        (line,) = result.stderr.splitlines()
+        assert line.startswith(f"swarmwright: {folder}/")
+        assert "the disk is full" in line or "No space left on device" in line
+        assert f"the results of {at + 1} generations are kept" in line
+        assert f"`swarmwright resume {folder}` goes on from there" in line
+        assert Run.open(folder).generations == at + 1, "it can be read while the disk is full"
+        (place / "rest").unlink()
+        run = resume(folder)
+        assert (run.state, run.digest) == ("done", finished.digest)
+
+
+@pytest.fixture(scope="module")
+def failing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library that lets what is written to stores fail."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler")
+    library = tmp_path_factory.mktemp("failing") / "failing.so"
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, FAILING, "-ldl"], check=True)
+    return library
+
+
+def optimized(folder: Path, environment: Mapping[str, str]) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-m", "swarmwright", "optimize", "x.yaml", "--out", folder.name],
+        cwd=folder.parent,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.mark.timeout(180)
+def test_a_disk_error_at_any_of_the_last_writes_is_told_of(
+    finished: Run, failing: Path, tmp_path: Path
+) -> None:
+    """When the last generation and the end are committed, and when one file is made of the store."""
+    finished.experiment.save(tmp_path / "x.yaml")
+    counted = {"LD_PRELOAD": str(failing), "FAIL_LOG": str(tmp_path / "count")}
+    assert optimized(tmp_path / "counted", counted).returncode == 0
+    writes = int((tmp_path / "count").read_text())
+    assert writes > 20
+    failed = 0
+    for at in (*range(writes - 18, writes - 11), writes - 6, writes - 5, writes - 1):
+        times, number = (("1", errno.ENOSPC), ("1000000", errno.EIO))[at % 2]  # for a moment, and for good
+        folder = tmp_path / f"run{at}"
+        failure = {"FAIL_AT": str(at), "FAIL_TIMES": times, "FAIL_ERRNO": str(int(number))}
+        result = optimized(folder, {"LD_PRELOAD": str(failing), **failure})
+        assert "Traceback" not in result.stderr
+        if result.returncode:
+            failed += 1
+            assert result.returncode == 1, (at, result)
+            assert f"{folder.name}/run.sqlite: the disk " in result.stderr
+            assert f"`swarmwright resume {folder.name}` goes on from there" in result.stderr
+        else:  # nothing was lost by it
+            assert Run.open(folder).state == "done", (at, result)
+        run = resume(folder)
+        assert (run.state, run.digest) == ("done", finished.digest)
+    assert failed >= 9  # SQLite does without the very last ones

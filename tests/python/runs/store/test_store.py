@@ -1,0 +1,242 @@
+"""The store of a run: what goes wrong with files, and what is said then."""
+
+import os
+import shutil
+import sqlite3
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import InputError, Run, RunError, optimize, resume
+from swarmwright.runs.store import FILE, StoreWriter
+from swarmwright.runs.store.lock import LOCK, Lock, _opened, is_locked
+from tests.python.records import EXPERIMENT, without_digests
+
+
+def test_it_is_a_plain_sqlite_file_for_any_program(finished: Run) -> None:
+    store = sqlite3.connect(finished.path / FILE)
+    rows = store.execute("SELECT generation, candidate, fitness, genome FROM evaluation").fetchall()
+    store.close()
+    assert [row[2] for row in rows] == finished.record.fitness.tolist()
+    assert np.frombuffer(rows[3][3], dtype="<f4").tolist() == finished.record.genomes[3].tolist()
+
+
+def test_a_finished_run_is_one_file_that_can_be_copied(finished: Run) -> None:
+    assert sorted(entry.name for entry in finished.path.glob("run.sqlite*")) == [FILE]
+
+
+def test_a_run_can_be_read_while_it_goes_on(tmp_path: Path) -> None:
+    seen: list[tuple[str, int, int]] = []
+
+    def look(_: object) -> None:
+        run = Run.open(tmp_path / "run")
+        seen.append((run.state, run.generations, len(run.record.fitness)))
+
+    run = optimize(EXPERIMENT, look, out=tmp_path / "run")
+    assert [state for state, _, _ in seen] == ["running"] * 4
+    assert [generations for _, generations, _ in seen] == [1, 2, 3, 4]
+    assert [evaluations for _, _, evaluations in seen] == [one.evaluations for one in run.history]
+    assert Run.open(tmp_path / "run").state == "done"
+
+
+def test_two_processes_never_write_one_run(copy: Path) -> None:
+    with StoreWriter.resume(copy):
+        with pytest.raises(InputError, match="another process works on this run"):
+            resume(copy, generations=9)
+        assert Run.open(copy).evaluations == 33
+
+
+def test_an_editor_that_replaces_the_experiment_opens_no_way_in(copy: Path) -> None:
+    with StoreWriter.resume(copy):
+        saved = copy / "experiment.yaml~"  # as editors save: a new file, then its name
+        saved.write_text((copy / "experiment.yaml").read_text())
+        saved.replace(copy / "experiment.yaml")
+        assert is_locked(copy)
+        with pytest.raises(InputError, match="another process works on this run; wait for it, or stop it"):
+            resume(copy, generations=9)
+    assert not is_locked(copy)
+    assert resume(copy, generations=5).generations == 5
+    assert not (copy / LOCK).exists(), "it goes with the process"
+
+
+def test_a_lock_that_a_killed_process_left_is_in_nobody_s_way(copy: Path) -> None:
+    (copy / LOCK).touch()
+    assert not is_locked(copy)
+    assert resume(copy, generations=5).generations == 5
+
+
+def test_who_asks_whether_a_run_is_locked_keeps_nobody_out(copy: Path) -> None:
+    over = threading.Event()
+
+    def ask() -> None:
+        while not over.is_set():
+            is_locked(copy)
+
+    asking = [threading.Thread(target=ask) for _ in range(3)]
+    for thread in asking:
+        thread.start()
+    try:
+        for _ in range(50):
+            lock = Lock(copy)
+            assert is_locked(copy)
+            lock.close()
+    finally:
+        over.set()
+        for thread in asking:
+            thread.join()
+
+
+def test_a_lock_that_goes_while_it_is_taken_is_not_held_by_two(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = Lock(copy)
+
+    def opened(folder: Path, path: Path) -> Any:
+        file = _opened(folder, path)
+        first.close()  # deletes the file that is open here
+        return file
+
+    with monkeypatch.context() as patch:
+        patch.setattr("swarmwright.runs.store.lock._opened", opened)
+        second = Lock(copy)
+    with pytest.raises(InputError, match="another process works on this run"):
+        Lock(copy)
+    second.close()
+
+
+def test_without_a_lock_the_first_writer_is_told_of_the_second(copy: Path) -> None:
+    def write() -> None:
+        with StoreWriter.resume(copy) as store:
+            store.begin("first", ())
+            (copy / LOCK).unlink()
+            assert resume(copy, generations=5).generations == 5
+            store.note(9, [])
+
+    with pytest.raises(RunError, match="another process has gone on with this run"):
+        write()
+    run = Run.open(copy)
+    assert (run.generations, run.state) == (5, "done")
+
+
+def test_missing_files_are_named(copy: Path) -> None:
+    (copy / FILE).unlink()
+    with pytest.raises(InputError, match=r"is no run folder: run.sqlite is missing"):
+        resume(copy, generations=5)
+    with pytest.raises(InputError, match="there is no such folder"):
+        Run.open(copy / "none")
+
+
+def test_a_deleted_experiment_is_written_anew(copy: Path) -> None:
+    text = (copy / "experiment.yaml").read_text()
+    (copy / "experiment.yaml").unlink()
+    resume(copy)
+    assert (copy / "experiment.yaml").read_text() == text
+
+
+def test_a_damaged_store_is_not_touched(copy: Path) -> None:
+    store = copy / FILE
+    for damage in (
+        b"",
+        b"generation,candidate,fitness\n0,0,1.5\n" * 100,
+        store.read_bytes()[:5000],
+        store.read_bytes()[:4096] + os.urandom(store.stat().st_size - 4096),
+    ):
+        store.write_bytes(damage)
+        for attempt in (Run.open, lambda path: resume(path, generations=9)):
+            with pytest.raises(InputError, match=r"run\.sqlite: (is damaged|is no store)"):
+                attempt(copy)
+        assert store.read_bytes() == damage
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("UPDATE fact SET value = '{' WHERE name = 'experiment'", r"run\.sqlite: is damaged"),
+        (
+            """UPDATE fact SET value = '{"simulation": "minisim", "sede": 1}' WHERE name = 'experiment'""",
+            r"copy: the experiment in run\.sqlite cannot be used: sede: unknown key; did you mean 'seed'",
+        ),
+        ("UPDATE fact SET value = 'x' WHERE name = 'metrics'", r"run\.sqlite: is damaged"),
+        ("UPDATE generation SET seeds = 'x'", r"run\.sqlite: is damaged"),
+        ("UPDATE evaluation SET genome = x'00'", r"run\.sqlite: is damaged"),
+    ],
+)
+def test_damaged_values_are_named(copy: Path, change: str, words: str) -> None:
+    without_digests(copy)
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute(change)
+    store.close()
+    with pytest.raises(InputError, match=words):
+        resume(copy, generations=9)
+
+
+def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "run"
+    said = []
+
+    def interrupted(*_: object) -> None:
+        for attempt in (Run.open, resume, lambda path: optimize(EXPERIMENT, out=path)):
+            with pytest.raises(InputError) as error:
+                attempt(folder)
+            said.append(str(error.value))
+        raise SystemExit  # as good as killed: nobody tidies up
+
+    with monkeypatch.context() as patch:
+        patch.setattr("swarmwright.runs.store.writer.create", interrupted)
+        with pytest.raises(SystemExit):
+            optimize(EXPERIMENT, out=folder)
+    assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3
+    with pytest.raises(InputError, match="ended before anything was computed; begin again"):
+        Run.open(folder)
+    assert optimize(EXPERIMENT, out=folder).state == "done", "nothing is lost by beginning anew"
+
+
+def test_missing_rows_are_noticed(copy: Path) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("DELETE FROM evaluation WHERE number = 13")
+    store.close()
+    with pytest.raises(InputError, match="is damaged: generation 1: 1 evaluations are missing"):
+        resume(copy, generations=9)
+
+
+def test_a_store_of_a_newer_version_is_left_alone(copy: Path) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("PRAGMA user_version = 99")
+    store.close()
+    before = (copy / FILE).read_bytes()
+    for attempt in (Run.open, resume):
+        with pytest.raises(InputError, match=r"has format 99; .* update it"):
+            attempt(copy)
+    assert (copy / FILE).read_bytes() == before
+
+
+def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
+    without_digests(copy)
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("UPDATE evaluation SET fitness = fitness + 1 WHERE number = 13")
+    store.close()
+    with pytest.raises(RunError, match="generation 1 comes out differently here"):
+        resume(copy, generations=9)
+
+
+def test_what_a_killed_process_left_of_a_store_is_in_nobody_s_way(copy: Path) -> None:
+    folder = copy.parent / "broken"
+    folder.mkdir()
+    shutil.copy(copy / FILE, folder / "run.sqlite.new")
+    shutil.copy(copy / "experiment.yaml", folder)
+    assert optimize(EXPERIMENT, lambda _: False, out=folder).generations == 1
+
+
+def test_text_where_a_number_should_stand_is_damage(copy: Path) -> None:
+    without_digests(copy)
+    store = sqlite3.connect(copy / FILE)
+    store.execute("UPDATE generation SET best = CAST('' AS BLOB) WHERE generation = 1")
+    store.commit()
+    store.close()
+    with pytest.raises(InputError, match="is damaged: could not convert"):
+        _ = Run.open(copy).history

@@ -1,0 +1,148 @@
+"""The best of a run in episodes that it was not chosen by."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, InputError, Run, evaluate, optimize, post_evaluate, resume
+from swarmwright.core.statistics import estimate
+from swarmwright.runs.post_evaluation import unseen_seeds
+
+NOISY: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"numAgents": 3, "numDefenders": 3, "placement": "random", "speedDefenders": 0.5},
+    "method": {"kind": "cma_es", "population": 20, "generations": 15},
+    "ranking": {"episodes": 2, "seeds": "new"},
+    "servers": "local",
+}
+
+
+def run_of(tmp_path: Path, **changes: Any) -> Run:
+    folder = tmp_path / f"run-{len(list(tmp_path.iterdir()))}"
+    return optimize(Experiment.from_mapping(NOISY).replace(**changes), out=folder)
+
+
+def again(run: Run, seeds: list[int], parameters: dict[str, Any] | None = None) -> list[float]:
+    """The fitness of the run's best in an episode of each seed, by another way."""
+    changed = run.experiment.replace(ranking={"seeds": "same", "episodes": 1}, parameters=parameters or {})
+    genome = run.evaluation().genome[np.newaxis]
+    return [float(evaluate(changed.replace(parameters={"seed": seed}), genome)[0]) for seed in seeds]
+
+
+def test_a_noisy_run_says_what_its_best_is_worth_on_seeds_not_seen(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    unseen = run.unseen
+    assert unseen is not None
+    assert len(unseen.episodes) == 30  # a twentieth of 15 x 20 x 2
+    assert not run.store.used_seeds() & set(unseen.seeds)
+    assert unseen.episodes.tolist()[:5] == again(run, unseen.seeds[:5])
+    assert unseen.recorded == run.best.fitness
+    assert unseen.fitness.mean == pytest.approx(np.mean(unseen.episodes))
+    assert unseen.fitness.mean < run.best.fitness - 2, "it was the luckiest"
+    assert Run.open(run.path).unseen.to_mapping() == unseen.to_mapping()  # type: ignore[union-attr]
+
+
+def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    without = run_of(tmp_path, ranking={"unseen_episodes": 0})
+    servers = run_of(tmp_path, servers=2)
+    assert without.unseen is None
+    assert run.digest == without.digest == servers.digest
+    assert servers.unseen is not None
+    assert run.unseen is not None
+    assert servers.unseen.stored() == run.unseen.stored()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        # One seed, learned by heart.
+        ({"ranking": {"seeds": "same", "episodes": 1}, "method": {"population": 30}}, True),
+        ({"ranking": {"seeds": "same", "episodes": 4}}, True),
+        ({"parameters": {"placement": "fixed"}, "ranking": {"seeds": "same", "episodes": 1}}, False),
+        ({"parameters": {"placement": "fixed"}, "ranking": {"seeds": "same", "episodes": 4}}, False),
+        ({"parameters": {"placement": "fixed"}}, False),
+        ({"method": {"generations": 3}}, False),  # too few evaluations for it
+        ({"method": {"operation": "steady_state", "kind": "random_search", "population": 20,
+                     "generations": 15}, "ranking": {"seeds": "same"}}, True),
+    ],
+)  # fmt: skip
+def test_it_is_told_where_fitness_depends_on_the_seed(
+    changes: dict[str, Any], told: bool, tmp_path: Path
+) -> None:
+    assert (run_of(tmp_path, **changes).unseen is not None) is told
+
+
+def test_nothing_is_sent_to_servers_of_others_for_one_episode_with_one_seed(tmp_path: Path) -> None:
+    # Servers are asked only where the record shows that the seed matters.
+    run = run_of(
+        tmp_path, parameters={"placement": "fixed"}, ranking={"seeds": "same", "episodes": 1}, servers=1
+    )
+    assert sum(attempt.candidates * attempt.episodes for attempt in run.attempts()) == run.evaluations
+    assert run.unseen is None
+
+
+def test_the_number_of_episodes_can_be_set(tmp_path: Path) -> None:
+    run = run_of(tmp_path, ranking={"unseen_episodes": 7})
+    assert run.unseen is not None
+    assert len(run.unseen.episodes) == 7
+
+
+def test_a_run_that_goes_on_has_it_anew(tmp_path: Path) -> None:
+    run = run_of(tmp_path, method={"generations": 11})
+    longer = resume(run, generations=15)
+    whole = run_of(tmp_path)
+    assert longer.unseen is not None
+    assert whole.unseen is not None
+    assert longer.unseen.stored() == whole.unseen.stored()
+
+
+def test_any_candidate_is_evaluated_in_other_episodes(tmp_path: Path) -> None:
+    run = run_of(tmp_path, ranking={"unseen_episodes": 0})
+    found = post_evaluate(run, episodes=20, seed=5)
+    assert found.seeds == list(range(5, 25))
+    assert found.seen == 20, "the run used 0 to 29"
+    assert found.episodes.tolist() == again(run, found.seeds)
+    values = found.to_mapping()
+    assert values["mean"] == pytest.approx(found.episodes.mean())
+    assert values["standard_error"] == pytest.approx(found.episodes.std(ddof=1) / np.sqrt(20))
+    assert (values["min"], values["max"]) == (found.episodes.min(), found.episodes.max())
+    assert values["median"] == pytest.approx(np.median(found.episodes))
+    other = post_evaluate(run, 3, 0, episodes=1)
+    assert (other.number, other.recorded) == (3, run.evaluation(3, 0).fitness)
+    assert other.mean.standard_error is None
+    harder = run.experiment.with_settings(["parameters.speedDefenders=0.8"])
+    assert post_evaluate(run, episodes=20, seed=5, experiment=harder).mean.mean < found.mean.mean
+    with pytest.raises(InputError, match="seed: must be from 0"):
+        post_evaluate(run, seed=-1)
+
+
+@pytest.mark.parametrize(
+    ("ranking", "expected"),
+    [
+        ({"episodes": 4, "aggregate": "mean"}, lambda rows: rows.mean()),
+        ({"episodes": 4, "aggregate": "sum"}, lambda rows: rows.sum(axis=1).mean()),
+        ({"episodes": 4, "aggregate": "worst"}, lambda rows: rows.min(axis=1).mean()),
+        ({"episodes": 4, "aggregate": "median"}, lambda rows: np.median(rows, axis=1).mean()),
+    ],
+)
+def test_the_fitness_is_that_of_the_ranking(ranking: dict[str, Any], expected: Any) -> None:
+    made = Experiment.from_mapping({"simulation": "minisim", "ranking": ranking}).new_ranking()
+    values = np.random.default_rng(1).normal(size=40)
+    found = estimate(made.samples(values.tolist()).tolist())
+    assert found.mean == pytest.approx(expected(values.reshape(10, 4)))
+
+
+def test_the_interval_is_students() -> None:
+    found = estimate([1.0, 2.0, 4.0, 5.0])
+    # 3 degrees of freedom: t = 3.182446; standard error 0.912871.
+    assert (found.mean, found.standard_error) == pytest.approx((3.0, 0.9128709))
+    assert (found.low, found.high) == pytest.approx((3 - 2.9051627, 3 + 2.9051627))
+    assert estimate([2.0]).low is None
+
+
+def test_unseen_seeds_are_none_of_the_run() -> None:
+    assert unseen_seeds(3, {1_000_000_004, 7}, 3) == [1_000_000_003, 1_000_000_005, 1_000_000_006]
+    assert max(unseen_seeds(2**63 - 1, set(), 4)) < 2**63

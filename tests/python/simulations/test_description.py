@@ -1,0 +1,203 @@
+"""What a class says of itself, and how it is found."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, InputError, Parameter, Simulation
+from swarmwright.simulations.description import describe
+from swarmwright.simulations.loading import load
+from swarmwright.simulations.names import absolute, is_own, name_of
+from swarmwright.simulations.parameters import declared, filled_in
+from tests.python.simulations import troubled
+from tests.python.simulations.troubled import Walk
+
+
+def test_what_is_announced() -> None:
+    plain = describe(Walk()).plain()
+    steps = {"type": "integer", "default": 4, "description": ""}
+    trouble = {"type": "string", "default": "", "description": ""}
+    assert plain == {
+        "title": "walk",
+        "dimensions": 1,
+        "max_agents": None,
+        "sensors": 2,
+        "actuators": 1,
+        "parameters": {"steps": steps, "trouble": trouble},
+        "metrics": {"steps": {"unit": "", "description": "Steps done."}},
+        "determinism": None,
+    }
+
+
+def test_properties_serve_as_well_and_the_class_gives_the_title() -> None:
+    class Wide(Walk):
+        title = ""
+
+        @property
+        def sensors(self) -> int:  # type: ignore[override]
+            return 7
+
+    described = describe(Wide())
+    assert (described.title, described.sensors) == ("wide", 7)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("sensors", 0, "Walk.sensors: 0 found, expected an integer from 1"),
+        ("sensors", 2.0, "Walk.sensors: 2.0 found"),
+        ("actuators", None, "Walk.actuators: None found"),
+        (
+            "determinism",
+            "exact",
+            "Walk.determinism: 'exact' found, expected one of bitwise, statistical, none",
+        ),
+        ("tolerance", float("nan"), "Walk.tolerance: nan found, expected a number, 0 or more"),
+        ("dimensions", -1, "Walk.dimensions: -1 found, expected an integer from 0"),
+        ("max_agents", "many", "Walk.max_agents: 'many' found"),
+        ("title", 7, "Walk.title: 7 found, expected text"),
+        ("metrics", 7, "Walk.metrics: 7 found, expected names"),
+        ("metrics", ["a-b"], "Walk.metrics: 'a-b' found, expected a letter or _"),
+        ("metrics", {"a": 1}, r"Walk.metrics\['a'\]: 1 found, expected a description"),
+        ("parameters", ["a"], r"Walk.parameters: \['a'\] found, expected names"),
+        ("parameters", {"seed": 1}, "Walk.parameters: 'seed' is given to reset by itself"),
+        (
+            "parameters",
+            {"a": Parameter(1, maximum=0)},
+            r"Walk.parameters\['a'\]: default: 1 found, expected at most 0",
+        ),
+        ("parameters", {"a": object()}, r"Walk.parameters\['a'\]: default: .* expected what JSON can hold"),
+    ],
+)
+def test_what_cannot_be(name: str, value: Any, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Walk, name, value)
+    with pytest.raises(InputError, match=words):
+        describe(Walk())
+
+
+KNOWN = declared(
+    {
+        "count": Parameter(3, minimum=1),
+        "speed": 0.5,
+        "on": True,
+        "kind": Parameter("a", choices=["a", "b"]),
+        "where": [0.0, 1.0],
+        "any": None,
+    },
+    "Test",
+)
+
+
+def test_parameters_are_filled_in() -> None:
+    values = filled_in(KNOWN, {"count": 4.0, "speed": 2, "any": {"x": 1}, "other": "o"})
+    assert values == {
+        "count": 4, "speed": 2.0, "on": True, "kind": "a", "where": [0.0, 1.0], "any": {"x": 1}, "other": "o"
+    }  # fmt: skip
+    assert [type(values[name]) for name in ("count", "speed")] == [int, float]
+    values["where"].append(2.0)
+    assert filled_in(KNOWN, {})["where"] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"count": 0}, "count: 0 found, expected at least 1"),
+        ({"count": 1.5}, "count: 1.5 found, expected an integer"),
+        ({"count": 10**400}, "count: 10+ found, expected an integer"),
+        ({"speed": -(10**400)}, "speed: -10+ found, expected a number"),
+        ({"count": True}, "count: True found, expected an integer"),
+        ({"speed": "fast"}, "speed: 'fast' found, expected a number"),
+        ({"on": 1}, "on: 1 found, expected a boolean"),
+        ({"kind": "c"}, "kind: 'c' found, expected one of 'a', 'b'"),
+        ({"where": 1}, "where: 1 found, expected a list"),
+    ],
+)
+def test_parameters_that_do_not_fit(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=f"^{words}$"):
+        filled_in(KNOWN, given)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"step": 4}, "parameters.step: unknown parameter of walk; did you mean 'steps'?"),
+        ({"steps": 0}, "parameters.steps: 0 found, expected at least 1"),
+    ],
+)
+def test_an_experiment_is_checked_against_the_class(parameters: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Experiment.from_mapping({"simulation": Walk, "parameters": parameters})
+    assert str(caught.value) == words
+
+
+def test_names() -> None:
+    assert all(map(is_own, ("a.py:B", "/a b/c.py:D", "a:B", "a.b.c:D")))
+    assert not any(map(is_own, ("minisim", "a:b c", "gazebo: stadium", "a.py", "a.b", "9:B", "http://a:b")))
+    assert absolute("../a.py:B", Path("/x/y")) == "/x/a.py:B"
+    assert absolute("a.b:C") == "a.b:C"
+
+
+def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
+    name = f"{troubled.__file__}:Walk"
+    kind = load(name)
+    assert kind is load(name)
+    assert name_of(kind) == name
+    assert load(name_of(Walk)) is Walk
+
+    class Within(Walk):
+        pass
+
+    with pytest.raises(InputError, match="Within is not defined at the top level of a module"):
+        name_of(Within)
+    before = list(sys.path)
+    (tmp_path / "json.py").write_text("raise RuntimeError('hides a module')\n")
+    (tmp_path / "beside.py").write_text("sensors = 3\n")
+    (tmp_path / "mine.py").write_text(
+        "import json, beside\nfrom swarmwright import Simulation\n"
+        "class Mine(Simulation):\n    sensors = beside.sensors\n"
+    )
+    assert load("mine.py:Mine", tmp_path).sensors == 3
+    sys.path[:] = before
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "words"),
+    [
+        ("", "there.py:A", "there.py: has no class 'A'; no subclass of swarmwright.Simulation is there"),
+        ("class A: pass", "there.py:A", "there.py: A is not a subclass of swarmwright.Simulation"),
+        (
+            "from swarmwright import Simulation as S\nclass Gather(S): pass",
+            "there.py:Gathre",
+            "did you mean 'Gather'",
+        ),
+        ("", "away.py:A", "away.py: there is no such file"),
+        ("", "no.such.module:A", "there is no module 'no.such.module'"),
+        ("x = 1\ny = x /", "there.py:A", "there.py:2: invalid syntax"),
+        (
+            "x = 1\n\ny = x / 0",
+            "there.py:A",
+            "there.py:3: ZeroDivisionError while it is imported: division by zero",
+        ),
+        (
+            "from swarmwright import Simulation as S\nclass A(S):\n def reset(self, parameters, seed): pass",
+            "there.py:A",
+            "A: has no method done, fitness, step; a simulation needs reset, step, done and fitness",
+        ),
+        ("import no_such_thing", "there.py:A", "there.py:1: ModuleNotFoundError while it is imported"),
+    ],
+)
+def test_what_cannot_be_loaded(text: str, name: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "there.py").write_text(text)
+    file = tmp_path / "x.yaml"
+    file.write_text(f"simulation: {name}\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(file)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(f"{file}:1: simulation: ")
+
+
+def test_the_class_cannot_be_made_without_its_methods() -> None:
+    with pytest.raises(TypeError, match="abstract"):
+        Simulation()  # type: ignore[abstract]

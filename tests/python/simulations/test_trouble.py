@@ -1,0 +1,154 @@
+"""What goes wrong in a user's code: said where it happened, one evaluation lost, the next one sound."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, InputError, RunError, _engine, evaluate, simulate
+from swarmwright.evaluation.backend import Crews, Results, open_backend
+from swarmwright.simulations.host import Host
+from tests.python.simulations import troubled
+from tests.python.simulations.troubled import Walk
+
+SOURCE = Path(troubled.__file__).read_text().splitlines()
+
+
+def line(code: str) -> int:
+    (found,) = (number for number, text in enumerate(SOURCE, 1) if code in text)
+    return found
+
+
+TROUBLE = [
+    ("reset", rf"Walk.reset: LookupError: no start \(.*troubled.py:{line('no start')}\)"),
+    ("raise", rf"Walk.step: IndexError: list index out of range \(.*troubled.py:{line('[0, 1]')}\)"),
+    ("numpy", rf"Walk.step: ValueError: all the input array.*troubled.py:{line('np.concatenate')}\)"),
+    (
+        "shape",
+        r"Walk.step: observations of the shape \(2, 1\) returned, expected \(2, 2\): a row of 2",
+    ),
+    ("flat", r"Walk.step: observations of the shape \(2,\) returned, expected \(2, 2\)"),
+    ("rows", r"Walk.step: observations of the shape \(1, 2\) returned, expected \(2, 2\)"),
+    ("nan", r"Walk.step: sensor 0 of agent 0 is nan, expected a finite number"),
+    ("huge", r"Walk.step: sensor 0 of agent 0 is inf, expected a finite number \(binary32\)"),
+    ("text", r"Walk.step: 'left, right' returned, expected numbers of the shape \(2, 2\)"),
+    ("nothing", r"Walk.step: None returned, expected numbers of the shape \(2, 2\)"),
+    ("ragged", r"Walk.step: \[\[1.0\], \[1.0, 2.0\]\] returned, expected numbers"),
+    ("not done", r"Walk.done: None returned, expected True or False"),
+    ("fitness", r"Walk.fitness: nan returned, expected a finite number"),
+    ("no fitness", r"Walk.fitness: None returned, expected a finite number"),
+    ("acting", r"Walk.acting: \[0, 2\] returned, but there are 2 agents, from 0 to 1"),
+    ("acting text", r"Walk.acting: \['0'\] returned, expected indices of agents, \(2,\) booleans or None"),
+    ("acting float", r"Walk.acting: \[0.5\] returned, expected indices of agents, \(2,\) booleans or None"),
+]
+
+
+MEASURE = [
+    ("measure", r"Walk.measure: {'left': 0} returned, which lacks 'steps'"),
+    ("measure text", r"Walk.measure: 'left' returned, expected a mapping from names to numbers"),
+    ("measure nan", r"Walk.measure: 'steps' is None, expected a finite number"),
+]
+
+
+def experiment(trouble: str, **changes: Any) -> Experiment:
+    return Experiment.from_mapping(
+        {"simulation": Walk, "parameters": {"trouble": trouble}, "ranking": {"episodes": 6}, **changes}
+    )
+
+
+@pytest.mark.parametrize(("trouble", "words"), TROUBLE, ids=[name for name, _ in TROUBLE])
+def test_the_reason_names_method_and_line(trouble: str, words: str) -> None:
+    with pytest.raises(RunError, match=f"the episode failed: {words}"):
+        simulate(experiment(trouble), servers="in-process")
+
+
+@pytest.mark.parametrize(("trouble", "words"), MEASURE, ids=[name for name, _ in MEASURE])
+@pytest.mark.parametrize("servers", ["in-process", 1])
+def test_metrics_are_checked_where_they_are_wanted(trouble: str, words: str, servers: Any) -> None:
+    simulate(experiment(trouble), servers="in-process")
+    with pytest.raises(RunError, match=f"the episode failed: {words}"):
+        simulate(experiment(trouble, fitness="steps"), servers=servers)
+
+
+@pytest.mark.parametrize(
+    ("servers", "mode"),
+    [("in-process", "auto"), (1, "batched"), (2, "offloaded")],
+    ids=["in-process", "batched", "offloaded"],
+)
+@pytest.mark.parametrize("trouble", ["reset", "raise", "nan", "fitness"])
+def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, trouble: str) -> None:
+    seeds = [0, 1, 2, 3, 4]  # of which 0 and 3 make trouble
+    genomes = np.random.default_rng(1).normal(size=(6, experiment("").genome_size)).astype(np.float32)
+
+    def results(one: Experiment, servers: Any) -> Results:
+        with open_backend(one, servers=servers) as backend:
+            return backend.evaluate(Crews.of(one.representation(), genomes), seeds, lambda *_: None)
+
+    found, sound = results(experiment(trouble, mode=mode), servers), results(experiment(""), "in-process")
+    failed = np.isin(seeds, [0, 3])
+    assert np.isnan(found.fitness[:, failed]).all()
+    assert found.fitness[:, ~failed].tobytes() == sound.fitness[:, ~failed].tobytes()
+    reasons = [entry["error"] for entry in found.journal if entry.get("error")]
+    method = {"raise": "step", "nan": "step"}.get(trouble, trouble)
+    assert {reason.split(":")[0] for reason in reasons} == {f"Walk.{method}"}
+
+
+def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
+    """Stepwise, where a server does not know which of them are wanted."""
+    genomes = np.zeros((2, experiment("").genome_size), np.float32)
+    one = experiment("measure", mode="stepwise")
+    with open_backend(one, servers=1) as backend:
+        found = backend.evaluate(Crews.of(one.representation(), genomes), [0, 1], lambda *_: None)
+    assert np.isnan(found.fitness).tolist() == [[True, False], [True, False]]
+    reasons = {entry["error"] for entry in found.journal if entry.get("error")}
+    assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}
+
+
+@pytest.mark.parametrize("servers", ["in-process", 1])
+def test_parameters_that_the_code_refuses(servers: Any) -> None:
+    with pytest.raises((RunError, InputError), match="trouble: refused found, expected none"):
+        evaluate(
+            experiment("refused", timeouts={"discovery": 1}),
+            np.zeros((1, experiment("").genome_size)),
+            servers=servers,
+        )
+
+
+@pytest.mark.parametrize("seed", ["-1", "0.5", "1e999", "true", "NaN", "1" + 400 * "0", f"{2**64}"])
+def test_seeds_that_are_none(seed: str) -> None:
+    with pytest.raises(
+        _engine.InputError, match=r"seed: .* found, expected an integer from 0 to 2\*\*64 - 1"
+    ):
+        Host(Walk).reset(f'{{"seed": {seed}}}')
+
+
+def test_a_failure_is_reported_once_with_its_traceback() -> None:
+    reports: list[tuple[str, str]] = []
+    host = Host(Walk, lambda reason, trace: reports.append((reason, trace)))
+    for one in (host, host.another()):
+        for _ in range(2):
+            with pytest.raises(RunError, match="no start"):
+                one.reset(json.dumps({"trouble": "reset"}))
+    ((reason, trace),) = reports
+    assert reason.startswith("Walk.reset: LookupError")
+    assert trace.splitlines()[0] == "Traceback (most recent call last):"
+    assert "_host.py" not in trace
+    assert 'raise LookupError("no start")' in trace
+    acting, rows, done = host.reset("{}")  # it goes on
+    assert (acting.tolist(), rows.shape, done) == ([0, 1], (2, 2), False)
+
+
+def test_ctrl_c_in_a_users_code_ends_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(self: Walk, actions: Any) -> Any:  # noqa: ARG001
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Walk, "step", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(experiment(""), servers="in-process")
+
+
+def test_the_engine_steps_nothing_but_hosts() -> None:
+    with pytest.raises(AttributeError, match="no attribute"):
+        _engine.serve(object(), "mqtt://127.0.0.1:1", id=1)  # type: ignore[arg-type]
