@@ -122,6 +122,7 @@ lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 	$(BIN)/stubtest swarmwright._engine --mypy-config-file pyproject.toml
 
 lint-protocol: protocol/node_modules/.package-lock.json

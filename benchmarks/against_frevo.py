@@ -16,7 +16,8 @@ from scipy import stats
 
 from swarmwright import compare
 from swarmwright.analysis.significance import difference, holm
-from swarmwright.analysis.table import number, p_words
+from swarmwright.analysis.table import number
+from swarmwright.core.formatting import p_value
 from swarmwright.figures.comparison import apart
 from swarmwright.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
 
@@ -97,8 +98,8 @@ def table(quoted: Quoted, found: list[Row]) -> list[str]:
         against = ["", ""]
         if own is not None and row.name != "nnga":
             pair = difference(values, own)
-            against = [p_words(pair.p), f"{pair.effect:.2f}"]
-        lines.append([row.name, *span, *(p_words(p) if math.isfinite(p) else "" for p in tests), *against])
+            against = [p_value(pair.p), f"{pair.effect:.2f}"]
+        lines.append([row.name, *span, *(p_value(p) if math.isfinite(p) else "" for p in tests), *against])
     return [f"| {' | '.join(line)} |" for line in lines]
 
 

@@ -13,7 +13,7 @@ from unittest.mock import patch
 from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT
 from swarmwright import Experiment, optimize
-from swarmwright.runs.store import StoreWriter
+from swarmwright.store import StoreWriter
 
 CANDIDATES = 1000
 EVALUATION = 1e-3

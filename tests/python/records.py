@@ -4,7 +4,7 @@ import sqlite3
 from pathlib import Path
 
 from swarmwright import Experiment, Run
-from swarmwright.runs.store import FILE
+from swarmwright.store import FILE
 
 EXPERIMENT = Experiment.from_mapping(
     {

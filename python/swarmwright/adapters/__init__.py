@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from swarmwright.adapters._name import LIBRARIES, split
+from swarmwright.core.environment_names import LIBRARIES, split
 from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:

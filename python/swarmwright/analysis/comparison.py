@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.analysis.curves import fitness_at
 from swarmwright.analysis.groups import Kin, group
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.core.errors import InputError
+from swarmwright.figures.curves import fitness_at
 from swarmwright.runs.run import Run
 from swarmwright.user_code.copying import shown
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.core.formatting import p_value
 from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def table(comparison: "Comparison") -> str:
     lines = columns(rows)
     if comparison.kruskal is not None:
         test = comparison.kruskal
-        lines += ["", f"All groups: Kruskal-Wallis H {number(test.h)}, p {p_words(test.p)}"]
+        lines += ["", f"All groups: Kruskal-Wallis H {number(test.h)}, p {p_value(test.p)}"]
     if comparison.pairs:
         lines += ["", *_pairs(comparison.pairs)]
     return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
@@ -44,9 +45,9 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
         rows.append(
             [
                 pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude,
-                number(found.shift), _interval(found.interval), f"{found.u:g}", p_words(found.p),
+                number(found.shift), _interval(found.interval), f"{found.u:g}", p_value(found.p),
             ]
-            + [p_words(pair.p_holm)] * several
+            + [p_value(pair.p_holm)] * several
         )  # fmt: skip
     hidden = len(pairs) - len(rows) + 1
     return columns(rows) + ([f"and {hidden} pairs with larger p; --json has all"] if hidden else [])
@@ -59,11 +60,6 @@ def _interval(interval: tuple[float, float] | None) -> str:
 def number(value: float) -> str:
     """Return a number in four significant digits."""
     return "failed" if value == float("-inf") else f"{value + 0.0:.4g}"  # no -0
-
-
-def p_words(value: float) -> str:
-    """Return a p-value in two significant digits."""
-    return "< 0.0001" if value < 1e-4 else f"{value:.2g}" if value < 0.1 else f"{value:.2f}"
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:

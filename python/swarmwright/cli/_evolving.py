@@ -16,7 +16,7 @@ from swarmwright.cli._output import Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._unseen import unseen_facts, unseen_words
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Protocol
 
 from swarmwright.cli._output import Output
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 from swarmwright.experiment.budget import Budget
 
 if TYPE_CHECKING:

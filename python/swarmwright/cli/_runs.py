@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._unseen import unseen_facts, unseen_words
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 from swarmwright.core.untrusted import one_line
 from swarmwright.user_code.copying import shown
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from swarmwright import Run
-    from swarmwright.runs.store.verification import Verified
+    from swarmwright.store.verification import Verified
 
 _WARNINGS = 10  # shown at most
 

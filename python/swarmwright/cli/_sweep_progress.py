@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import PATIENCE
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult

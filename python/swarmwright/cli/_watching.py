@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from swarmwright.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import INTERRUPTED
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
     from rich.console import Group

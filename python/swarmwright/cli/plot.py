@@ -53,16 +53,17 @@ def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, a
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     from swarmwright import InputError, Run
-    from swarmwright.analysis.diversity import diversity
     from swarmwright.figures import style
     from swarmwright.figures.run import draw
+    from swarmwright.runs.diversity import diversity
 
     style.check(file)
     run = Run.open(folder)
     if not run.history:
         raise InputError(f"{folder}: holds no finished generation to draw")
-    style.save(draw(run, x=x), file)
-    spread = [float(value) for value in diversity(run)]
+    values = diversity(run)
+    style.save(draw(run, values, x=x), file)
+    spread = [float(value) for value in values]
     last = run.history[-1]
     output.text(
         f"{run.evaluations:,} evaluations in {run.generations:,} generations: best fitness "

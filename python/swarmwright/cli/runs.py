@@ -27,7 +27,7 @@ def list_(folder: Path | None, as_json: bool) -> None:
     """
     from swarmwright import InputError, Run
     from swarmwright.runs.folders import RUNS
-    from swarmwright.runs.store import FILE
+    from swarmwright.store import FILE
 
     output = Output(as_json=as_json)
     place = folder or RUNS
@@ -145,7 +145,7 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     """
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._runs import verified_line
-    from swarmwright.runs.store.verification import verify as verified
+    from swarmwright.store.verification import verify as verified
 
     output = Output(as_json=as_json)
     damaged = False

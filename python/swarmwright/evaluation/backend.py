@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.adapters._name import LIBRARIES
 from swarmwright.broker.address import broker_problem
 from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import patiently
+from swarmwright.core.environment_names import LIBRARIES
 from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.suggestions import did_you_mean, unknown
 from swarmwright.evaluation import reports

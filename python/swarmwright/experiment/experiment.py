@@ -18,6 +18,7 @@ from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations.names import is_own
+from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
@@ -122,6 +123,19 @@ class Experiment:
         folder: the run's, that paths are relative to.
         """
         return cls._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
+
+    @classmethod
+    def of_store(cls, store: StoreReader) -> Self:
+        """Return the experiment as a run has stored it. Raises InputError when it cannot be used here."""
+        folder = store.file.parent
+        try:
+            experiment = cls._stored(store.experiment(), folder)
+        except InputError as error:
+            raise InputError(
+                f"{folder}: the experiment in {store.file.name} cannot be used: {error}"
+            ) from error
+        object.__setattr__(experiment, "path", folder / "experiment.yaml")
+        return experiment
 
     @classmethod
     def _checked(

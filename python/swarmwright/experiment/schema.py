@@ -5,7 +5,7 @@ from typing import Any
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
-from swarmwright.experiment.validation import REGISTRIES
+from swarmwright.plug_ins import REGISTRIES
 
 IDENTIFIER = "urn:swarmwright:experiment"
 

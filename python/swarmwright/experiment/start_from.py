@@ -11,6 +11,8 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.representations._base import Representation, shortest
 from swarmwright.representations.controller import Controller, controller_words
+from swarmwright.store import StoreReader
+from swarmwright.store.folder import find_store
 from swarmwright.typing import Genomes
 
 Entry = dict[str, Any]
@@ -59,11 +61,12 @@ def _of_path(path: Path, name: str) -> Entry:
 
 
 def _of_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
-    from swarmwright.runs.run import Run
+    from swarmwright.experiment.experiment import Experiment  # which imports this module
 
-    run = Run.open(path)
-    evaluation = run.evaluation(candidate, generation)
-    specification = run.experiment.representation().specification(evaluation.genome)
+    store = StoreReader(find_store(path))
+    evaluation = store.evaluation(candidate, generation)
+    experiment = Experiment.of_store(store)
+    specification = experiment.representation().specification(evaluation.genome)
     entry = _entry(
         specification, f"{name}, candidate {evaluation.candidate} of generation {evaluation.generation}"
     )

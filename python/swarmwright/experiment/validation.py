@@ -19,15 +19,9 @@ from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.start_from import entries, genomes_of
 from swarmwright.methods import METHODS, MethodOptions
-from swarmwright.rankings import RANKINGS, RankingOptions
-from swarmwright.representations import REPRESENTATIONS, Representation
-
-REGISTRIES: Mapping[str, Registry[Any]] = {
-    "controller": REPRESENTATIONS,
-    "method": METHODS,
-    "ranking": RANKINGS,
-}
-"""Where the kinds of each section come from."""
+from swarmwright.plug_ins import REGISTRIES
+from swarmwright.rankings import RankingOptions
+from swarmwright.representations import Representation
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
@@ -88,9 +82,9 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
-    from swarmwright.runs.store import FILE
     from swarmwright.simulations import catalogue
     from swarmwright.simulations.names import absolute, is_own, of_run
+    from swarmwright.store import FILE
 
     simulation = values.get("simulation")
     if not isinstance(simulation, str):

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.analysis.curves import bands, together
-from swarmwright.analysis.table import p_words
+from swarmwright.core.formatting import p_value
+from swarmwright.figures.curves import bands, together
 from swarmwright.figures.style import AXES, INK, PAPER, SOFT, dress, look, new_figure, thousands, zoom
 
 if TYPE_CHECKING:
@@ -70,11 +70,11 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
 
 def _verdict(comparison: "Comparison") -> str:
     if comparison.kruskal is not None:
-        return f"Kruskal-Wallis p {p_words(comparison.kruskal.p)}"
+        return f"Kruskal-Wallis p {p_value(comparison.kruskal.p)}"
     if not comparison.pairs:
         return ""
     found = comparison.pairs[0].difference
-    return f"Mann-Whitney p {p_words(found.p)}, A12 {found.effect:.2f}"
+    return f"Mann-Whitney p {p_value(found.p)}, A12 {found.effect:.2f}"
 
 
 def _names(labels: Sequence[str]) -> tuple[list[str], bool, float]:

@@ -4,20 +4,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.analysis.diversity import diversity
 from swarmwright.figures.style import AXES, COLORS, INK, PAPER, SOFT, dress, new_figure, thousands, zoom
-from swarmwright.runs.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from swarmwright.runs.run import Run
+
 _BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
 
 
-def draw(run: Run, *, x: str = "evaluations") -> "Figure":
-    """Return the figure. x: "evaluations" or "generations"."""
+def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations") -> "Figure":
+    """Return the figure.
+
+    Args:
+        run: with a finished generation at least.
+        diversity: of each generation, (generations,), see `swarmwright.runs.diversity`.
+        x: "evaluations" or "generations".
+    """
     history = run.history
     places = np.array(
         [one.evaluations if x == "evaluations" else one.generation for one in history], dtype=float
@@ -25,7 +31,7 @@ def draw(run: Run, *, x: str = "evaluations") -> "Figure":
     figure = new_figure(9, 6.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
     _fitness(upper, run, places)
-    _diversity(lower, run, places)
+    _diversity(lower, diversity, places)
     dress(upper, y="fitness (more is better)")
     continuous = run.experiment.representation().continuous
     dress(
@@ -53,7 +59,7 @@ def draw(run: Run, *, x: str = "evaluations") -> "Figure":
     return figure
 
 
-def _fitness(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:
+def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     history = run.history
     marker = "o" if len(history) == 1 else None
 
@@ -88,8 +94,7 @@ def _fitness(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:
     zoom(axes, [(places, drawn.min(axis=0), drawn.max(axis=0))])
 
 
-def _diversity(axes: "Axes", run: Run, places: "NDArray[np.float64]") -> None:
-    values = diversity(run)
+def _diversity(axes: "Axes", values: "NDArray[np.float64]", places: "NDArray[np.float64]") -> None:
     marker = "o" if np.count_nonzero(np.isfinite(values)) == 1 else None
     axes.plot(places, values, color=_SPREAD, linewidth=1.8, marker=marker)
     axes.fill_between(places, 0, values, color=_SPREAD, alpha=0.12, linewidth=0)

@@ -23,7 +23,7 @@ from swarmwright.methods import Method
 from swarmwright.optimization.memory import LARGE, candidates, course
 from swarmwright.rankings._base import Ranking, best_first
 from swarmwright.representations import Representation
-from swarmwright.runs.store import Evaluated, StoreReader, StoreWriter
+from swarmwright.store import Evaluated, StoreReader, StoreWriter
 from swarmwright.typing import Fitness, Genomes
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 from swarmwright.core.notebook import Text, in_notebook
 from swarmwright.evaluation.backend import Progress
 from swarmwright.optimization.loop import Generation, OnGeneration

@@ -20,8 +20,8 @@ from swarmwright.runs import edits
 from swarmwright.runs.code import continuation, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
 from swarmwright.runs.run import Run
-from swarmwright.runs.store import StoreReader, StoreWriter
-from swarmwright.runs.store.folder import check_folder
+from swarmwright.store import StoreReader, StoreWriter
+from swarmwright.store.folder import check_folder
 from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import distributions
 

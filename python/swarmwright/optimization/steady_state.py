@@ -17,7 +17,7 @@ from swarmwright.core.errors import RunError
 from swarmwright.evaluation.backend import Backend, Crews, Progress, Results
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.loop import Loop, OnGeneration, strayed
-from swarmwright.runs.store import Evaluated, StoreReader
+from swarmwright.store import Evaluated, StoreReader
 from swarmwright.typing import Genome, Genomes
 
 

@@ -10,7 +10,7 @@ import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.adapters._name import is_adapted
+from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs import edits

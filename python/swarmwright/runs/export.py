@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
-from swarmwright.runs.store import Record, StoreReader
+from swarmwright.store import Record, StoreReader
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.runs.store import FILE
+from swarmwright.store import FILE
 from swarmwright.user_code.copying import remove
 
 RUNS = Path("runs")

@@ -17,7 +17,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
 from swarmwright.runs.run import Run
-from swarmwright.runs.store import StoreReader
+from swarmwright.store import StoreReader
 from swarmwright.typing import Genome
 
 EPISODES = 60

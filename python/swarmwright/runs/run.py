@@ -14,9 +14,10 @@ from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import csv_lines, write_table
-from swarmwright.runs.store import FILE, Attempt, Evaluation, Event, Record, Session, StoreReader
-from swarmwright.runs.store.reader import nothing
-from swarmwright.runs.store.table import RecordTable
+from swarmwright.store import Attempt, Evaluation, Event, Record, Session, StoreReader
+from swarmwright.store.folder import find_store
+from swarmwright.store.reader import nothing
+from swarmwright.store.table import RecordTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,15 +70,7 @@ class Run:
 
         Raises InputError when `path` is no run folder, or when its store cannot be read.
         """
-        folder = Path(path)
-        if not folder.is_dir():
-            what = "is not a folder" if folder.exists() else "there is no such folder"
-            raise InputError(f"{folder}: {what}; name a run folder such as runs/minisim-1")
-        if not (folder / FILE).is_file():
-            from swarmwright.runs.store.folder import without_store
-
-            raise without_store(folder)
-        run = cls(folder)
+        run = cls(find_store(Path(path)))
         _ = run.history, run.experiment  # complain now rather than later
         if trust:
             from swarmwright.runs.code import trust_code
@@ -88,12 +81,7 @@ class Run:
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
-        try:
-            experiment = Experiment._stored(self.store.experiment(), self.path)
-        except InputError as error:
-            raise InputError(f"{self.path}: the experiment in {FILE} cannot be used: {error}") from error
-        object.__setattr__(experiment, "path", self.path / "experiment.yaml")
-        return experiment
+        return Experiment.of_store(self.store)
 
     @property
     def name(self) -> str:
@@ -151,7 +139,7 @@ class Run:
         done: the budget is used or the target reached; stopped: a callback ended it; interrupted: Ctrl-C did;
         killed: it ended without a word; failed: no server, a full disk, ..; running: a process works on it.
         """
-        from swarmwright.runs.store.lock import is_locked
+        from swarmwright.store.lock import is_locked
 
         outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:
@@ -245,13 +233,15 @@ class Run:
         Raises InputError when the run has no finished generation, for another ending, or when the file cannot
         be written.
         """
-        from swarmwright.figures import run, style
+        from swarmwright.figures import style
+        from swarmwright.figures.run import draw
+        from swarmwright.runs.diversity import diversity
 
         if path is not None:
             style.check(Path(path))
         if not self.history:
             raise InputError(f"{self.path}: holds no finished generation to draw")
-        figure = run.draw(self, x=x)
+        figure = draw(self, diversity(self), x=x)
         if path is not None:
             style.save(figure, Path(path))
         return figure

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from swarmwright.adapters._name import is_adapted
+from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations import isolation
@@ -42,10 +42,12 @@ def load(name: str, folder: Path | None = None) -> type[Simulation] | type[Batch
     Raises InputError: there is no such file, module, class or environment, or importing it fails.
     """
     if is_adapted(name):
-        from swarmwright import adapters
-
         _look_in(Path.cwd())
-        return adapters.simulation(name)
+        # By name, as plug-ins are: adapters are simulations, above this package.
+        adapted: type[Simulation | BatchSimulation] = importlib.import_module(
+            "swarmwright.adapters"
+        ).simulation(name)
+        return adapted
     place, _, wanted = name.rpartition(":")
     module = _from_file(((folder or Path()) / place).resolve()) if place.endswith(".py") else _module(place)
     found = getattr(module, wanted, None)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from swarmwright.adapters._name import is_adapted
+from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import beside

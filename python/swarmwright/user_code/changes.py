@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.adapters._name import is_adapted
+from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
 from swarmwright.user_code.copying import Copy, Kept, beside
 from swarmwright.user_code.parts import SECTIONS, Part, Source, of_plug_in, of_simulation

@@ -7,8 +7,9 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.adapters._name import is_adapted, split
+from swarmwright.core.environment_names import is_adapted, split
 from swarmwright.core.errors import InputError
+from swarmwright.plug_ins import REGISTRIES
 from swarmwright.user_code.imports import Walk
 
 SECTIONS = ("controller", "method", "ranking")
@@ -103,8 +104,6 @@ def _importable(module: str) -> bool:
 
 def of_plug_in(section: str, kind: str) -> Part | None:
     """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
-    from swarmwright.experiment.validation import REGISTRIES
-
     module = REGISTRIES[section].module(kind)
     return None if module is None else Part.of_module(section, kind, module)
 

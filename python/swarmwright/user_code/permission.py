@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-from swarmwright.adapters._name import is_adapted, split
+from swarmwright.core.environment_names import is_adapted, split
 from swarmwright.core.errors import InputError
 from swarmwright.user_code import trust
 from swarmwright.user_code.changes import Choice

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright import Experiment, Run
 from swarmwright.core.statistics import Summary, summarize
-from swarmwright.runs.store import Record
+from swarmwright.store import Record
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "controller": {"kind": "layered", "hidden": [2]},

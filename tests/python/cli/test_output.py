@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from swarmwright.cli._output import Output, finite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

@@ -9,8 +9,8 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.core.registry import Registry
-from swarmwright.experiment.validation import REGISTRIES
 from swarmwright.methods import METHODS, Method
+from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import RANKINGS
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.testing import check_method, check_ranking, check_representation

@@ -7,6 +7,7 @@ from PIL import Image
 
 from swarmwright.figures.run import draw
 from swarmwright.figures.style import save
+from swarmwright.runs.diversity import diversity
 from tests.python.analysis.runs import KnownRun
 
 NAN = math.nan
@@ -27,7 +28,8 @@ NAN = math.nan
 )
 @pytest.mark.parametrize("x", ["evaluations", "generations"])
 def test_any_run_can_be_drawn(tmp_path: Path, fitness: list[list[float]], x: str) -> None:
-    save(draw(KnownRun(tmp_path, fitness), x=x), tmp_path / "x.png")
+    run = KnownRun(tmp_path, fitness)
+    save(draw(run, diversity(run), x=x), tmp_path / "x.png")
     with Image.open(tmp_path / "x.png") as picture:
         assert picture.size == (1080, 792)
         assert (np.asarray(picture.convert("L")) < 200).mean() > 0.005
@@ -35,7 +37,7 @@ def test_any_run_can_be_drawn(tmp_path: Path, fitness: list[list[float]], x: str
 
 def test_the_lines_are_those_of_the_run(tmp_path: Path) -> None:
     run = KnownRun(tmp_path, [[0.0, 4.0], [1.0, 2.0], [3.0, 9.0]])
-    upper, _ = draw(run).axes
+    upper, _ = draw(run, diversity(run)).axes
     lines = {line.get_label(): line for line in upper.lines}
     assert np.asarray(lines["best so far"].get_ydata()).tolist() == [4, 4, 9]
     assert np.asarray(lines["best of the population"].get_ydata()).tolist() == [4, 2, 9]

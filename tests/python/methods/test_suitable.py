@@ -6,8 +6,8 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.core.registry import Registry
-from swarmwright.experiment.validation import REGISTRIES
 from swarmwright.methods import METHODS
+from swarmwright.plug_ins import REGISTRIES
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._samples import Choices

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
-from swarmwright.experiment.validation import REGISTRIES
+from swarmwright.plug_ins import REGISTRIES
 from tests.python.records import same_record
 
 SMALL: dict[str, dict[str, Any]] = {

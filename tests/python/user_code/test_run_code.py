@@ -13,8 +13,8 @@ import pytest
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, repeat, resume
 from swarmwright.runs.code import remarks
 from swarmwright.runs.replay import Replay
-from swarmwright.runs.store.verification import verify
 from swarmwright.simulations.names import files
+from swarmwright.store.verification import verify
 from tests.python.records import same_record, without_digests
 from tests.python.user_code.conftest import edit
 
@@ -335,7 +335,7 @@ def test_an_edited_file_is_imported_anew(project: Path) -> None:
 @pytest.mark.parametrize("installed", [True, False])
 def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from swarmwright.core.registry import Registry
-    from swarmwright.experiment.validation import REGISTRIES
+    from swarmwright.plug_ins import REGISTRIES
     from swarmwright.rankings import RANKINGS
 
     site = project / "site"

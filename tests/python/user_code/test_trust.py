@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, Run, optimize, post_evaluate, repeat, resume, simulate
-from swarmwright.runs.store.database import seal_facts
+from swarmwright.store.database import seal_facts
 from swarmwright.user_code import trust
 from swarmwright.user_code.permission import require_named
 from swarmwright.user_code.trust import digest_of

@@ -17,7 +17,7 @@ from swarmwright.core.registry import Registry
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.validation import REGISTRIES
+from swarmwright.plug_ins import REGISTRIES
 from swarmwright.runs.folders import RUNS
 
 _KEYS = ("experiment", "grid", "seeds", "out")

@@ -11,7 +11,7 @@ from swarmwright.analysis.sweep.course import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
-from swarmwright.core.durations import duration
+from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
 from swarmwright.evaluation.backend import Servers

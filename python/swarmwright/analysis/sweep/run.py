@@ -16,8 +16,8 @@ from swarmwright.optimization.loop import OnGeneration
 from swarmwright.optimization.optimize import optimize, resume
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.run import Run
-from swarmwright.runs.store import FILE
-from swarmwright.runs.store.folder import check_folder
+from swarmwright.store import FILE
+from swarmwright.store.folder import check_folder
 from swarmwright.user_code.copying import shown
 
 _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}

@@ -1,4 +1,4 @@
-"""How durations are said."""
+"""Durations and p-values as text."""
 
 import math
 
@@ -15,3 +15,8 @@ def duration(seconds: float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60:02} s"
     return f"{whole // 3600} h {whole % 3600 // 60:02} min"
+
+
+def p_value(value: float) -> str:
+    """Return a p-value in two significant digits."""
+    return "< 0.0001" if value < 1e-4 else f"{value:.2g}" if value < 0.1 else f"{value:.2f}"

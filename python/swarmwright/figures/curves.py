@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.runs.run import Run
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 Values = NDArray[np.float64]
 
@@ -14,7 +16,7 @@ _POINTS = 600
 """Most points of a shared axis; finer than a figure can show."""
 
 
-def fitness_at(run: Run, evaluations: int | None = None) -> float:
+def fitness_at(run: "Run", evaluations: int | None = None) -> float:
     """Return the best fitness after so many evaluations, at the run's end for None; NaN if there was none."""
     history = run.history
     if evaluations is not None:
@@ -23,7 +25,7 @@ def fitness_at(run: Run, evaluations: int | None = None) -> float:
     return best if math.isfinite(best) else math.nan
 
 
-def course(run: Run, x: str) -> tuple[Values, Values]:
+def course(run: "Run", x: str) -> tuple[Values, Values]:
     """Return x of each finished generation, and the best fitness so far there.
 
     x: "evaluations" done at its end, or its number ("generations").
@@ -34,7 +36,7 @@ def course(run: Run, x: str) -> tuple[Values, Values]:
     return np.array(places, dtype=np.float64), np.array(values, dtype=np.float64)
 
 
-def together(runs: Sequence[Run], x: str) -> tuple[Values, Values, float]:
+def together(runs: Sequence["Run"], x: str) -> tuple[Values, Values, float]:
     """Put runs on one axis.
 
     Returns:

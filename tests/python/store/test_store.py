@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError, Run, RunError, optimize, resume
-from swarmwright.runs.store import FILE, StoreWriter
-from swarmwright.runs.store.lock import LOCK, Lock, _opened, is_locked
+from swarmwright.store import FILE, StoreWriter
+from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, without_digests
 
 
@@ -100,7 +100,7 @@ def test_a_lock_that_goes_while_it_is_taken_is_not_held_by_two(
         return file
 
     with monkeypatch.context() as patch:
-        patch.setattr("swarmwright.runs.store.lock._opened", opened)
+        patch.setattr("swarmwright.store.lock._opened", opened)
         second = Lock(copy)
     with pytest.raises(InputError, match="another process works on this run"):
         Lock(copy)
@@ -187,7 +187,7 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
         raise SystemExit  # as good as killed: nobody tidies up
 
     with monkeypatch.context() as patch:
-        patch.setattr("swarmwright.runs.store.writer.create", interrupted)
+        patch.setattr("swarmwright.store.writer.create", interrupted)
         with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
     assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3

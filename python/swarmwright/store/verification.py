@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.runs.store import digests
-from swarmwright.runs.store.database import FILE, checked_facts, reading
-from swarmwright.runs.store.folder import without_store
-from swarmwright.runs.store.generations import (
+from swarmwright.store import digests
+from swarmwright.store.database import FILE, checked_facts, reading
+from swarmwright.store.folder import without_store
+from swarmwright.store.generations import (
     MISSING,
     ROW_DISAGREES,
     DamageError,

@@ -1,14 +1,16 @@
 """How different the candidates of a generation are from each other."""
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.runs.run import Run
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 
-def diversity(run: Run) -> NDArray[np.float64]:
+def diversity(run: "Run") -> NDArray[np.float64]:
     """Return the diversity of the candidates evaluated in each generation, (generations,).
 
     For genes that are numbers: the median distance of the candidates to their centroid, each gene in units of

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary
-from swarmwright.runs.store import digests
-from swarmwright.runs.store.database import FILE, checked_facts, reading
-from swarmwright.runs.store.generations import Evaluations, Generations, Row
-from swarmwright.runs.store.rows import Attempt, Evaluated, Event, Session, journal_line
+from swarmwright.store import digests
+from swarmwright.store.database import FILE, checked_facts, reading
+from swarmwright.store.generations import Evaluations, Generations, Row
+from swarmwright.store.rows import Attempt, Evaluated, Event, Session, journal_line
 from swarmwright.typing import Genome
 
 _LEADER = "SELECT leader FROM generation ORDER BY generation DESC LIMIT 1"

@@ -13,7 +13,7 @@ import pytest
 
 from swarmwright import InputError, Run, optimize, resume
 from swarmwright.cli import run as program
-from swarmwright.runs.store import FILE
+from swarmwright.store import FILE
 from tests.python.records import EXPERIMENT, without_digests
 
 FLIPS = 300

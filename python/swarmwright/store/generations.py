@@ -9,7 +9,7 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Summary
-from swarmwright.runs.store import digests
+from swarmwright.store import digests
 
 _CHUNK = 256  # rows are fetched so many evaluations at a time
 _COLUMNS = (

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.runs.store import digests
+from swarmwright.store import digests
 
 FILE = "run.sqlite"
 """Name of the store in a run folder."""

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.runs.store.database import FILE, NEW
-from swarmwright.runs.store.lock import LOCK, is_locked
+from swarmwright.store.database import FILE, NEW
+from swarmwright.store.lock import LOCK, is_locked
 from swarmwright.user_code.copying import FOLDER as CODE
 
 EXPERIMENT = "experiment.yaml"
@@ -46,6 +46,16 @@ def _broken_off(folder: Path) -> bool:
     if is_locked(folder):
         raise without_store(folder)
     return True
+
+
+def find_store(folder: Path) -> Path:
+    """Return a run folder that holds a store. Raises InputError for all others, with what is wrong."""
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "there is no such folder"
+        raise InputError(f"{folder}: {what}; name a run folder such as runs/minisim-1")
+    if not (folder / FILE).is_file():
+        raise without_store(folder)
+    return folder
 
 
 def without_store(folder: Path) -> InputError:

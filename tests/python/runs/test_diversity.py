@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmwright.analysis.diversity import _disagreement, diversity
+from swarmwright.runs.diversity import _disagreement, diversity
 from tests.python.analysis.runs import KnownRun
 
 SIZE = 13  # genes of 4-2-1

@@ -11,19 +11,18 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.adapters._name import is_adapted
+from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
 from swarmwright.core.yaml import dump
-from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations import Representation
-from swarmwright.runs.store import digests
-from swarmwright.runs.store.database import (
+from swarmwright.store import digests
+from swarmwright.store.database import (
     FILE,
     NEW,
     code_of,
@@ -33,16 +32,19 @@ from swarmwright.runs.store.database import (
     seal_facts,
     transaction,
 )
-from swarmwright.runs.store.folder import EXPERIMENT, check_folder, without_store
-from swarmwright.runs.store.generations import Row, add_digests, digest_before
-from swarmwright.runs.store.lock import Lock
-from swarmwright.runs.store.reader import StoreReader, best_of
-from swarmwright.runs.store.rows import Evaluated, attempt_row
+from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
+from swarmwright.store.generations import Row, add_digests, digest_before
+from swarmwright.store.lock import Lock
+from swarmwright.store.reader import StoreReader, best_of
+from swarmwright.store.rows import Evaluated, attempt_row
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import Copy
 from swarmwright.user_code.copying import remove as remove_copies
 from swarmwright.user_code.parts import Part
 from swarmwright.user_code.permission import remember
+
+if TYPE_CHECKING:
+    from swarmwright.experiment.experiment import Experiment
 
 _EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
@@ -67,7 +69,7 @@ class StoreWriter:
 
     @classmethod
     def create(
-        cls, folder: Path, experiment: Experiment, metrics: Sequence[str], code: Sequence[Part] = ()
+        cls, folder: Path, experiment: "Experiment", metrics: Sequence[str], code: Sequence[Part] = ()
     ) -> Self:
         """Make a run folder with an empty store.
 
@@ -131,7 +133,7 @@ class StoreWriter:
             lock.close()
             raise
 
-    def replace_experiment(self, experiment: Experiment, copy: Copy | None) -> None:
+    def replace_experiment(self, experiment: "Experiment", copy: Copy | None) -> None:
         """Note a changed experiment: a larger budget.
 
         copy: of the code with which the run goes on; None when there is none.
@@ -348,7 +350,7 @@ class StoreWriter:
         return failed
 
 
-def _recorded(experiment: Experiment, folder: Path, copy: Copy | None) -> dict[str, Any]:
+def _recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
     """Return the experiment as it is written: with the run's copy of its class, which goes where it goes."""
     values = experiment.to_mapping()
     kept = None if copy is None else copy.parts.get("simulation")

@@ -5,10 +5,10 @@ belongs to the record (what was evaluated, with which seeds, what came out, in o
 experiment and seed; sessions, attempts and events tell apart from it how it went.
 """
 
-from swarmwright.runs.store.database import FILE, FORMAT
-from swarmwright.runs.store.reader import Best, Evaluation, Record, StoreReader
-from swarmwright.runs.store.rows import Attempt, Evaluated, Event, Session
-from swarmwright.runs.store.writer import StoreWriter
+from swarmwright.store.database import FILE, FORMAT
+from swarmwright.store.reader import Best, Evaluation, Record, StoreReader
+from swarmwright.store.rows import Attempt, Evaluated, Event, Session
+from swarmwright.store.writer import StoreWriter
 
 __all__ = [
     "FILE",
