@@ -21,7 +21,7 @@ from swarmwright.core.formatting import duration
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
     from swarmwright.callbacks import Callback
-    from swarmwright.evaluation.backend import Progress as OnProgress
+    from swarmwright.evaluation.base import Progress as OnProgress
     from swarmwright.optimization.loop import OnGeneration
 
 FILES = {

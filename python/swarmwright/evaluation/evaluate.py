@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.backend import HERE, Crews, Progress, Servers, open_backend
+from swarmwright.evaluation.base import HERE, Controllers, Progress, Servers
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
@@ -55,7 +56,7 @@ def evaluate(
             )
         if not len(rows):
             return np.empty(0)
-        results = backend.evaluate(Crews.of(representation, rows), seeds, on_progress or _silent)
+        results = backend.evaluate(Controllers.of(representation, rows), seeds, on_progress or _silent)
     return ranking.score(results.fitness)
 
 
@@ -128,12 +129,12 @@ def episode(
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))
-            crews = Crews.of(representation, genome[np.newaxis])
+            controllers = Controllers.of(representation, genome[np.newaxis])
         else:
             _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
-            crews = Crews(controller.json, weights)
-        results = backend.evaluate(crews, [seed], on_progress or _silent)
+            controllers = Controllers(controller.json, weights)
+        results = backend.evaluate(controllers, [seed], on_progress or _silent)
     fitness = float(results.fitness[0, 0])
     if not np.isfinite(fitness):
         raise RunError(_reason(results.journal))

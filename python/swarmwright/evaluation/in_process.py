@@ -1,28 +1,112 @@
-"""Evaluation of a user's simulation in this process."""
+"""Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
 
 from swarmwright import _engine
-from swarmwright.evaluation.backend import Crews, LocalBackend, Progress, Results
+from swarmwright.core.errors import engine_errors
+from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.simulations import catalogue
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 
 
-class OwnBackend(LocalBackend):
-    """Runs one episode after the other, without broker and servers."""
+class InProcessBackend:
+    """Evaluates built-in simulations in this process, without broker and servers."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        announced = catalogue.description(experiment.simulation)
+        self.sensors: int = announced["sensors"]
+        self.actuators: int = announced["actuators"]
+        self.description = "in this process"
+        self._simulation = experiment.simulation
+        self.parameters = json.dumps(experiment.parameters, allow_nan=False)
+        self._expression = experiment.fitness_expression
+        self.metrics = metrics_of(self._expression)
+        self._failed = 0
+
+    def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results; an episode fails where the fitness expression or the simulation's code does."""
+        return self._evaluate(controllers, seeds, on_progress, range(len(controllers.weights)))
+
+    def _evaluate(
+        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress, numbers: Sequence[int]
+    ) -> Results:
+        with engine_errors():
+            results = self.compute(controllers, seeds, on_progress)
+        for entry in results.journal:
+            entry["candidate"] = numbers[entry["candidate"]]
+        results = apply_expression(self._expression, results, numbers)
+        self._failed += int(np.isnan(results.fitness).sum())
+        return results
+
+    def compute(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results with the simulation's own fitness. Raises the engine's errors."""
+        fitness, metrics = _engine.evaluate(
+            self._simulation,
+            self.parameters,
+            controllers.architecture,
+            controllers.weights,
+            list(seeds),
+            on_progress,
+            metrics=self.metrics,
+        )
+        return Results(fitness, metrics, [])
+
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Nobody watches: there is no broker."""
+
+    def incidents(self) -> dict[str, int]:
+        """Return how many evaluations failed; no more can go wrong here that is not an error."""
+        return {"failed": self._failed} if self._failed else {}
+
+    def log_to(self, folder: Path) -> None:
+        """Nothing is printed that is not seen."""
+
+    def post_evaluates(self) -> None:
+        """Nobody is told."""
+
+    def stream(
+        self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
+    ) -> None:
+        """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
+        first, weights = 0, controllers.weights
+        while len(weights):
+            numbers = range(first, first + len(weights))
+            results = self._evaluate(
+                Controllers(controllers.architecture, weights), seeds, on_progress, numbers
+            )
+            first += len(weights)
+            more = feed(numbers, results)
+            if more is None:
+                return
+            weights = more
+
+
+class PythonBackend(InProcessBackend):
+    """Evaluates simulations in Python in this process, one episode after the other."""
 
     def __init__(self, experiment: Experiment) -> None:
         super().__init__(experiment)
         self._host = Host(load(experiment.simulation))
 
-    def compute(self, crews: Crews, seeds: Sequence[int], on_progress: Progress) -> Results:
+    def compute(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results, NaN where the code failed, and why it did. Raises the engine's errors."""
         fitness, metrics, failures = _engine.evaluate_own(
             self._host,
             self.parameters,
-            crews.architecture,
-            crews.weights,
+            controllers.architecture,
+            controllers.weights,
             list(seeds),
             on_progress,
             metrics=self.metrics,

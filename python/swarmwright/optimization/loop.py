@@ -16,7 +16,7 @@ import numpy as np
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary, summarize
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.backend import Backend, Crews, Progress, Results
+from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
@@ -185,7 +185,7 @@ class Loop:
             self._announce(backend, number)
             self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
             results = backend.evaluate(
-                Crews.of(self._representation, genomes), seeds, self._watched(on_progress)
+                Controllers.of(self._representation, genomes), seeds, self._watched(on_progress)
             )
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):

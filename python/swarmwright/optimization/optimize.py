@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.evaluation.backend import Backend, Progress, Servers, open_backend
+from swarmwright.evaluation.base import Backend, Progress, Servers
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.figures.plot import draw, prepare
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration, new_loop

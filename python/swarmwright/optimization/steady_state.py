@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import RunError
-from swarmwright.evaluation.backend import Backend, Crews, Progress, Results
+from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.loop import Loop, OnGeneration, strayed
 from swarmwright.store import Evaluated, StoreReader
@@ -111,8 +111,8 @@ class SteadyLoop(Loop):
         self._ask_all()
         done, whole = (count * len(self._seeds) for count in (first, self._whole()))
         self._announce(backend, None, (done, whole))  # several are under way
-        crews = Crews.of(self._representation, np.array(self._flying, dtype=np.float32))
-        backend.stream(crews, self._seeds, feed, self._watched(on_progress))
+        controllers = Controllers.of(self._representation, np.array(self._flying, dtype=np.float32))
+        backend.stream(controllers, self._seeds, feed, self._watched(on_progress))
         return stopped and not self._over
 
     def _used_up(self) -> Ended:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.backend import Backend, Crews, Progress, Servers, open_backend
+from swarmwright.evaluation.base import Backend, Controllers, Progress, Servers
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
@@ -236,9 +237,9 @@ def _evaluated(
             f"the run's controllers have {len(genome)} genes, those of this experiment have "
             f"{representation.genome_size}"
         )
-    crews = Crews.of(representation, genome[np.newaxis])
+    controllers = Controllers.of(representation, genome[np.newaxis])
     backend.post_evaluates()
-    results = backend.evaluate(crews, seeds, on_progress or (lambda *_: None))
+    results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     values: NDArray[np.float64] = results.fitness[0] + 0.0
     if not np.isfinite(values).any():
         reasons = [str(entry["error"]) for entry in results.journal if entry.get("error")]
@@ -274,16 +275,16 @@ def _differ(rows: NDArray[np.float64]) -> bool:
 
 def _tried(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
     """Try two candidates with other seeds, where the simulation is here."""
-    from swarmwright.evaluation.backend import LocalBackend
+    from swarmwright.evaluation.in_process import InProcessBackend
     from swarmwright.simulations import catalogue
 
     evaluations = reader.history()[-1].evaluations
     if not catalogue.is_here(experiment.simulation) or evaluations < _PROBED:
         return False
     if experiment.simulation in catalogue.titles():
-        backend = LocalBackend(experiment)  # costs next to nothing, and nothing is sent
+        backend = InProcessBackend(experiment)  # costs next to nothing, and nothing is sent
     genomes = np.stack([reader.evaluation(None, None).genome, reader.evaluation(0, 0).genome])
     first = experiment.first_seed
     representation = experiment.representation(backend.sensors, backend.actuators)
     seeds = [first, *unseen_seeds(first, set(), 2)]
-    return _differ(backend.evaluate(Crews.of(representation, genomes), seeds, lambda *_: None).fitness)
+    return _differ(backend.evaluate(Controllers.of(representation, genomes), seeds, lambda *_: None).fitness)

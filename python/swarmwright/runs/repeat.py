@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.evaluation.backend import Crews, Servers, open_backend
+from swarmwright.evaluation.base import Controllers, Servers
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.code import used_for
 from swarmwright.runs.run import Run
@@ -61,8 +62,8 @@ def repeat(
     experiment = experiment or used_for(run, recorded.generation, simulation)
     with open_backend(experiment, broker=broker, servers=servers, most=len(recorded.seeds)) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
-        crews = Crews.of(representation, recorded.genome[np.newaxis])
-        results = backend.evaluate(crews, recorded.seeds, lambda *_: None)
+        controllers = Controllers.of(representation, recorded.genome[np.newaxis])
+        results = backend.evaluate(controllers, recorded.seeds, lambda *_: None)
     return Repeated(
         recorded.number, recorded.generation, recorded.candidate, recorded.episodes, results.fitness[0]
     )

@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Controller, Experiment, InputError, evaluate, simulate
 from swarmwright.core.random_numbers import Stream
-from swarmwright.evaluation.backend import open_backend
+from swarmwright.evaluation.opening import open_backend
 
 MINISIM = Experiment.from_mapping(
     {

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
 from swarmwright.cli.replay import command as replay
 from swarmwright.core.random_numbers import Stream
-from swarmwright.evaluation.backend import Crews, open_backend
+from swarmwright.evaluation.base import Controllers
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.expression import ExpressionError
 from swarmwright.experiment.fitness import FitnessExpression
 
@@ -277,10 +278,10 @@ def test_the_same_in_every_mode(mode: str) -> None:
 def test_the_ranking_sees_the_expression_s_values() -> None:
     rows = genomes(6)
     with open_backend(MINISIM.replace(fitness="arrived + 10 * caught + 100 * fitness")) as backend:
-        crews = Crews.of(MINISIM.representation(), rows)
-        results = backend.evaluate(crews, [0, 1, 2], lambda *_: None)
+        controllers = Controllers.of(MINISIM.representation(), rows)
+        results = backend.evaluate(controllers, [0, 1, 2], lambda *_: None)
     with open_backend(MINISIM) as backend:
-        own = backend.evaluate(crews, [0, 1, 2], lambda *_: None)
+        own = backend.evaluate(controllers, [0, 1, 2], lambda *_: None)
     assert results.metrics.shape == (6, 3, 2)
     assert own.metrics.shape == (6, 3, 0)
     expected = results.metrics[..., 0] + 10 * results.metrics[..., 1] + 100 * own.fitness

@@ -17,7 +17,8 @@ from swarmwright import (
     optimize,
     simulate,
 )
-from swarmwright.evaluation.backend import Crews, Results, open_backend
+from swarmwright.evaluation.base import Controllers, Results
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.simulations.host import Host
 from swarmwright.testing import check_batch_simulation
 from tests.python.records import same_record
@@ -128,7 +129,7 @@ def test_one_episode_fails_and_the_others_are_sound(trouble: str, mode: str, ser
         )
         genomes = np.random.default_rng(1).normal(size=(3, one.genome_size)).astype(np.float32)
         with open_backend(one, servers=servers) as backend:
-            return backend.evaluate(Crews.of(one.representation(), genomes), range(6), lambda *_: None)
+            return backend.evaluate(Controllers.of(one.representation(), genomes), range(6), lambda *_: None)
 
     found, sound = results(trouble, mode, servers), results("", "auto", "in-process")
     assert np.isnan(found.fitness[:, 3]).all()

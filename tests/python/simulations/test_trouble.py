@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, _engine, evaluate, simulate
-from swarmwright.evaluation.backend import Crews, Results, open_backend
+from swarmwright.evaluation.base import Controllers, Results
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.simulations.host import Host
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk
@@ -84,7 +85,7 @@ def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, 
 
     def results(one: Experiment, servers: Any) -> Results:
         with open_backend(one, servers=servers) as backend:
-            return backend.evaluate(Crews.of(one.representation(), genomes), seeds, lambda *_: None)
+            return backend.evaluate(Controllers.of(one.representation(), genomes), seeds, lambda *_: None)
 
     found, sound = results(experiment(trouble, mode=mode), servers), results(experiment(""), "in-process")
     failed = np.isin(seeds, [0, 3])
@@ -100,7 +101,7 @@ def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
     genomes = np.zeros((2, experiment("").genome_size), np.float32)
     one = experiment("measure", mode="stepwise")
     with open_backend(one, servers=1) as backend:
-        found = backend.evaluate(Crews.of(one.representation(), genomes), [0, 1], lambda *_: None)
+        found = backend.evaluate(Controllers.of(one.representation(), genomes), [0, 1], lambda *_: None)
     assert np.isnan(found.fitness).tolist() == [[True, False], [True, False]]
     reasons = {entry["error"] for entry in found.journal if entry.get("error")}
     assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}

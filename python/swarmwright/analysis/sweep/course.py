@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.run import Crew, Task, reason
-from swarmwright.evaluation.backend import HERE, Servers
+from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
 

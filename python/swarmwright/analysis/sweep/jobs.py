@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from swarmwright import _engine
 from swarmwright.broker.credentials import from_keyring
 from swarmwright.core.errors import InputError
-from swarmwright.evaluation import backend
-from swarmwright.evaluation.backend import Servers
+from swarmwright.evaluation import opening
+from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.evaluation.local_servers import automatic_count, processors
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
@@ -45,14 +45,14 @@ def shares(
     """
     first = experiments[0]
     wanted: Servers = first.servers if servers is None else servers
-    if broker is None and wanted == "auto" and backend.in_process_is_better(first):
+    if broker is None and wanted == "auto" and opening.in_process_is_better(first):
         wanted = "local"
     if any(one.simulation.startswith("__main__:") for one in experiments):
         jobs = 1  # a class of this session, which no other process finds
     most = max(runs, 1)
-    if broker is None and wanted in backend.HERE:
+    if broker is None and wanted in HERE:
         jobs = min(jobs or processors(), most)
-        if wanted == "in-process" or not all(backend.has_workers(one.simulation) for one in experiments):
+        if wanted == "in-process" or not all(opening.has_workers(one.simulation) for one in experiments):
             return [wanted] * jobs
         wanted = max(processors(), jobs)  # all runs together, not each of them
     if broker is not None and not isinstance(servers, int):

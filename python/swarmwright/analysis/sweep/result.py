@@ -14,7 +14,7 @@ from swarmwright.analysis.sweep.run import Task, tasks
 from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
-from swarmwright.evaluation.backend import Servers
+from swarmwright.evaluation.base import Servers
 from swarmwright.runs.run import Run
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Any, Self
 
 from swarmwright.analysis.sweep.file import Sweep, Variant
 from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.evaluation import backend
-from swarmwright.evaluation.backend import Progress, Servers
+from swarmwright.evaluation import opening
+from swarmwright.evaluation.base import HERE, Progress, Servers
 from swarmwright.evaluation.local_servers import LocalServers
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.optimization.loop import OnGeneration
@@ -116,9 +116,9 @@ class Crew:
     def __enter__(self) -> Self:
         first = self._sweep.variants[0].experiment
         wanted = first.servers if self._servers is None else self._servers
-        if self._broker is None and wanted not in backend.HERE:
+        if self._broker is None and wanted not in HERE:
             self._broker = first.broker
-        if wanted in backend.HERE and self._broker is None:
+        if wanted in HERE and self._broker is None:
             self._here = wanted
             return self
         try:
@@ -134,7 +134,7 @@ class Crew:
         # Servers are started for the first simulation on the broker, then on the same one for the others.
         started: Servers | None = self._servers
         for experiment in experiments.values():
-            address, local = backend.open_servers(
+            address, local = opening.open_servers(
                 self._stack, experiment, self._broker, wanted, started=started
             )
             if local is None:

@@ -18,7 +18,7 @@ from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation import reports
-from swarmwright.evaluation.backend import Servers
+from swarmwright.evaluation.base import Servers
 from swarmwright.evaluation.local_servers import processors
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run

@@ -116,13 +116,13 @@ def equal(server: Server) -> str:
     _steps(server)
     server.comparable()
     team, seeds = crew(server, "fully_meshed", 1), _seeds(server)
-    crews = [Steer(team.specification(0)) for _ in seeds]
+    teams = [Steer(team.specification(0)) for _ in seeds]
     turns: dict[tuple[int, int], int] = {}
 
     def act(episode: int, agent: int, sensors: NDArray[np.float32]) -> Sequence[float]:
         turn = turns.get((episode, agent), 0)
         turns[episode, agent] = turn + 1
-        return crews[episode](agent, turn, sensors)
+        return teams[episode](agent, turn, sensors)
 
     wanted = list(server.announced.get("metrics") or [])
     more: Json = {"metrics": wanted} if wanted else {}

@@ -1,0 +1,126 @@
+"""What evaluates controllers, whether it does so in this process or on simulation servers."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.representations import Representation
+from swarmwright.typing import Genomes
+
+Servers = int | Literal["auto", "local", "in-process"]
+OUTPUT = "servers.log"
+"""File in a run's folder with what started servers printed."""
+
+HERE = ("local", "in-process")
+"""Values of `servers` with which no broker is used that others can see."""
+
+Progress = Callable[[int, int, str], None]
+"""Called about ten times a second with (episodes done, episodes in all, what is waited for)."""
+
+
+@dataclass(frozen=True)
+class Controllers:
+    """Controllers of one architecture; each steers all agents of its episodes."""
+
+    architecture: str
+    """A specification as JSON; its weights do not count."""
+    weights: NDArray[np.float32]
+    """(candidates, weights)"""
+
+    @classmethod
+    def of(cls, representation: Representation, genomes: Genomes) -> Self:
+        """Return the controllers that genomes stand for."""
+        architecture = json.dumps(representation.architecture(), allow_nan=False)
+        return cls(architecture, np.ascontiguousarray(representation.weights(genomes), dtype=np.float32))
+
+
+@dataclass(frozen=True)
+class Results:
+    """What came out of evaluations, in the order of candidates and episodes."""
+
+    fitness: NDArray[np.float64]
+    """(candidates, episodes), NaN where the evaluation failed."""
+    metrics: NDArray[np.float64]
+    """(candidates, episodes, metrics that the fitness needs), NaN where the simulation failed."""
+    journal: list[dict[str, Any]]
+    """An entry per attempt at one evaluation or at a block of them, and per warning."""
+
+
+Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
+"""Takes the numbers of candidates, from 0, that have been evaluated, and what came out; returns the weights
+of further ones, (candidates, weights), maybe none, or None to stop."""
+
+
+class Backend(Protocol):
+    """Evaluates controllers."""
+
+    sensors: int
+    actuators: int
+    metrics: tuple[str, ...]
+    """Names of the metrics that the experiment's fitness needs."""
+    description: str
+    """Where the work is done, for people and the journal."""
+
+    def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Run every controller in an episode of every seed."""
+
+    def stream(
+        self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
+    ) -> None:
+        """Run controllers as they come: first `controllers`, then those that `feed` returns."""
+
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Say what the evaluations that follow are for, to those who watch.
+
+        evaluations: where several generations are under way, episodes done before and of the whole run.
+        """
+
+    def incidents(self) -> dict[str, int]:
+        """How often something went wrong, or was done about it, so far: what did at all, by name."""
+
+    def log_to(self, folder: Path) -> None:
+        """Write what started servers print to a file in a run's folder."""
+
+    def post_evaluates(self) -> None:
+        """Say that what follows belongs to no generation: the best, on other seeds."""
+
+
+def apply_expression(
+    expression: FitnessExpression | None, results: Results, numbers: Sequence[int]
+) -> Results:
+    """Put the experiment's fitness in the place of the simulation's own.
+
+    An episode for which it has no value has failed. numbers: of the candidates, for what is said of them.
+    """
+    if expression is None:
+        return results
+    measured = np.isfinite(results.fitness)
+    values, faults = expression(results.fitness[measured], results.metrics[measured])
+    fitness = np.full_like(results.fitness, np.nan)
+    fitness[measured] = values
+    places = np.argwhere(measured)
+    failures = []
+    for fault in faults:
+        candidate, episode = places[fault.index]
+        error = f"fitness: {fault.reason}"
+        failures.append(
+            {"warning": f"episode {episode}: {error}", "candidate": int(numbers[candidate]), "error": error}
+        )
+    return Results(fitness, results.metrics, results.journal + failures)
+
+
+def metrics_of(expression: FitnessExpression | None) -> tuple[str, ...]:
+    """Return the names of the metrics that an experiment's fitness needs."""
+    return () if expression is None else expression.metrics

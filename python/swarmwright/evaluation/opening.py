@@ -1,0 +1,226 @@
+"""Starting what an experiment is evaluated with: nothing, worker processes, or servers and a broker."""
+
+import json
+import logging
+import secrets
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from swarmwright import _engine
+from swarmwright.broker.address import broker_problem
+from swarmwright.broker.credentials import prepare
+from swarmwright.broker.waiting import patiently
+from swarmwright.core.environment_names import LIBRARIES
+from swarmwright.core.errors import InputError, RunError, engine_errors
+from swarmwright.core.suggestions import did_you_mean, unknown
+from swarmwright.evaluation.base import HERE, Backend, Servers, metrics_of
+from swarmwright.evaluation.local_servers import LocalServers, automatic_count, processors, running_on
+from swarmwright.evaluation.through_broker import BrokerBackend
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.names import is_own
+from swarmwright.user_code.changes import files_of
+
+
+@contextmanager
+def open_backend(
+    experiment: Experiment,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    visual: bool = False,
+    wait: float | None = None,
+    most: int | None = None,
+) -> Iterator[Backend]:
+    """Start what an experiment needs and yield the backend; end all of it afterwards.
+
+    Args:
+        experiment: names simulation, parameters, broker, servers.
+        broker: use the servers on this broker, whatever the experiment says.
+        servers: as the experiment's key. A number given here together with a broker is started on that
+            broker. "auto" in a notebook means "local".
+        visual: ask the server to draw.
+        wait: seconds to wait for a broker that does not answer, instead of the experiment's.
+        most: evaluations that there are, if that is known: no more worker processes are started for `local`.
+
+    Raises:
+        InputError: the simulation is unknown, or broker and local servers are both asked for.
+        RunError: no broker, no fitting server, a server that does not start.
+    """
+    loading = sys.modules.get("swarmwright.simulations.loading")
+    if loading is not None and loading.serving:
+        raise RunError(
+            "this is a simulation server, which imports the file only for its class; put what starts a run "
+            'under `if __name__ == "__main__":`'
+        )
+    if broker is not None:
+        problem = broker_problem(broker)
+        if problem is not None:
+            raise InputError(f"broker: {problem}")
+    if isinstance(servers, int) and servers < 1:
+        raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
+    if servers in HERE and broker is not None:
+        raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
+    wanted: Servers = experiment.servers if servers is None else servers
+    if broker is None and servers not in HERE and wanted not in HERE:
+        broker = experiment.broker
+    if broker is None and wanted == "auto" and not visual and in_process_is_better(experiment):
+        wanted = "local"
+    if broker is None and wanted in HERE and not visual:
+        _require_here(experiment)
+        if wanted == "in-process" or not has_workers(experiment.simulation):
+            yield _in_process(experiment)
+            return
+    with ExitStack() as stack:
+        address, local = open_servers(
+            stack, experiment, broker, wanted, started=servers, visual=visual, most=most
+        )
+        patience = experiment.timeouts.connect if wait is None else wait
+        with engine_errors():
+            pool = patiently(
+                lambda: _pool(experiment, address, visual=visual, alone=broker is None),
+                patience,
+                logging.getLogger("swarmwright").warning,
+            )
+        stack.callback(pool.close)
+        local = local or running_on(address)
+        if local is not None:
+            local.attach(pool)
+            stack.callback(local.detach)
+        where = f"servers on {address}" if local is None else f"{local.count} servers on {address}"
+        if wanted == "local" and local is not None:
+            where = f"{local.count} worker processes"
+        yield BrokerBackend(experiment, pool, local, where)
+
+
+def has_workers(simulation: str) -> bool:
+    """Whether `servers: local` means processes of their own: for code in Python that others find, too."""
+    return is_own(simulation) and not simulation.startswith("__main__:")
+
+
+def in_process_is_better(experiment: Experiment) -> bool:
+    """Whether `servers: auto` means `local`: in a notebook, unless the experiment asks for servers.
+
+    A notebook has no terminal for servers' last words, and people run its cells again and again.
+    """
+    asked = experiment.mode != "auto" or not catalogue.is_here(experiment.simulation)
+    alone = "ipykernel" in sys.modules or experiment.simulation.startswith("__main__:")
+    return alone and not asked
+
+
+def open_servers(
+    stack: ExitStack,
+    experiment: Experiment,
+    broker: str | None,
+    wanted: Servers,
+    *,
+    started: Servers | None,
+    visual: bool = False,
+    most: int | None = None,
+) -> tuple[str, LocalServers | None]:
+    """Start the embedded broker and servers as far as they are needed; they end with the stack.
+
+    Args:
+        stack: ends what is started.
+        experiment: whose simulation the servers offer.
+        broker: of somebody else; servers are started on it when `started` is a number.
+        wanted: how many servers.
+        started: what the caller asked for, instead of the experiment.
+        visual: let the servers draw.
+        most: as in `open_backend`.
+
+    Returns:
+        The broker's address, and the servers; None when none were started.
+    """
+    if broker is not None:
+        prepare(broker)
+    if broker is not None and not isinstance(started, int):
+        return broker, None
+    _require_here(experiment)
+    if experiment.simulation.startswith("__main__:"):
+        raise InputError(
+            f"simulation: {experiment.label} is defined in this session alone, where no server finds it; "
+            "write the class to a file, or evaluate with servers: in-process"
+        )
+    count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
+    if wanted == "local" and not visual:
+        count = min(processors(), most or processors())
+    if broker is None:
+        with engine_errors():
+            embedded = _engine.Broker()
+        stack.callback(embedded.stop)
+        address, first = embedded.url, 1
+    else:
+        # Others may have servers on this broker; ids must differ.
+        address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
+    files = files_of(experiment.simulation) if is_own(experiment.simulation) else {}
+    settings = [
+        {
+            "simulation": experiment.simulation,
+            "files": files,
+            "broker": address,
+            "id": first + index,
+            "prefix": experiment.prefix,
+            "step_timeout": experiment.timeouts.step,
+            "alone": broker is None,
+        }
+        for index in range(count)
+    ]
+    servers = LocalServers(settings, visual=visual, episode_timeout=experiment.timeouts.episode)
+    return address, stack.enter_context(servers)
+
+
+def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) -> _engine.Pool:
+    return _engine.Pool(
+        address,
+        simulation=catalogue.title(experiment.simulation),
+        parameters=json.dumps(experiment.parameters, allow_nan=False),
+        requirements=experiment.requirements.model_dump_json(exclude_none=True),
+        sensors=experiment.sensors,
+        actuators=experiment.actuators,
+        prefix=experiment.prefix,
+        tool="swarmwright",  # host and process are added
+        mode=experiment.mode,
+        metrics=metrics_of(experiment.fitness_expression),
+        visual=visual,
+        discovery_timeout=experiment.timeouts.discovery,
+        step_timeout=experiment.timeouts.step,
+        episode_timeout=experiment.timeouts.episode,
+        least_timeout=experiment.timeouts.least,
+        attempts=experiment.faults.attempts,
+        quarantine=experiment.faults.quarantine,
+        backup=experiment.faults.backup,
+        audit=experiment.faults.audit,
+        alone=alone,
+    )
+
+
+def _require_here(experiment: Experiment) -> None:
+    simulation = experiment.simulation
+    if not catalogue.is_here(simulation):
+        library, _, rest = simulation.partition(":")
+        hint = "any other needs a broker on which a server offers it"
+        if simulation.endswith(".py"):
+            hint = f"one in Python is named by its class, {simulation}:Class"
+        elif rest and did_you_mean(library, LIBRARIES):
+            hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
+        where = experiment.place("simulation")
+        raise InputError(f"{where}{unknown('simulation', simulation, catalogue.titles())}; {hint}")
+    announced, wanted = catalogue.description(simulation), experiment.requirements
+    title, most = announced["title"], announced.get("max_agents")
+    if wanted.dimensions != announced["dimensions"]:
+        raise InputError(
+            f"{experiment.place('requirements')}{title} has {announced['dimensions']} dimensions, not "
+            f"{wanted.dimensions}; leave the key out"
+        )
+    if most is not None and (wanted.max_agents or 0) > most:
+        raise InputError(
+            f"{experiment.place('requirements')}{title} has at most {most} agents, not {wanted.max_agents}"
+        )
+
+
+def _in_process(experiment: Experiment) -> Backend:
+    from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend
+
+    return (PythonBackend if is_own(experiment.simulation) else InProcessBackend)(experiment)

@@ -1,0 +1,138 @@
+"""Evaluation on simulation servers, through an MQTT broker."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.evaluation import reports
+from swarmwright.evaluation.base import (
+    OUTPUT,
+    Controllers,
+    Feed,
+    Progress,
+    Results,
+    apply_expression,
+    metrics_of,
+)
+from swarmwright.evaluation.local_servers import LocalServers
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.simulations import catalogue
+
+
+class BrokerBackend:
+    """Evaluates on simulation servers through a broker."""
+
+    def __init__(
+        self, experiment: Experiment, pool: _engine.Pool, servers: LocalServers | None, where: str
+    ) -> None:
+        self._pool = pool
+        self._servers = servers
+        self._restarts = 0 if servers is None else servers.restarts
+        self._without_value = 0
+        self._run: str | None = None
+        if reports.wanted():
+            pool.listen(lambda text: reports.tell(json.loads(text)), warnings_only=reports.only_warnings())
+        self._expression = experiment.fitness_expression
+        self.metrics = metrics_of(self._expression)
+        self.description = where
+
+        try:
+            with engine_errors():
+                self.sensors, self.actuators = pool.wait_for_server(sizes=experiment.steers)
+        except RunError as error:
+            self._check_servers()
+            known = catalogue.titles()
+            title = experiment.simulation
+            hint = "" if catalogue.is_here(title) else did_you_mean(title, known)
+            raise RunError(f"{error}{self._metrics_hint() or hint}") from error
+
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Tell those who watch the broker."""
+        self._run = run
+        self._pool.about(run, generation, generations, evaluations)
+
+    def incidents(self) -> dict[str, int]:
+        """Return what the pool counted."""
+        counts: dict[str, int] = json.loads(self._pool.counts())
+        if self._servers is not None:
+            counts["restarts"] = self._servers.restarts - self._restarts
+        counts["failed"] = counts.get("failed", 0) + self._without_value
+        return {name: count for name, count in counts.items() if count}
+
+    def log_to(self, folder: Path) -> None:
+        """Write what started servers print to a file in a run's folder."""
+        if self._servers is not None:
+            self._servers.log_to(folder / OUTPUT)
+
+    def post_evaluates(self) -> None:
+        """Say that what follows belongs to no generation, in servers.log and to those who watch."""
+        self._pool.about(self._run)
+        if self._servers is not None:
+            self._servers.work_for("post-evaluation")
+
+    def _valued(self, results: Results, numbers: Sequence[int]) -> Results:
+        """Apply the experiment's fitness, and count the episodes for which it has no value."""
+        judged = apply_expression(self._expression, results, numbers)
+        self._without_value += len(judged.journal) - len(results.journal)
+        return judged
+
+    def _metrics_hint(self) -> str:
+        """A name that servers announce, near one that none of them does."""
+        announced = self._pool.announced_metrics()
+        missing = [name for name in self.metrics if name not in announced]
+        return next((hint for name in missing if (hint := did_you_mean(name, announced))), "")
+
+    def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+        """Return the results, NaN where it failed, and what the pool did for them."""
+
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self._check_servers()
+            on_progress(done, total, waiting_for)
+
+        with engine_errors():
+            fitness, metrics, journal = self._pool.evaluate(
+                controllers.architecture, controllers.weights, list(seeds), progress
+            )
+        self._check_servers()
+        results = Results(fitness, metrics, _entries(journal))
+        return self._valued(results, range(len(fitness)))
+
+    def stream(
+        self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
+    ) -> None:
+        """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
+
+        def take(
+            candidates: list[int], fitness: NDArray[np.float64], metrics: NDArray[np.float64], journal: str
+        ) -> NDArray[np.float32] | None:
+            self._check_servers()
+            results = Results(fitness, metrics, _entries(journal))
+            return feed(candidates, self._valued(results, candidates))
+
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self._check_servers()
+            on_progress(done, total, waiting_for)
+
+        with engine_errors():
+            self._pool.stream(controllers.architecture, controllers.weights, list(seeds), take, progress)
+
+    def _check_servers(self) -> None:
+        if self._servers is not None:
+            self._servers.check()
+
+
+def _entries(journal: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in journal.split("\n") if line]  # texts may hold other line ends
