@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.methods._triangular import triangular
 from swarmwright.rankings._base import best_first
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
@@ -87,7 +88,5 @@ class SteadyMembers:
         return None
 
     def _drawn(self, ranked: list[int], stream: Stream, count: int) -> list[int]:
-        from swarmwright.methods.nnga import triangular
-
         tickets = stream.integers(len(ranked) * (len(ranked) + 1) // 2, count)
         return [ranked[triangular(int(ticket), len(ranked))] for ticket in tickets]

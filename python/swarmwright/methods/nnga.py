@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from swarmwright.core.random_numbers import Stream
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._nnga_steady import SteadyMembers
+from swarmwright.methods._triangular import triangular
 from swarmwright.rankings._base import best_first
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
@@ -324,12 +325,3 @@ def _keys(genomes: Genomes) -> list[bytes]:
     row = np.dtype((np.void, genomes.shape[1] * genomes.itemsize))
     keys: Any = np.ascontiguousarray(genomes).view(row).ravel().tolist()
     return list(keys)
-
-
-def triangular(ticket: int, members: int) -> int:
-    """Return k for a ticket in 0 .. members * (members + 1) / 2 - 1, of which k holds members - k."""
-    # Tickets from the end: the last holds one, the last but one two, ... so k counts triangular numbers from
-    # there.
-    left = members * (members + 1) // 2 - 1 - ticket
-    row = (math.isqrt(8 * left + 1) - 1) // 2
-    return members - 1 - row

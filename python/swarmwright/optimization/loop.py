@@ -340,15 +340,6 @@ class Loop:
         return min(self._method.budget, self._budget.evaluations or _MOST, _MOST)
 
 
-def new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
-    """Return the loop for an experiment's operation."""
-    if experiment.method.operation == "steady_state":
-        from swarmwright.optimization.steady_state import SteadyLoop
-
-        return SteadyLoop(experiment, representation, store)
-    return Loop(experiment, representation, store)
-
-
 def strayed(reader: StoreReader, generation: int) -> str:
     """Return the message for a generation that comes out differently when a run is resumed."""
     versions = reader.sessions()[0].versions

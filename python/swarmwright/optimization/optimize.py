@@ -14,9 +14,11 @@ from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.figures.plot import draw, prepare
-from swarmwright.optimization.loop import Generation, Loop, OnGeneration, new_loop
+from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory
 from swarmwright.optimization.notebook_progress import shown
+from swarmwright.optimization.steady_state import SteadyLoop
+from swarmwright.representations import Representation
 from swarmwright.runs import edits
 from swarmwright.runs.code import continuation, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
@@ -106,7 +108,7 @@ def optimize(
             folder = default_folder(experiment) if out is None else Path(out)
             code = parts_of(experiment)
             with StoreWriter.create(folder, resolved, backend.metrics, code) as store:
-                loop = new_loop(resolved, representation, store)
+                loop = _new_loop(resolved, representation, store)
                 store.begin(backend.description, (*loop.libraries, *distributions(code)), 1 if code else None)
                 _run(resolved, store, loop, backend, on_generation, on_progress)
     except KeyboardInterrupt:
@@ -210,7 +212,7 @@ def _go_on(
         edited, notes = edits.taken_over(run, prolonged(run, run.experiment, settings, **budget))
         experiment = prolonged(run, edited, settings, **budget)
         changed = experiment != run.experiment
-        loop = new_loop(experiment, experiment.representation(), store)
+        loop = _new_loop(experiment, experiment.representation(), store)
         loop.replay(reader)
         if loop.done:
             if reader.sessions()[-1].outcome not in {"done", "stopped"}:
@@ -353,3 +355,9 @@ def _finished(folder: Path) -> Run:
     except KeyboardInterrupt as interrupt:
         raise InterruptedAtEnd(run) from interrupt
     return run
+
+
+def _new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
+    """Return the loop for an experiment's operation."""
+    kind = SteadyLoop if experiment.method.operation == "steady_state" else Loop
+    return kind(experiment, representation, store)

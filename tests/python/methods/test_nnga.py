@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarmwright.methods import METHODS
-from swarmwright.methods.nnga import Nnga, NngaOptions, Shares, triangular
+from swarmwright.methods._triangular import triangular
+from swarmwright.methods.nnga import Nnga, NngaOptions, Shares
 from swarmwright.representations import Genomes
 from swarmwright.testing._common import representation
 
