@@ -28,7 +28,7 @@ from swarmwright import _engine
 
 JAR = ROOT / "wrappers" / "java" / "target" / "minisim.jar"
 CPP = ROOT / "wrappers" / "cpp" / "build" / "minisim"
-OWN = ROOT / "tests" / "python" / "own"
+SIMULATIONS = ROOT / "tests" / "python" / "simulations"
 ENKI = Path(f"/usr/lib/python3/dist-packages/pyenki{sysconfig.get_config_var('EXT_SUFFIX')}")
 
 MODES = ("stepwise", "batched", "offloaded")
@@ -62,10 +62,10 @@ class Subject:
 
 def _renamed(folder: Path, name: str, title: str) -> str:
     """Copy a simulation of the tests, so that it has the title of the built-in one; its name for `serve`."""
-    source = (OWN / f"{name}.py").read_text(encoding="utf-8")
+    source = (SIMULATIONS / f"{name}.py").read_text(encoding="utf-8")
     line = f'title = "{title}"'
     if line not in source:
-        raise SystemExit(f"{OWN / name}.py does not say {line}")
+        raise SystemExit(f"{SIMULATIONS / name}.py does not say {line}")
     copy = folder / f"{name}.py"
     copy.write_text(source.replace(line, 'title = "minisim"'), encoding="utf-8")
     return f"{copy}:Minisim"

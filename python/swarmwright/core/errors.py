@@ -61,7 +61,7 @@ def explained(error: BaseException) -> str:
 def engine_errors(where: str = "") -> Iterator[None]:
     """Turn the compiled engine's errors into InputError and RunError.
 
-    They may name what peers have said, and are of one line, see `_foreign`. `where` is put before an input
+    They may name what peers have said, and are of one line, see `untrusted`. `where` is put before an input
     error's message.
     """
     from swarmwright import _engine

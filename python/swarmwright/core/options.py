@@ -8,7 +8,7 @@ class Options(BaseModel):
 
     Unknown keys are errors; nothing is converted silently ("50" is no number, 1.5 no integer); numbers are
     finite; every field has a default where one makes sense and a description, the docstring below it, which
-    goes to the schema and the reference page (see `_descriptions`).
+    goes to the schema and the reference page (see `descriptions`).
     """
 
     model_config = ConfigDict(

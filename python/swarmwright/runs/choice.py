@@ -1,9 +1,10 @@
 """Which candidate of a run is looked at, and what the run says about it."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from swarmwright.runs.run import Run
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Choice:
     """The controller as plain values."""
 
 
-def choose(run: Run, generation: int | None = None, candidate: int | None = None) -> Choice:
+def choose(run: "Run", generation: int | None = None, candidate: int | None = None) -> Choice:
     """Return a candidate of the run; what None means and what is raised, `Run.evaluation` says."""
     one = run.evaluation(candidate, generation)
     specification = run.experiment.representation().specification(one.genome)

@@ -9,12 +9,12 @@ uses the copy and says so.
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs import edits
-from swarmwright.runs.run import Run
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, is_own, name_of
 from swarmwright.user_code import notices
@@ -23,6 +23,10 @@ from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of
 from swarmwright.user_code.parts import SECTIONS, Part, of_plug_ins, of_simulation
 from swarmwright.user_code.permission import require_copy, require_named
 from swarmwright.user_code.trust import trusting
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
+
 
 _INSTEAD = "; --simulation FILE:Class takes another one"
 
@@ -41,7 +45,7 @@ def parts_of(experiment: Experiment) -> list[Part]:
     return parts if part is None else [part, *parts]
 
 
-def copy_of(run: Run, generation: int | None = None) -> Copy | None:
+def copy_of(run: "Run", generation: int | None = None) -> Copy | None:
     """Return the copy of the source with which a generation was evaluated, by default the last one.
 
     None where there is none, or it was deleted. Raises InputError when it was changed.
@@ -58,7 +62,7 @@ def copy_of(run: Run, generation: int | None = None) -> Copy | None:
     return copy
 
 
-def _version(run: Run, generation: int | None = None) -> int:
+def _version(run: "Run", generation: int | None = None) -> int:
     """Return the version of the source with which a generation was evaluated, by default the last one."""
     versions = {session.session: session.code for session in run.sessions}
     used = [version for version in versions.values() if version is not None] or [max(run.code)]
@@ -68,17 +72,17 @@ def _version(run: Run, generation: int | None = None) -> int:
     return versions.get(run.store.session_of(generation)) or used[0]
 
 
-def _is_version(run: Run, version: int, parts: list[Part]) -> bool:
+def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
     """Whether source is a version of which the run has the SHA-256, be the copy there or not."""
     return digest_of({part.name: part.digests for part in parts}) == run.code.get(version)
 
 
-def _has_copy(run: Run, generation: int) -> bool:
+def _has_copy(run: "Run", generation: int) -> bool:
     session = run.store.session_of(generation)
     return any(one.session == session and one.code is not None for one in run.sessions)
 
 
-def used_for(run: Run, generation: int | None = None, simulation: str | type | None = None) -> Experiment:
+def used_for(run: "Run", generation: int | None = None, simulation: str | type | None = None) -> Experiment:
     """Return the experiment with which evaluations of a run are repeated or shown.
 
     Its simulation is the one that the run was computed with, or another one that is named. What has changed
@@ -125,7 +129,7 @@ def used_for(run: Run, generation: int | None = None, simulation: str | type | N
     return experiment
 
 
-def remarks(run: Run) -> list[str]:
+def remarks(run: "Run") -> list[str]:
     """Return in words what was edited since the run: its experiment.yaml, its simulation, plug-ins."""
     found = []
     edited = edits.said(run)
@@ -157,7 +161,7 @@ class Continuation:
 
 
 def continuation(
-    run: Run,
+    run: "Run",
     experiment: Experiment,
     *,
     accept_changed_code: bool = False,
@@ -227,7 +231,7 @@ def continuation(
 
 
 def _without_copy(
-    run: Run, experiment: Experiment, parts: list[Part], *, accept_changed_code: bool
+    run: "Run", experiment: Experiment, parts: list[Part], *, accept_changed_code: bool
 ) -> Continuation:
     """Go on where the copy was deleted: of what it was, the SHA-256 is known."""
     version = _version(run)
@@ -244,7 +248,7 @@ def _without_copy(
     return Continuation(experiment, parts, None, max(run.code) + 1, [note])
 
 
-def changed_code(run: Run, experiment: Experiment) -> str | None:
+def changed_code(run: "Run", experiment: Experiment) -> str | None:
     """Return how an experiment's source differs from that of a run of it, None where it does not.
 
     None, too, where the run has no copy. Raises InputError when a file cannot be read or the copy was edited.
@@ -262,7 +266,7 @@ def changed_code(run: Run, experiment: Experiment) -> str | None:
 
 
 def check(
-    run: Run, asked: Experiment, *, accept_changed_code: bool = False, simulation: str | type | None = None
+    run: "Run", asked: Experiment, *, accept_changed_code: bool = False, simulation: str | type | None = None
 ) -> Experiment:
     """Return the experiment with which a run would go on, as far as its experiment.yaml is concerned.
 
@@ -275,7 +279,7 @@ def check(
     return experiment
 
 
-def _check_trusted(run: Run, experiment: Experiment, copy: Copy | None, *, accepted: bool = False) -> None:
+def _check_trusted(run: "Run", experiment: Experiment, copy: Copy | None, *, accepted: bool = False) -> None:
     """Raise InputError unless the code of a run may be executed.
 
     accepted: whether what has changed since its copy was made may.
@@ -291,12 +295,12 @@ def _check_trusted(run: Run, experiment: Experiment, copy: Copy | None, *, accep
     require_named(experiment.simulation)
 
 
-def check_trusted(run: Run) -> None:
+def check_trusted(run: "Run") -> None:
     """Raise InputError unless the code of a run may be executed: see `swarmwright.user_code.trust`."""
     _check_trusted(run, run.experiment, copy_of(run))
 
 
-def trust_code(run: Run) -> None:
+def trust_code(run: "Run") -> None:
     """Trust the code of a run, every copy of it. Raises InputError when it is gone or was changed."""
     with trusting():
         for version in run.code:
@@ -306,7 +310,7 @@ def trust_code(run: Run) -> None:
         check_trusted(run)
 
 
-def _told_of(run: Run, copy: Copy, changed: dict[str, Part]) -> str:
+def _told_of(run: "Run", copy: Copy, changed: dict[str, Part]) -> str:
     """Return what has changed in words, with the differences below."""
     lines = []
     for name, part in changed.items():
@@ -348,7 +352,7 @@ def _keeps(simulation: str) -> bool:
     return is_own(simulation) and not is_adapted(simulation) and module not in {"__main__", "swarmwright"}
 
 
-def _check_there(run: Run, simulation: str) -> None:
+def _check_there(run: "Run", simulation: str) -> None:
     place, _, wanted = simulation.rpartition(":")
     if is_own(simulation) and place.endswith(".py") and not Path(place).is_file():
         raise InputError(

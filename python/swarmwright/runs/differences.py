@@ -1,12 +1,15 @@
 """Where two runs part."""
 
 from itertools import zip_longest
+from typing import TYPE_CHECKING
 
 from swarmwright.runs.export import csv_lines
-from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 
-def first_difference(one: Run, other: Run) -> str | None:
+def first_difference(one: "Run", other: "Run") -> str | None:
     """Return in words where the records of two runs differ first; None when they are the same bytes."""
     lines = zip_longest(csv_lines(one.store), csv_lines(other.store))
     columns: list[str] = []

@@ -2,14 +2,17 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import dump, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
+
 
 FILE = "experiment.yaml"
 _BUDGET = {"method.generations", "method.evaluations", "method.seconds"}
@@ -35,7 +38,7 @@ class Change:
         return f"{self.key} is {_said(self.now)} in the file, {_said(self.recorded)} in the run"
 
 
-def changes(run: Run) -> tuple[list[Change], Experiment]:
+def changes(run: "Run") -> tuple[list[Change], Experiment]:
     """Return what differs between the file and the run, and the experiment as the file has it.
 
     Nothing does where the file is gone. Raises InputError when it is no experiment.
@@ -55,7 +58,7 @@ def changes(run: Run) -> tuple[list[Change], Experiment]:
     return found, written
 
 
-def said(run: Run) -> str | None:
+def said(run: "Run") -> str | None:
     """Return in words what was changed in the file, None when nothing was."""
     try:
         found, _ = changes(run)
@@ -66,7 +69,7 @@ def said(run: Run) -> str | None:
     return f"{run.path / FILE} was edited: {', '.join(map(str, found))}"
 
 
-def taken_over(run: Run, asked: Experiment) -> tuple[Experiment, list[str]]:
+def taken_over(run: "Run", asked: Experiment) -> tuple[Experiment, list[str]]:
     """Return the experiment with which a run goes on, and what it has from the file, in words.
 
     Keys that say where and how it is computed are taken from the file.

@@ -3,13 +3,15 @@
 import html
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright.core.files import write_text
 from swarmwright.display import record
 from swarmwright.display.page import page
 from swarmwright.runs.replay import Replay
-from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class ReplayPage:
     """The page: one HTML document that needs nothing else."""
 
     @classmethod
-    def of(cls, run: Run, *, speed: float = 1.0, **which: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
+    def of(cls, run: "Run", *, speed: float = 1.0, **which: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
         """Play the episode; see `Run.replay`."""
         replay = Replay.of(run, **which)
         recording = record(replay.episode())

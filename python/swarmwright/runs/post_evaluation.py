@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,12 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
-from swarmwright.runs.run import Run
 from swarmwright.store import StoreReader
 from swarmwright.typing import Genome
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
+
 
 EPISODES = 60
 """Episodes of a post-evaluation, unless another number is given."""
@@ -116,7 +119,7 @@ class PostEvaluation:
 
 
 def post_evaluate(
-    run: Run,
+    run: "Run",
     candidate: int | None = None,
     generation: int | None = None,
     *,
@@ -173,7 +176,7 @@ def post_evaluate(
     )
 
 
-def of_run(run: Run) -> PostEvaluation | None:
+def of_run(run: "Run") -> PostEvaluation | None:
     """Return the best of a run on unseen seeds, if it was evaluated when the run ended."""
     values = run.store.unseen()
     if values is None or values["number"] != run.evaluation().number:

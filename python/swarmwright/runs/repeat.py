@@ -1,6 +1,7 @@
 """Repeating an evaluation from its record."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,9 @@ from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.code import used_for
-from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Repeated:
 
 
 def repeat(
-    run: Run,
+    run: "Run",
     candidate: int | None = None,
     generation: int | None = None,
     *,

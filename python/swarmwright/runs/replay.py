@@ -13,18 +13,18 @@ from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
-from swarmwright.runs.run import Run
 
 if TYPE_CHECKING:
     from swarmwright.display.pictures import PictureRecording
     from swarmwright.experiment.experiment import Experiment
+    from swarmwright.runs.run import Run
 
 
 @dataclass(frozen=True)
 class Replay:
     """One episode of one controller, in the simulation of a run."""
 
-    run: Run
+    run: "Run"
     controller: Controller
     choice: Choice | None
     """The candidate of the run that the controller is; None when it comes from elsewhere."""
@@ -40,7 +40,7 @@ class Replay:
     @classmethod
     def of(
         cls,
-        run: Run,
+        run: "Run",
         *,
         generation: int | None = None,
         candidate: int | None = None,
@@ -194,7 +194,7 @@ def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
     return [("method", method), ("seed of the run", str(experiment.seed))]
 
 
-def _check_here(run: Run) -> None:
+def _check_here(run: "Run") -> None:
     from swarmwright.simulations import catalogue
 
     title = run.experiment.simulation

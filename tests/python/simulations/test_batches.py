@@ -97,7 +97,7 @@ class Shaken(BatchSimulation):
         ("flat", r"Shaken.reset: observations of the shape \(1, 2\) returned, expected \(1, agents, 1\)"),
         ("done", r"Shaken.done: bool of the shape \(\) returned, expected \(1,\) booleans"),
         ("fitness", r"Shaken.fitness: the shape \(\) returned, expected \(1,\) numbers"),
-        ("raise", r"Shaken.step: ValueError: no three \(.*test_batch.py:\d+\)"),
+        ("raise", r"Shaken.step: ValueError: no three \(.*test_batches.py:\d+\)"),
         ("nan", r"Shaken.step: sensor 0 of agent 0 in episode 0 is nan, expected a finite number"),
     ],
 )

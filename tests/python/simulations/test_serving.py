@@ -122,7 +122,7 @@ def test_servers_of_a_run_say_why_they_cannot_start(tmp_path: Path) -> None:
         SOURCE + "import sys\n"
         "class Picky(Walk):\n"
         "    def __init__(self):\n"
-        "        if '_server_process' in sys.argv[0]: raise OSError('no window')\n"
+        "        if 'server_process' in sys.argv[0]: raise OSError('no window')\n"
     )
     one = experiment(simulation=f"{file}:Picky")
     with pytest.raises(

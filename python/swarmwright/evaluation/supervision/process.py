@@ -31,10 +31,10 @@ STACK_SIGNAL = signal.SIGUSR1
 
 
 class Process:
-    """A process that runs `_server_process`.
+    """A process that runs `server_process`.
 
     Args:
-        settings: see `_server_process`.
+        settings: see `server_process`.
         draws: whether its standard output is this process's.
         on_event: gets what it reports, on another thread.
         on_line: gets (identifier, line) of what it writes, on another thread; returns the line as text.

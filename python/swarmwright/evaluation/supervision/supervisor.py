@@ -92,7 +92,7 @@ class Supervisor:
     """Servers of these settings, from `start` to `stop`.
 
     Args:
-        settings: one mapping of `_server_process`'s arguments per server, with its `id`.
+        settings: one mapping of `server_process`'s arguments per server, with its `id`.
         draws: whether they draw on this process's standard output.
         restart: whether those that end are started again.
         output: takes what they print.
