@@ -32,6 +32,9 @@ pub const METRICS: &[MetricInfo] = &[
     MetricInfo::new("half", "", "Half the fitness."),
 ];
 
+/// The most agents that there may be.
+const MOST_AGENTS: usize = 10_000;
+
 /// Agents on a line: each moves by its actuator; the fitness is the sum of the places, weighted by agent and seed.
 pub struct Line {
     places: Vec<f32>,
@@ -77,10 +80,10 @@ impl Simulation for Line {
             reason = "small numbers"
         )]
         let agents = number("numAgents") as usize;
-        if agents == 0 {
+        if !(1..=MOST_AGENTS).contains(&agents) {
             return Err(ParameterError {
                 name: "numAgents".into(),
-                reason: "must be 1 or more".into(),
+                reason: format!("must be 1 to {MOST_AGENTS}"),
             });
         }
         #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
