@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.callbacks._base import Callback, figures
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.flatten import flat
+from swarmwright.runs import picture
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -111,6 +112,7 @@ class MLflow(Callback):
     def conclude(self, run: "Run") -> None:
         """Send the files, and how it ended."""
         self._send()
+        picture.wait()
         try:
             for name in _FILES:
                 if (run.path / name).exists():

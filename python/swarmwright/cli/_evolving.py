@@ -91,7 +91,7 @@ def _evolve(
     mlflow: str | None,
     observing: Observing,
 ) -> int:
-    from swarmwright.optimization.optimize import InterruptedAtEnd, InterruptedWithResults
+    from swarmwright.optimization.optimize import InterruptedWithResults
 
     reader = Reader()
     with ExitStack() as stack:
@@ -106,11 +106,7 @@ def _evolve(
                 watcher(generation)
             return reader.show(shown, generation)
 
-        undrawn = False
-        try:
-            run = work(tell, partial(reader.evaluating, shown))
-        except InterruptedAtEnd as interrupt:
-            run, undrawn = interrupt.run, True
+        run = work(tell, partial(reader.evaluating, shown))
         try:
             observer.ended(run)
             for watcher in watchers:
@@ -119,10 +115,8 @@ def _evolve(
         except KeyboardInterrupt:
             raise InterruptedWithResults(run.path) from None
     if not reader.gone:
-        if undrawn:
-            output.text("Interrupted while fitness.png was drawn; nothing else is missing.")
         _conclude(output, run)
-    return INTERRUPTED if run.interrupted or undrawn or reader.gone else 0
+    return INTERRUPTED if run.interrupted or reader.gone else 0
 
 
 def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | None) -> "Iterator[Callback]":
@@ -193,7 +187,8 @@ def _conclude(output: Output, run: "Run") -> None:
     output.text()
     output.text(f"Everything is in {run.path}:")
     for name, meaning in FILES.items():
-        if (run.path / name).exists():
+        # The plot is being drawn.
+        if (run.path / name).exists() or (name == "fitness.png" and run.history):
             output.text(f"  {name:<16} {meaning}")
     _hint(output, run)
 

@@ -40,9 +40,27 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
         y="diversity\n(first generation: 1)" if continuous else "diversity\n(genes that differ)",
     )
     thousands(lower.xaxis)
+    _titles(figure, upper, run)
+    return figure
+
+
+def fitness(run: "Run") -> "Figure":
+    """Return the figure of fitness over generations alone. run: with a finished generation at least."""
+    places = np.array([one.generation for one in run.history], dtype=float)
+    figure = new_figure(9, 5.2)
+    axes = figure.subplots()
+    _fitness(axes, run, places)
+    dress(axes, x=AXES["generations"], y="fitness (more is better)")
+    thousands(axes.xaxis)
+    _titles(figure, axes, run)
+    return figure
+
+
+def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
+    """Say above and below what is drawn."""
     experiment = run.experiment
     method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
-    failed = sum(one.failed for one in history)
+    failed = sum(one.failed for one in run.history)
     figure.suptitle(
         f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller",
         x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
@@ -56,7 +74,6 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
         *upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=10.5, frameon=False,
         labelcolor=INK,
     )  # fmt: skip
-    return figure
 
 
 def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.html import png_of
-from swarmwright.figures.scale import Values, cut
+from swarmwright.figures.cut import Values, cut
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +66,7 @@ def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
 
 
 def zoom(axes: "Axes", curves: Sequence[tuple[Values, Values, Values]]) -> None:
-    """Let first values not squash the rest, and say what is cut off; see `swarmwright.figures.scale.cut`."""
+    """Let first values not squash the rest, and say what is cut off; see `swarmwright.figures.cut.cut`."""
     hidden = cut(curves)
     if hidden is None:
         return

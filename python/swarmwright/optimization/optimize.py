@@ -3,7 +3,6 @@
 import dataclasses
 import logging
 import sqlite3
-import threading
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -13,13 +12,12 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.figures.plot import draw, prepare
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory
 from swarmwright.optimization.notebook_progress import shown
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.representations import Representation
-from swarmwright.runs import edits
+from swarmwright.runs import edits, picture
 from swarmwright.runs.code import continuation, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
 from swarmwright.runs.run import Run
@@ -29,14 +27,6 @@ from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import distributions
 
 __all__ = ["Generation", "optimize", "resume"]
-
-
-class InterruptedAtEnd(KeyboardInterrupt):
-    """Ctrl-C while the picture was drawn: of the run nothing else is missing."""
-
-    def __init__(self, run: Run) -> None:
-        super().__init__()
-        self.run = run
 
 
 class InterruptedWithResults(KeyboardInterrupt):
@@ -279,8 +269,6 @@ def _run(
 ) -> None:
     representation = experiment.representation(backend.sensors, backend.actuators)
     backend.log_to(store.folder)
-    # What draws the plot is loaded while the simulations run.
-    threading.Thread(target=prepare, daemon=True).start()
     try:
         store.conclude(loop.run(backend, on_generation, on_progress))
         if store.outcome == "done":
@@ -350,10 +338,8 @@ def prolonged(
 
 def _finished(folder: Path) -> Run:
     run = Run.open(folder)
-    try:
-        draw(run, run.path / "fitness.png")
-    except KeyboardInterrupt as interrupt:
-        raise InterruptedAtEnd(run) from interrupt
+    if run.history:
+        picture.draw_later(folder)
     return run
 
 

@@ -290,9 +290,12 @@ class Run:
         best = self.best
         where = f"generation {best.generation}, candidate {best.candidate}, both from 0"
         rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({where})"))
-        from swarmwright.figures.plot import png
+        from swarmwright.core.html import png_of
+        from swarmwright.figures.run import fitness
 
-        return facts(f"Run {self.path}", rows) + picture(png(self), 540, "fitness over generations")
+        return facts(f"Run {self.path}", rows) + picture(
+            png_of(fitness(self)), 540, "fitness over generations"
+        )
 
     def __repr__(self) -> str:
         """Name the folder and how far it got."""

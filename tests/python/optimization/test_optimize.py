@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, evaluate, optimize, simulate
+from swarmwright.runs import picture
 from tests.python.records import same_record
 
 SMALL: dict[str, Any] = {
@@ -217,6 +218,7 @@ def test_a_server_that_dies_is_started_again(tmp_path: Path) -> None:
         timeouts={"step": 1, "discovery": 5},
     )
     local = optimize(experiment, servers="local", out=tmp_path / "local")
+    picture.wait()  # its process is a child, too
     run = optimize(experiment, kill_one, servers=2, out=tmp_path / "run")
     assert run.digest == local.digest
     assert any(
@@ -230,8 +232,10 @@ def test_when_all_servers_die_they_are_started_again(tmp_path: Path) -> None:
             os.kill(child, signal.SIGKILL)
 
     expected = optimize(small(), servers="local", out=tmp_path / "expected")
+    picture.wait()  # its process is a child, too
     run = optimize(small(), kill_all, servers=1, out=tmp_path / "run")
     assert run.digest == expected.digest
+    picture.wait()
     assert not children(os.getpid())
 
 

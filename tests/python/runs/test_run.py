@@ -11,11 +11,13 @@ from pyarrow import parquet
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat
 from swarmwright.core.statistics import quantile
+from swarmwright.runs import picture
 from swarmwright.runs.folders import default_folder
 from tests.python.records import EXPERIMENT, without_digests
 
 
 def test_all_files_are_there(finished: Run) -> None:
+    picture.wait()
     assert sorted(file.name for file in finished.path.iterdir()) == [
         "best.json",
         "experiment.yaml",

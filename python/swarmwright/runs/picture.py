@@ -1,0 +1,80 @@
+"""`fitness.png`, drawn by a process beside this one, so that a run's result does not wait for Matplotlib."""
+
+import atexit
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock
+
+from swarmwright.core.errors import InputError
+
+FILE = "fitness.png"
+_LONGEST = 60.0
+"""Seconds until a drawing process is given up."""
+
+_lock = Lock()
+_waiting: list[Path] = []
+_process: subprocess.Popen[bytes] | None = None
+
+
+def draw_later(folder: Path) -> None:
+    """Have the plot of the run in `folder` drawn soon. This process draws all before it ends, see `wait`."""
+    with _lock:
+        _waiting.append(folder.absolute())
+        if _process is None or _process.poll() is not None:
+            _start()
+
+
+def wait() -> None:
+    """Wait until all plots are drawn. What cannot be drawn is said on standard error."""
+    with _lock:
+        while _process is not None:
+            try:
+                _process.wait(_LONGEST)
+            except subprocess.TimeoutExpired:
+                _process.kill()
+                _process.wait()
+            _start()
+
+
+@atexit.register
+def _at_exit() -> None:
+    with suppress(KeyboardInterrupt):  # the process goes on by itself
+        wait()
+
+
+def _start() -> None:
+    """Draw what waits, all of it by one process."""
+    global _process  # noqa: PLW0603 - there is one, as there is one interpreter
+    _process = None
+    if not _waiting:
+        return
+    command = [sys.executable, "-P", "-m", __spec__.name, *map(str, _waiting)]
+    _waiting.clear()
+    # A session of its own: Ctrl-C, which ends the tool, leaves no picture out.
+    _process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True
+    )
+
+
+def draw(folder: Path) -> None:
+    """Draw the plot of a run now. Raises InputError when it has no generation, or cannot be written."""
+    from swarmwright.figures import style
+    from swarmwright.figures.run import fitness
+    from swarmwright.runs.run import Run
+
+    run = Run.open(folder)
+    if not run.history:
+        raise InputError(f"{folder}: holds no finished generation to draw")
+    style.save(fitness(run), folder / FILE)
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:]:
+        try:
+            draw(Path(name))
+        except InputError as error:
+            # A folder that is gone was deleted by whoever made it.
+            if Path(name).exists():
+                sys.stderr.write(f"swarmwright: {error}\n")

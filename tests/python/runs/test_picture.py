@@ -1,0 +1,43 @@
+"""Plots of runs, drawn by a process beside the tool."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from swarmwright import Run, optimize
+from swarmwright.runs import picture
+from tests.python.records import EXPERIMENT
+
+
+def test_plots_of_many_runs_are_drawn_before_the_process_ends(tmp_path: Path) -> None:
+    program = (
+        "import sys; from swarmwright import Experiment, optimize\n"
+        f"experiment = Experiment.from_mapping({EXPERIMENT.to_mapping()!r})\n"
+        "for number in range(5): optimize(experiment, out=f'{sys.argv[1]}/{number}')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stderr == ""
+    for number in range(5):
+        with Image.open(tmp_path / str(number) / picture.FILE) as image:
+            assert image.size == (1080, 624)
+            assert len(set(image.convert("RGB").get_flattened_data())) > 20
+
+
+def test_what_cannot_be_drawn_is_said(
+    finished: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(finished.path, tmp_path / "run")
+    (tmp_path / "run" / picture.FILE).unlink(missing_ok=True)
+    (tmp_path / "run" / picture.FILE).mkdir()
+    gone = optimize(EXPERIMENT, out=tmp_path / "gone")
+    shutil.rmtree(gone.path)
+    picture.draw_later(tmp_path / "run")
+    picture.wait()
+    said = capfd.readouterr().err
+    assert said == f"swarmwright: {tmp_path / 'run' / picture.FILE}: cannot be written: Is a directory\n"
