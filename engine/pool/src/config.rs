@@ -1,4 +1,4 @@
-//! What the machine is told at the start.
+//! What the scheduler is told at the start.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use swarmwright_protocol::Topics;
 
 use crate::demand::Demand;
 
-/// What the machine is to know at the start.
+/// What the scheduler is to know at the start.
 #[derive(Debug, Clone)]
 pub struct Config {
     /// What a server must offer.

@@ -1,8 +1,7 @@
-//! What is asked of the pool, and the journal of what was done for it.
+//! What is asked of the pool.
 
 use std::sync::Arc;
 
-use serde::Serialize;
 use serde_json::{Map, Value};
 use swarmwright_controllers::{Architecture, Controller, ControllerError, SpecificationError};
 
@@ -204,35 +203,4 @@ impl Work {
         let genome = self.genomes_of(candidate..candidate + 1);
         Controller::with_weights(&self.architecture, genome.into())
     }
-}
-
-/// A line of the journal: one attempt at one episode, or at a block of them.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct Attempt {
-    /// How: stepwise, batched, offloaded.
-    pub mode: &'static str,
-    /// Index of the first candidate.
-    pub candidate: usize,
-    /// Number of candidates.
-    pub candidates: usize,
-    /// Index of the first episode.
-    pub episode: usize,
-    /// Number of episodes of each candidate.
-    pub episodes: usize,
-    /// The server's id.
-    pub server: u64,
-    /// 1 for the first try.
-    pub attempt: u32,
-    /// Steps that the server took, where it takes them one by one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub steps: Option<u64>,
-    /// Start, seconds since 1970.
-    pub started: f64,
-    /// Duration in seconds.
-    pub seconds: f64,
-    /// Why it failed, if it did.
-    pub error: Option<String>,
-    /// Where in the simulation's code, if that is known: once for each reason.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub stack: Option<String>,
 }

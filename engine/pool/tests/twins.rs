@@ -150,7 +150,7 @@ fn one_of_the_same_simulation_that_comes_in_the_middle_changes_no_result() {
 
 /// A tool that hears what the test says, of servers that know D6.1 alone.
 struct Alone {
-    machine: swarmwright_pool::Machine,
+    machine: swarmwright_pool::Scheduler,
     now: std::time::Instant,
     said: Vec<(Topic, Value)>,
     warnings: Vec<String>,

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use swarmwright_pool::{Action, Attempt, Config, Demand, Faults, Machine, Mode, WorkError};
+use swarmwright_pool::{Action, Attempt, Config, Demand, Faults, Scheduler, Mode, WorkError};
 use swarmwright_protocol::{Requirements, Topic, Topics};
 
 use crate::network::Filter;
@@ -37,7 +37,7 @@ pub struct Tool {
     plan: schedule::Tool,
     number: u64,
     /// The process, once it has begun.
-    pub machine: Option<Machine>,
+    pub machine: Option<Scheduler>,
     /// What it calls itself.
     pub name: String,
     /// How far it is.
@@ -133,7 +133,7 @@ impl Tool {
             first_instance: mix(&[self.number, incarnation]) >> 12,
         };
         self.name.clone_from(&config.tool);
-        self.machine = Some(Machine::new(config, now));
+        self.machine = Some(Scheduler::new(config, now));
         self.stage = Stage::Thinking;
     }
 

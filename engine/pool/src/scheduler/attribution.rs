@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::blame::{Resolved, Verdict};
 use crate::scheduler::queue::ledger::Piece;
@@ -13,7 +13,7 @@ const SILENT: u32 = 4;
 /// What servers said that have been away for so long counts for nothing: longer than another tool has one in its turn.
 const AWAY: Duration = Duration::from_secs(30);
 
-impl Machine {
+impl Scheduler {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
     pub(crate) fn vouch(&mut self, server: u64) {
         self.offers.health.succeeded(server);
@@ -86,7 +86,7 @@ impl Machine {
                 self.counts.benched += 1;
                 self.offers.broke(server, reason, now);
                 self.ledger.suspicions.discredit(server);
-                self.complain(format!(
+                self.outbox.warn_once(format!(
                     "server {server} is broken: it fails what succeeded before; it gets no other work until that succeeds \
                      on it, and what it failed is evaluated elsewhere; the reason: {reason}"
                 ));
@@ -172,7 +172,7 @@ impl Machine {
 
     fn condemn(&mut self, piece: &Piece, verdict: Verdict, downs: u32, reason: &str, now: Instant) {
         let quarantined = verdict == Verdict::Quarantined;
-        self.warn_alike(if quarantined {
+        self.outbox.warn_counted(if quarantined {
             format!(
                 "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
             )

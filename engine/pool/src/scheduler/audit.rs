@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use swarmwright_protocol::Announcement;
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::offers::Offers;
 use crate::scheduler::queue::ledger::Piece;
 use crate::scheduler::retry::Blame;
@@ -102,7 +102,7 @@ impl Offers {
     }
 }
 
-impl Machine {
+impl Scheduler {
     pub(crate) fn is_to_be_audited(&self, evaluation: usize, server: u64) -> bool {
         let share = self.config.faults.audit;
         share > 0.0
@@ -177,7 +177,7 @@ impl Machine {
         let Some(never) = self.offers.auditors_but(&asked) else {
             return self.disagree(evaluation, &[first, second]);
         };
-        self.warn(format!("{told}; a third server decides"));
+        self.outbox.warn(format!("{told}; a third server decides"));
         // At once: until then the one that is wrong gets more to do.
         self.ledger.queue_first(Piece::audit(evaluation, never));
         self.checks.insert(
@@ -228,7 +228,7 @@ impl Machine {
             0 => String::new(),
             _ => format!("; {lost} evaluations of it had been used before and stay as they are"),
         };
-        self.warn(format!(
+        self.outbox.warn(format!(
             "{reason}; {reopened} evaluations of it are done again{handed}"
         ));
         self.fail_jobs(jobs, &reason, Blame::Nobody, now);
@@ -288,7 +288,7 @@ impl Machine {
             self.counts.retries += 1;
             return self.ledger.put_back(&piece.failed(server));
         }
-        self.warn_alike(format!(
+        self.outbox.warn_counted(format!(
             "an audit failed after {} attempts: {reason}",
             piece.tries + 1
         ));

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use crate::mode::Way;
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::capacity::Crowd;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::ledger::Piece;
@@ -49,7 +49,7 @@ pub(crate) fn number(count: usize) -> f64 {
     count as f64
 }
 
-impl Machine {
+impl Scheduler {
     /// Gives work to every server that has room for it, to those that have none first.
     pub(crate) fn dispatch(&mut self, now: Instant) {
         self.suspend();
@@ -156,7 +156,7 @@ impl Machine {
         };
         let numbers = self.numbers();
         // All agents of a batch are in one message a step.
-        let most = match (slot.way, self.agents, self.sizes()) {
+        let most = match (slot.way, self.messages.agents(), self.sizes()) {
             (Way::Batched(_), Some(agents), Some((sensors, actuators))) => {
                 let row = sensors.max(actuators).saturating_add(ROW);
                 let agents = usize::try_from(agents).unwrap_or(usize::MAX);

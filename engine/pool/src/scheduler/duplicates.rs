@@ -7,11 +7,11 @@
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::retry::Blame;
 
-impl Machine {
+impl Scheduler {
     /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.
     pub(crate) fn found_two(&mut self, id: u64, round: u64, now: Instant) {
         let (jobs, news) = self.offers.are_two(id, round);
@@ -40,7 +40,7 @@ impl Machine {
                     "; {doubtful} evaluations that came under it of late have been used before, stay as they are and may be wrong"
                 );
             }
-            self.warn(text);
+            self.outbox.warn(text);
         }
         let reason = format!("two servers answer to the id {id}");
         self.fail_jobs(jobs, &reason, Blame::Nobody, now);

@@ -1,8 +1,8 @@
-//! What the machine remembers: that it does not grow without bound can be seen.
+//! What the scheduler remembers: that it does not grow without bound can be seen.
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 
-/// How much a machine holds.
+/// How much a scheduler holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holdings {
     /// Evaluations that wait for a server.
@@ -19,7 +19,7 @@ pub struct Holdings {
     pub complaints: usize,
 }
 
-impl Machine {
+impl Scheduler {
     /// How much it holds now.
     #[must_use]
     pub fn holdings(&self) -> Holdings {
@@ -29,7 +29,7 @@ impl Machine {
             requests: self.requests.len(),
             rounds: self.rounds.len(),
             servers: self.offers.slots.len(),
-            complaints: self.complaints.len(),
+            complaints: self.outbox.warned_once(),
         }
     }
 

@@ -11,20 +11,22 @@ pub(crate) mod duplicates;
 pub(crate) mod fleet;
 pub(crate) mod holdings;
 pub(crate) mod limits;
+pub(crate) mod messages;
 pub(crate) mod modes;
+pub(crate) mod outbox;
 pub(crate) mod queue;
 pub(crate) mod retry;
 pub(crate) mod speculation;
 pub(crate) mod status;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value};
-use swarmwright_protocol::{Control, EpisodeHasher, Message, SensorReading, ToTool, Topic, Topics};
+use swarmwright_protocol::{Control, Message, SensorReading, ToTool, Topic};
 
 use crate::config::Config;
 use crate::counts::Counts;
+use crate::journal::{Attempt, Journal};
 use crate::scheduler::audit::Check;
 use crate::scheduler::fleet::discovery::{FIRST_ROUND, LATER_ROUND};
 use crate::scheduler::fleet::lag::Suspect;
@@ -36,64 +38,34 @@ use crate::scheduler::modes::requests::Request;
 use crate::scheduler::queue::ledger::{Ledger, Results, Settled};
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Ended;
-use crate::work::{Attempt, Work, WorkError};
+use crate::work::{Work, WorkError};
+use messages::Messages;
+pub use outbox::Action;
+use outbox::Outbox;
 
 /// Servers that are told one by one that they are free.
 const MOST_TOLD: usize = 100;
 
-/// What the machine wants done.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Action {
-    /// Publish with QoS 0.
-    Publish(Topic, Vec<u8>),
-    /// Publish on a server's own topic with QoS 0.
-    Request {
-        /// The server.
-        server: u64,
-        /// The request's number: the correlation data.
-        request: u64,
-        /// What is asked.
-        payload: Vec<u8>,
-    },
-    /// Tell the user.
-    Warn(String),
-    /// A watched server has not answered in time: whoever watches its process is to look at it.
-    Overdue(u64),
-    /// Find out whether the broker holds small packets back, and tell it by [`Machine::broker_holds_back`].
-    AskBroker,
-}
-
 /// The decisions of one optimization tool.
-pub struct Machine {
+pub struct Scheduler {
     pub(crate) config: Config,
     pub(crate) offers: Offers,
-    pub(crate) discovery_hasher: EpisodeHasher,
     pub(crate) rounds: VecDeque<(String, u64)>,
     pub(crate) round: u64,
-    pub(crate) instance: u64,
     pub(crate) next_round: Instant,
     pub(crate) round_pause: Duration,
-    /// Parameters and hasher of each episode seed.
-    pub(crate) episodes: Vec<(Map<String, Value>, EpisodeHasher)>,
-    pub(crate) agents: Option<u64>,
     pub(crate) ledger: Ledger,
     pub(crate) runs: HashMap<String, Run>,
     pub(crate) requests: HashMap<u64, Request>,
     /// Numbers are never used twice, so that an answer that comes late is not taken for another.
     pub(crate) next_request: u64,
-    /// The topic on which requests are answered, without prefix.
-    pub(crate) reply: String,
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
-    pub(crate) journal: Vec<(Attempt, Instant)>,
+    pub(crate) journal: Journal,
     /// Servers that may still wait for this tool since its connection broke, each with its last hash.
     pub(crate) left_behind: BTreeMap<u64, Option<String>>,
-    pub(crate) complaints: HashSet<String>,
-    /// Warnings that were made, and how many that are the same have not been told of since.
-    pub(crate) alike: BTreeMap<String, u64>,
-    /// Reasons for which episodes failed in simulations, and whether a stack was told.
-    pub(crate) troubles: HashMap<String, bool>,
-    pub(crate) actions: Vec<Action>,
+    pub(crate) outbox: Outbox,
+    pub(crate) messages: Messages,
     /// Since when there is work and no server for it.
     pub(crate) lonely_since: Option<Instant>,
     /// Bytes of the largest packet that the broker takes, as far as it says so.
@@ -130,52 +102,25 @@ pub struct Machine {
     pub(crate) undecided: Option<String>,
 }
 
-/// The number of agents that the parameters tell.
-fn agents(parameters: &Map<String, Value>) -> Option<u64> {
-    #[expect(
-        clippy::cast_precision_loss,
-        reason = "a list is far shorter than 2^53"
-    )]
-    let listed = || Some(parameters.get("agents")?.as_array()?.len() as f64);
-    let agents = parameters
-        .get("numAgents")
-        .and_then(Value::as_f64)
-        .or_else(listed)
-        .filter(|agents| (1.0..1e9).contains(agents))?;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "checked to be a number of agents"
-    )]
-    Some(agents as u64)
-}
-
-impl Machine {
-    /// A machine that knows no server yet.
+impl Scheduler {
+    /// A scheduler that knows no server yet.
     #[must_use]
     pub fn new(config: Config, now: Instant) -> Self {
         Self {
-            agents: agents(&config.parameters),
-            discovery_hasher: EpisodeHasher::new(&config.demand.simulation, &config.parameters),
             offers: Offers::default(),
             rounds: VecDeque::new(),
             round: 0,
-            instance: config.first_instance,
             next_request: config.first_instance,
-            reply: Topics::default().to_tool(&config.token),
             next_round: now,
             round_pause: FIRST_ROUND,
-            episodes: Vec::new(),
             ledger: Ledger::default(),
             runs: HashMap::new(),
             requests: HashMap::new(),
             refused_at: None,
-            journal: Vec::new(),
+            journal: Journal::default(),
             left_behind: BTreeMap::new(),
-            complaints: HashSet::new(),
-            alike: BTreeMap::new(),
-            troubles: HashMap::new(),
-            actions: Vec::new(),
+            outbox: Outbox::default(),
+            messages: Messages::new(&config),
             lonely_since: None,
             packet: usize::MAX,
             limits: Limits::default(),
@@ -205,32 +150,29 @@ impl Machine {
 
     /// What is to be done now; empties the list.
     pub fn actions(&mut self) -> std::vec::Drain<'_, Action> {
-        self.actions.drain(..)
+        self.outbox.drain()
     }
 
     pub(crate) fn publish(&mut self, topic: Topic, payload: Vec<u8>) {
         if matches!(topic, Topic::Parameters | Topic::Actuator) {
             self.limits.sent_whole(payload.len());
         }
-        self.actions.push(Action::Publish(topic, payload));
+        self.outbox.publish(topic, payload);
+    }
+
+    /// How many warnings were not made since the last call, as others had been that were the same.
+    pub fn take_repeated(&mut self) -> Vec<String> {
+        self.outbox.take_repeated()
     }
 
     /// Begins a block of work.
     pub fn submit(&mut self, work: Work, now: Instant) {
         self.cancel();
-        self.episodes = work
-            .seeds()
-            .iter()
-            .map(|&seed| {
-                let mut parameters = self.config.parameters.clone();
-                parameters.insert("seed".to_owned(), seed.into());
-                let hasher = EpisodeHasher::new(&self.config.demand.simulation, &parameters);
-                (parameters, hasher)
-            })
-            .collect();
+        self.messages.begin(&self.config, work.seeds());
         self.config.demand.kind = work.kind().map(str::to_owned);
         for (server, reason) in self.offers.assign(&self.config.demand) {
-            self.warn(format!("server {server} is not used: it {reason}"));
+            self.outbox
+                .warn(format!("server {server} is not used: it {reason}"));
         }
         self.refused_at = None;
         self.disagreement = None;
@@ -288,7 +230,7 @@ impl Machine {
 
     /// The attempts made since the last call, each with its start.
     pub fn take_journal(&mut self) -> Vec<(Attempt, Instant)> {
-        std::mem::take(&mut self.journal)
+        self.journal.take()
     }
 
     /// Gives up all work: ends what the servers have to do.
@@ -349,32 +291,15 @@ impl Machine {
             .slots
             .get_mut(&server)
             .and_then(|slot| slot.last_hash.clone());
-        let hash = last.unwrap_or_else(|| self.new_hash());
+        let hash = last.unwrap_or_else(|| self.messages.new_hash());
         self.end_run(server, &hash);
     }
 
-    pub(crate) fn new_hash(&mut self) -> String {
-        let hash = self.discovery_hasher.hash(self.instance);
-        self.instance += 1;
-        hash
-    }
-
     pub(crate) fn control(&self, server: u64, hash: String, run: bool) -> Control {
-        Control {
-            server,
-            // Of two servers with one id it is this one that is meant.
-            instance: if run {
-                self.offers.instance(server)
-            } else {
-                None
-            },
-            simulation: Some(self.config.demand.simulation.clone()),
-            simulation_hash: hash,
-            run,
-            visual: run && self.config.visual,
-            tool: Some(self.config.tool.clone()),
-            reply: run.then(|| self.reply.clone()),
-        }
+        // Of two servers with one id it is this one that is meant.
+        let instance = run.then(|| self.offers.instance(server)).flatten();
+        self.messages
+            .control(&self.config, server, instance, hash, run)
     }
 
     /// A message came in. Retained messages are leftovers of somebody's past, except presence.
@@ -383,7 +308,7 @@ impl Machine {
             return;
         };
         if retained && kind != Topic::Presence {
-            return self.complain(format!(
+            return self.outbox.warn_once(format!(
                 "ignoring a retained message on {topic}; remove it with: mosquitto_pub -r -n -t {topic}"
             ));
         }
@@ -404,12 +329,14 @@ impl Machine {
             return;
         }
         if kind == Topic::ToTool {
-            if !topic.ends_with(&self.reply) {
+            if !topic.ends_with(self.messages.reply()) {
                 return;
             }
             match ToTool::decode(payload) {
                 Ok(message) => self.answered(message, now),
-                Err(error) => self.complain(format!("refusing an answer to this tool: {error}")),
+                Err(error) => self
+                    .outbox
+                    .warn_once(format!("refusing an answer to this tool: {error}")),
             }
             return;
         }

@@ -2,20 +2,14 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::{MOST_REASON, MOST_STACK, shortened};
-
+use crate::journal::Attempt;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::queue::blame::{Failure, How};
 use crate::scheduler::queue::ledger::{Piece, Purpose};
-use crate::scheduler::{Action, Machine};
-use crate::work::Attempt;
 
-/// Different warnings that are remembered, so that each is made once.
-const COMPLAINTS: usize = 1000;
 /// How often a server may be lost with an episode that it had not begun before that counts.
 const FREE: u32 = 3;
-/// What is counted where there are more kinds of warnings than that.
-const OTHERS: &str = "an evaluation failed for yet another reason";
 
 /// Whose fault it is that work brought no result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +32,7 @@ pub(crate) enum Blame {
     Silent { others: bool },
 }
 
-impl Machine {
+impl Scheduler {
     /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
     /// only waited.
     pub(crate) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
@@ -203,67 +197,6 @@ impl Machine {
             seconds: now.saturating_duration_since(started).as_secs_f64(),
             ..attempt
         };
-        self.journal.push((attempt, started));
-    }
-
-    /// An episode failed in the simulation's code: tells the user once for each reason. Returns the reason and, once,
-    /// the stack, of a length that can be kept.
-    pub(crate) fn trouble(
-        &mut self,
-        server: u64,
-        reason: String,
-        stack: Option<String>,
-    ) -> (String, Option<String>) {
-        let reason = shortened(reason, MOST_REASON);
-        if !self.troubles.contains_key(&reason) {
-            if self.troubles.len() >= COMPLAINTS {
-                return (reason, None);
-            }
-            self.warn(format!("an episode failed on server {server}: {reason}"));
-        }
-        let stack = self.stack_once(&reason, stack);
-        (reason, stack)
-    }
-
-    /// The stack, of a length that can be kept, where none was told for this reason before.
-    pub(crate) fn stack_once(&mut self, reason: &str, stack: Option<String>) -> Option<String> {
-        if !self.troubles.contains_key(reason) && self.troubles.len() >= COMPLAINTS {
-            return None;
-        }
-        let told = self.troubles.entry(reason.to_owned()).or_default();
-        let stack = stack.filter(|_| !*told);
-        *told |= stack.is_some();
-        stack.map(|stack| shortened(stack, MOST_STACK))
-    }
-
-    pub(crate) fn warn(&mut self, text: String) {
-        self.actions.push(Action::Warn(text));
-    }
-
-    /// A warning of which many may be alike: it is made once, and then counted.
-    pub(crate) fn warn_alike(&mut self, text: String) {
-        if let Some(more) = self.alike.get_mut(&text) {
-            *more += 1;
-        } else if self.alike.len() < COMPLAINTS {
-            self.warn(text.clone());
-            self.alike.insert(text, 0);
-        } else {
-            *self.alike.entry(OTHERS.to_owned()).or_default() += 1;
-        }
-    }
-
-    /// How many warnings were not made since the last call, as others had been that were the same.
-    pub fn take_alike(&mut self) -> Vec<String> {
-        let counted = self.alike.iter_mut().filter(|(_, more)| **more > 0);
-        counted
-            .map(|(text, more)| format!("and {} more alike: {text}", std::mem::take(more)))
-            .collect()
-    }
-
-    /// A warning that is made only once, however often its cause comes back.
-    pub(crate) fn complain(&mut self, text: String) {
-        if self.complaints.len() < COMPLAINTS && self.complaints.insert(text.clone()) {
-            self.warn(text);
-        }
+        self.journal.push(attempt, started);
     }
 }

@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use crate::mode::Way;
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::dispatch::number;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::modes::episode::Run;
@@ -52,7 +52,7 @@ pub(crate) struct Ended {
     answered: bool,
 }
 
-impl Machine {
+impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
     pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
         self.vouch(found.server);
@@ -86,7 +86,7 @@ impl Machine {
     /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
     pub(crate) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
         self.drop_all(
-            |machine, piece| machine.is_over(piece, evaluation),
+            |scheduler, piece| scheduler.is_over(piece, evaluation),
             reason,
             now,
         );
@@ -250,7 +250,7 @@ impl Machine {
             }
         }
         if given {
-            self.warn(format!(
+            self.outbox.warn(format!(
                 "{words}, much longer than ever before; the work goes to another server as well"
             ));
         }

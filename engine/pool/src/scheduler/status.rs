@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Activity, MOST_LISTED, NoServer, Status, Used, Waiting};
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 
 /// After how long silence is worth a word.
@@ -16,7 +16,7 @@ const LONGEST: usize = 200;
 /// How long other servers may take to answer when one refused the work.
 const OTHERS: Duration = Duration::from_millis(500);
 
-impl Machine {
+impl Scheduler {
     /// Sensors and actuators that a fitting server announces, or that the experiment says.
     #[must_use]
     pub fn sizes(&self) -> Option<(usize, usize)> {

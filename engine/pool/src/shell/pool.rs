@@ -1,4 +1,4 @@
-//! The pool's shell: connection, clock, the machine's actions carried out.
+//! The pool's shell: connection, clock, the scheduler's actions carried out.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -12,19 +12,20 @@ use swarmwright_protocol::{Activity, Status, Topic, TopicError, Topics};
 use crate::config::{Config, Faults};
 use crate::counts::Counts;
 use crate::demand::Demand;
+use crate::journal::Attempt;
 use crate::mode::Mode;
 use crate::scheduler::fleet::discovery::PROBATION;
 use crate::scheduler::queue::ledger::{Results, Settled};
-use crate::scheduler::{Action, Machine};
+use crate::scheduler::{Action, Scheduler};
 use crate::shell::probe::Probe;
 use crate::shell::report::{Listener, Report, Reporter};
 use crate::shell::supervision::Supervision;
-use crate::work::{Attempt, Work, WorkError};
+use crate::work::{Work, WorkError};
 
 /// How often the caller is asked whether to go on.
 const ASK: Duration = Duration::from_millis(100);
 
-/// How often the machine is asked when it needs a tick, for each of its servers: it looks at all of them.
+/// How often the scheduler is asked when it needs a tick, for each of its servers: it looks at all of them.
 const ASK_TICK: Duration = Duration::from_micros(5);
 
 /// After such a time without a look, what came meanwhile is read before anybody is thought to be late.
@@ -132,7 +133,7 @@ pub enum PoolError {
 
 /// The optimization tool's connection to its servers.
 pub struct Pool {
-    machine: Machine,
+    scheduler: Scheduler,
     connection: Connection,
     topics: Topics,
     /// The topic on which requests are answered.
@@ -146,7 +147,7 @@ pub struct Pool {
     /// Bytes of the largest packet that the broker has read of this connection.
     read: usize,
     ended_at_once: u32,
-    /// When the machine needs a tick, as it said when it was asked last, and when to ask again.
+    /// When the scheduler needs a tick, as it said when it was asked last, and when to ask again.
     tick_at: Instant,
     ask_at: Instant,
     /// When to tell how many warnings were like those before.
@@ -224,10 +225,10 @@ impl Pool {
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default()
             .as_secs_f64();
-        let mut machine = Machine::new(config, now);
-        machine.set_largest_packet(connection.largest_packet());
+        let mut scheduler = Scheduler::new(config, now);
+        scheduler.set_largest_packet(connection.largest_packet());
         Ok(Self {
-            machine,
+            scheduler,
             supervision: Supervision::new(connection.waker()),
             probe: Probe::new(options.settings, connection.waker()),
             connection,
@@ -269,21 +270,21 @@ impl Pool {
         let mut free_since = start;
         loop {
             self.poll(Instant::now() + ASK);
-            if self.machine.has_server() {
+            if self.scheduler.has_server() {
                 // Another server with the same id would answer now, and then neither is used.
                 let settled = Instant::now() + self.probation;
                 while Instant::now() < settled {
                     self.poll(settled);
                 }
             }
-            if self.machine.has_server() {
-                return match self.machine.sizes() {
+            if self.scheduler.has_server() {
+                return match self.scheduler.sizes() {
                     None if needed => Err(PoolError::NoSizes),
                     sizes => Ok(sizes.unwrap_or_default()),
                 };
             }
             let waited = start.elapsed();
-            let busy = self.machine.busy_elsewhere();
+            let busy = self.scheduler.busy_elsewhere();
             if busy.is_some() {
                 free_since = Instant::now();
             } else if free_since.elapsed() >= self.discovery_timeout {
@@ -301,8 +302,8 @@ impl Pool {
         PoolError::NoServer {
             url: self.connection.url(),
             seconds: waited.as_secs_f64(),
-            description: self.machine.describe(),
-            titles: self.machine.titles(),
+            description: self.scheduler.describe(),
+            titles: self.scheduler.titles(),
         }
     }
 
@@ -322,7 +323,7 @@ impl Pool {
             |_| Ok(true),
             |_, done, waiting_for| on_progress(done, waiting_for),
         )?;
-        Ok(self.machine.take_results())
+        Ok(self.scheduler.take_results())
     }
 
     /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended (none when there is only
@@ -338,19 +339,19 @@ impl Pool {
         mut on_progress: impl FnMut(usize, usize, &str) -> bool,
     ) -> Result<(), PoolError> {
         let take = |pool: &mut Self| {
-            let settled = pool.machine.take_settled();
+            let settled = pool.scheduler.take_settled();
             if settled.candidates.is_empty() && pool.warnings.is_empty() {
                 return Ok(true);
             }
             let Some(genomes) = feed(settled, pool.take_journal(), pool.take_warnings()) else {
                 return Ok(false);
             };
-            pool.machine.extend(&genomes, Instant::now())?;
+            pool.scheduler.extend(&genomes, Instant::now())?;
             pool.act();
             Ok(true)
         };
         self.drive(work, take, |pool, done, waiting_for| {
-            on_progress(done, pool.machine.total(), waiting_for)
+            on_progress(done, pool.scheduler.total(), waiting_for)
         })
     }
 
@@ -361,56 +362,60 @@ impl Pool {
         mut step: impl FnMut(&mut Self) -> Result<bool, PoolError>,
         mut on_progress: impl FnMut(&Self, usize, &str) -> bool,
     ) -> Result<(), PoolError> {
-        self.machine.submit(work, Instant::now());
+        self.scheduler.submit(work, Instant::now());
         let mut asked = Instant::now();
         let patience = self.discovery_timeout.max(self.step_timeout);
         let mut free_since = asked;
         let result = loop {
             self.poll(asked + ASK);
             // What ends during the step is taken by the next one.
-            let all = self.machine.finished();
+            let all = self.scheduler.finished();
             match step(self) {
                 Ok(true) => {}
                 Ok(false) => break Ok(()),
                 Err(error) => break Err(error),
             }
             let now = Instant::now();
-            if all && self.machine.finished() {
-                on_progress(self, self.machine.done(), "");
+            if all && self.scheduler.finished() {
+                on_progress(self, self.scheduler.done(), "");
                 let status = self.stand(now);
                 self.reporter.tell(&Report::Status(
                     &status,
                     self.connection.traffic(),
-                    *self.machine.counts(),
+                    *self.scheduler.counts(),
                 ));
                 return Ok(());
             }
             if now.duration_since(asked) >= ASK {
                 asked = now;
-                if let Some(told) = self.machine.disagreement() {
+                if let Some(told) = self.scheduler.disagreement() {
                     break Err(PoolError::Disagreement(told.to_owned()));
                 }
-                if let Some(told) = self.machine.hopeless() {
+                if let Some(told) = self.scheduler.hopeless() {
                     break Err(PoolError::TooLarge(told.to_owned()));
                 }
-                if let Some(told) = self.machine.undecided(self.discovery_timeout, now) {
+                if let Some(told) = self.scheduler.undecided(self.discovery_timeout, now) {
                     break Err(PoolError::Hopeless(told));
                 }
-                if let Some(reason) = self.machine.rejected(now) {
+                if let Some(reason) = self.scheduler.rejected(now) {
                     break Err(PoolError::Rejected(reason));
                 }
-                let lonely = self.machine.lonely(now);
-                if self.machine.busy_elsewhere().is_some() || self.supervision.are_starting() {
+                let lonely = self.scheduler.lonely(now);
+                if self.scheduler.busy_elsewhere().is_some() || self.supervision.are_starting() {
                     free_since = now;
                 } else if lonely.min(now.duration_since(free_since)) >= patience {
                     break Err(self.no_server(lonely));
                 }
-                if !on_progress(self, self.machine.done(), &self.machine.waiting_for(now)) {
+                if !on_progress(
+                    self,
+                    self.scheduler.done(),
+                    &self.scheduler.waiting_for(now),
+                ) {
                     break Err(PoolError::Interrupted);
                 }
             }
         };
-        self.machine.cancel();
+        self.scheduler.cancel();
         self.poll(Instant::now());
         result
     }
@@ -424,7 +429,7 @@ impl Pool {
     /// The processes of these servers are the tool's own. What is returned is for whoever watches them.
     #[must_use]
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) -> Supervision {
-        self.machine.watch(servers);
+        self.scheduler.watch(servers);
         self.supervision.clone()
     }
 
@@ -432,13 +437,13 @@ impl Pool {
     fn heed(&mut self, now: Instant) {
         let (endings, alive) = self.supervision.take();
         for server in alive {
-            self.machine.is_alive(server, now);
+            self.scheduler.is_alive(server, now);
         }
         for ending in endings {
-            self.machine.ended(&ending, now);
+            self.scheduler.ended(&ending, now);
         }
         if let Some(found) = self.probe.take() {
-            self.machine
+            self.scheduler
                 .broker_holds_back(found, &self.connection.url());
         }
     }
@@ -450,7 +455,7 @@ impl Pool {
 
     /// How it stands, and with what.
     fn stand(&self, now: Instant) -> Status {
-        let mut status = self.machine.status(now);
+        let mut status = self.scheduler.status(now);
         status.run = self.about.run.clone();
         (status.generation, status.generations) = (self.about.generation, self.about.generations);
         if let Some((before, total)) = self.about.evaluations {
@@ -469,7 +474,7 @@ impl Pool {
         self.reporter.tell(&Report::Status(
             &status,
             self.connection.traffic(),
-            *self.machine.counts(),
+            *self.scheduler.counts(),
         ));
         if self.ended_at_once < AGAIN {
             self.told_at = Some(now);
@@ -481,13 +486,13 @@ impl Pool {
     /// Metrics that servers with this simulation announce, sorted.
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
-        self.machine.metrics()
+        self.scheduler.metrics()
     }
 
     /// Incidents so far.
     #[must_use]
     pub fn counts(&self) -> &Counts {
-        self.machine.counts()
+        self.scheduler.counts()
     }
 
     /// Sends what is to be sent and handles what came, until `until` at the latest.
@@ -504,7 +509,7 @@ impl Pool {
             self.ask_tick(now);
         }
         if self.tick_at <= now {
-            self.machine.tick(now);
+            self.scheduler.tick(now);
             self.ask_tick(now);
         }
         if self.tell_at <= now {
@@ -518,13 +523,13 @@ impl Pool {
         self.hear(wake.min(self.tick_at));
         self.heed(Instant::now());
         self.act();
-        self.reporter.look(&self.machine, self.looked);
+        self.reporter.look(&self.scheduler, self.looked);
     }
 
     /// Tells of the warnings that were like those before.
     fn count_alike(&mut self, now: Instant) {
         self.count_at = now + COUNT;
-        for text in self.machine.take_alike() {
+        for text in self.scheduler.take_repeated() {
             self.reporter.tell(&Report::Warning(&text));
             self.warnings.push(text);
         }
@@ -537,7 +542,7 @@ impl Pool {
             self.suspect_status(now);
         } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= AGAIN {
             // Otherwise it may be either.
-            self.machine.ended_on(unread, now);
+            self.scheduler.ended_on(unread, now);
         }
     }
 
@@ -563,8 +568,8 @@ impl Pool {
     }
 
     fn ask_tick(&mut self, now: Instant) {
-        self.tick_at = self.machine.next_tick();
-        let servers = u32::try_from(self.machine.holdings().servers).unwrap_or(u32::MAX);
+        self.tick_at = self.scheduler.next_tick();
+        let servers = u32::try_from(self.scheduler.holdings().servers).unwrap_or(u32::MAX);
         self.ask_at = now + ASK_TICK * servers;
     }
 
@@ -576,7 +581,7 @@ impl Pool {
         let came = !self.events.is_empty();
         let read = self.connection.largest_read();
         if std::mem::replace(&mut self.read, read) < read {
-            self.machine.was_read(read);
+            self.scheduler.was_read(read);
         }
         let unread = |event: &Event| match event {
             Event::Disconnected { unread, .. } => Some(*unread),
@@ -589,8 +594,8 @@ impl Pool {
             match event {
                 Event::Message(message) => {
                     self.reporter
-                        .heard(&self.machine, message.topic(), message.payload());
-                    self.machine.receive(
+                        .heard(&self.scheduler, message.topic(), message.payload());
+                    self.scheduler.receive(
                         message.topic(),
                         message.payload(),
                         message.retained(),
@@ -600,15 +605,15 @@ impl Pool {
                 Event::Connected => {
                     self.warnings.push("the broker is back".to_owned());
                     self.reporter.tell(&Report::BrokerBack);
-                    self.machine
+                    self.scheduler
                         .set_largest_packet(self.connection.largest_packet());
-                    self.machine.connected(now);
+                    self.scheduler.connected(now);
                 }
                 Event::Disconnected { reason, .. } => {
                     self.reporter.tell(&Report::BrokerLost(&reason));
                     self.warnings
                         .push(format!("lost the broker ({reason}); trying again"));
-                    self.machine.disconnected(now);
+                    self.scheduler.disconnected(now);
                 }
             }
         }
@@ -618,7 +623,7 @@ impl Pool {
     fn act(&mut self) {
         let mut unsent = Vec::new();
         let mut sent = Vec::new();
-        for action in self.machine.actions() {
+        for action in self.scheduler.actions() {
             match action {
                 Action::Publish(topic, payload) => {
                     self.connection.publish(
@@ -657,12 +662,12 @@ impl Pool {
             }
         }
         for request in sent {
-            if let Some((candidate, episode)) = self.machine.place(request) {
+            if let Some((candidate, episode)) = self.scheduler.place(request) {
                 self.supervision.sent(request, candidate, episode);
             }
         }
         for (request, reason) in unsent {
-            self.machine.unsent(request, &reason, Instant::now());
+            self.scheduler.unsent(request, &reason, Instant::now());
         }
     }
 
@@ -674,7 +679,7 @@ impl Pool {
     /// The attempts made since the last call.
     pub fn take_journal(&mut self) -> Vec<Attempt> {
         let (zero, since_1970) = self.wall;
-        let journal = self.machine.take_journal();
+        let journal = self.scheduler.take_journal();
         self.reporter.taken();
         journal
             .into_iter()
@@ -688,7 +693,7 @@ impl Pool {
 
     /// Frees the servers and leaves the broker.
     pub fn close(mut self) {
-        self.machine.release();
+        self.scheduler.release();
         self.act();
         self.count_alike(Instant::now());
         self.tell(true, Instant::now());

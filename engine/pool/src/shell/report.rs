@@ -7,8 +7,8 @@ use swarmwright_mqtt::Traffic;
 use swarmwright_protocol::{Message, State, Status, Topic};
 
 use crate::counts::Counts;
-use crate::scheduler::Machine;
-use crate::work::Attempt;
+use crate::journal::Attempt;
+use crate::scheduler::Scheduler;
 
 /// Something that happened.
 #[derive(Debug)]
@@ -41,11 +41,11 @@ pub enum Report<'a> {
 /// Who is told.
 pub type Listener = Box<dyn FnMut(&Report<'_>) + Send + Sync>;
 
-/// Notices what the machine does not say by itself.
+/// Notices what the scheduler does not say by itself.
 #[derive(Default)]
 pub(crate) struct Reporter {
     listener: Option<Listener>,
-    /// Lines of the machine's journal that have been told.
+    /// Lines of the scheduler's journal that have been told.
     told: usize,
     states: BTreeMap<u64, State>,
     failures: BTreeMap<u64, u32>,
@@ -66,8 +66,9 @@ impl Reporter {
     }
 
     /// A message came; presence is news.
-    pub fn heard(&mut self, machine: &Machine, topic: &str, payload: &[u8]) {
-        if self.listener.is_none() || machine.config.topics.parse(topic) != Some(Topic::Presence) {
+    pub fn heard(&mut self, scheduler: &Scheduler, topic: &str, payload: &[u8]) {
+        if self.listener.is_none() || scheduler.config.topics.parse(topic) != Some(Topic::Presence)
+        {
             return;
         }
         if payload.is_empty() {
@@ -82,28 +83,32 @@ impl Reporter {
         if let Ok(Message::Presence(presence)) = Message::decode(Topic::Presence, payload)
             && presence
                 .simulations
-                .contains(&machine.config.demand.simulation)
+                .contains(&scheduler.config.demand.simulation)
             && self.states.insert(presence.server, presence.state) != Some(presence.state)
         {
             self.tell(&Report::Server(presence.server, Some(presence.state)));
         }
     }
 
-    /// The machine has worked on: attempts that ended since, and servers that got a pause for it.
-    pub fn look(&mut self, machine: &Machine, now: Instant) {
-        if self.listener.is_none() || self.told == machine.journal.len() {
+    /// The scheduler has worked on: attempts that ended since, and servers that got a pause for it.
+    pub fn look(&mut self, scheduler: &Scheduler, now: Instant) {
+        if self.listener.is_none() || self.told == scheduler.journal.len() {
             return;
         }
-        let news = machine.journal.get(self.told..).unwrap_or_default();
-        self.told = machine.journal.len();
+        let news = scheduler.journal.after(self.told);
+        self.told = scheduler.journal.len();
         for (attempt, _) in news {
             self.tell(&Report::Attempt(attempt));
         }
         if news.iter().all(|(attempt, _)| attempt.error.is_none()) {
             return;
         }
-        for (server, slot) in &machine.offers.slots {
-            let (failures, reason) = machine.offers.health.failures(*server).unwrap_or_default();
+        for (server, slot) in &scheduler.offers.slots {
+            let (failures, reason) = scheduler
+                .offers
+                .health
+                .failures(*server)
+                .unwrap_or_default();
             let before = self.failures.insert(*server, failures).unwrap_or(0);
             if failures > before
                 && let Some(until) = slot.benched
@@ -118,7 +123,7 @@ impl Reporter {
         }
     }
 
-    /// The machine's journal was taken away.
+    /// The scheduler's journal was taken away.
     pub fn taken(&mut self) {
         self.told = 0;
     }

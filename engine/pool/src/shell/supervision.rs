@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use swarmwright_mqtt::Waker;
 
-use crate::scheduler::Machine;
+use crate::journal::Attempt;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::queue::ledger::Piece;
 use crate::scheduler::retry::Blame;
-use crate::work::Attempt;
 
 /// How long whoever watches a server may take to say what became of it, once it was asked to look.
 pub(crate) const WORD: Duration = Duration::from_secs(20);
@@ -166,7 +166,7 @@ impl Supervision {
     }
 }
 
-impl Machine {
+impl Scheduler {
     /// The processes of these servers are watched: [`ended`](Self::ended) tells when one ends.
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) {
         self.watched.extend(servers);
@@ -203,7 +203,8 @@ impl Machine {
         let server = ending.server;
         self.ended_pids.insert(server, ending.pid);
         self.counts.server_failures += 1;
-        self.warn_alike(format!("{}; it is started again", ending.reason));
+        self.outbox
+            .warn_counted(format!("{}; it is started again", ending.reason));
         let jobs = self.offers.left(server);
         let blame = ending.blame();
         for (index, job) in jobs.into_iter().enumerate() {
@@ -265,7 +266,7 @@ impl Machine {
             mode: crate::mode::Mode::Offloaded.name(),
             server: ending.server,
             error: Some(reason.clone()),
-            stack: self.stack_once(reason, ending.stack.clone()),
+            stack: self.outbox.stack_once(reason, ending.stack.clone()),
             ..Attempt::default()
         };
         self.record(attempt, &culprit, request.started, now);

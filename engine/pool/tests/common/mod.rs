@@ -15,9 +15,7 @@ use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_pool::{
-    Attempt, Config, Demand, Faults, Machine as PoolMachine, Mode, Results, Work,
-};
+use swarmwright_pool::{Attempt, Config, Demand, Faults, Mode, Results, Scheduler, Work};
 use swarmwright_protocol::{Requirements, Topic, Topics};
 use swarmwright_worlds::{
     Description, Determinism, MetricInfo, ParameterError, Parameters, Simulation,
@@ -164,7 +162,7 @@ pub fn work(candidates: usize, seeds: &[u64]) -> Work {
 pub type Script = Box<dyn FnMut(&str, &[u8]) -> Vec<(String, Vec<u8>)>>;
 
 pub enum Party {
-    Tool(Box<PoolMachine>),
+    Tool(Box<Scheduler>),
     Server(Box<ServerMachine>),
     /// A server that knows the extensions.
     Extended(Box<Extended>),
@@ -213,11 +211,11 @@ fn told_by(payload: &[u8]) -> u64 {
 }
 
 /// A tool that steps every agent of every episode by itself.
-pub fn tool(name: &str, first_instance: u64, now: Instant) -> PoolMachine {
+pub fn tool(name: &str, first_instance: u64, now: Instant) -> Scheduler {
     tool_in_mode(Mode::Stepwise, name, first_instance, now)
 }
 
-pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -> PoolMachine {
+pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -> Scheduler {
     tool_that_measures(&[], mode, name, first_instance, now)
 }
 
@@ -228,10 +226,10 @@ pub fn tool_with(
     first_instance: u64,
     now: Instant,
     change: impl FnOnce(&mut Config),
-) -> PoolMachine {
+) -> Scheduler {
     let mut config = config(&[], mode, name, first_instance);
     change(&mut config);
-    PoolMachine::new(config, now)
+    Scheduler::new(config, now)
 }
 
 /// A tool that needs these metrics of every episode.
@@ -241,9 +239,9 @@ pub fn tool_that_measures(
     name: &str,
     first_instance: u64,
     now: Instant,
-) -> PoolMachine {
+) -> Scheduler {
     let config = config(metrics, mode, name, first_instance);
-    PoolMachine::new(config, now)
+    Scheduler::new(config, now)
 }
 
 pub fn tool_with_faults(
@@ -251,9 +249,9 @@ pub fn tool_with_faults(
     name: &str,
     first_instance: u64,
     now: Instant,
-) -> PoolMachine {
+) -> Scheduler {
     let config = config(&[], Mode::Auto, name, first_instance);
-    PoolMachine::new(Config { faults, ..config }, now)
+    Scheduler::new(Config { faults, ..config }, now)
 }
 
 fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Config {
@@ -327,7 +325,7 @@ impl Net {
         index
     }
 
-    pub fn tool(&mut self, index: usize) -> &mut PoolMachine {
+    pub fn tool(&mut self, index: usize) -> &mut Scheduler {
         match &mut self.parties[index] {
             Party::Tool(machine) => machine,
             _ => panic!("party {index} is no tool"),

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::dispatch::number;
 use crate::scheduler::fleet::slot::{Job, Slot};
 use crate::scheduler::queue::ledger::Piece;
@@ -110,7 +110,7 @@ impl Crowd {
     }
 }
 
-impl Machine {
+impl Scheduler {
     /// In how many seconds a server would have done so many evaluations more, and in how many the others those that are
     /// queued; none where that is not worked out.
     pub(crate) fn ends(

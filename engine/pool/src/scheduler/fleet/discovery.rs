@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Discovery, Presence, ServerMessage, State, Topic};
+use swarmwright_protocol::{Presence, ServerMessage, State, Topic};
 
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::offers::Answer;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::modes::episode::Run;
@@ -17,7 +17,7 @@ const ROUNDS: usize = 16;
 /// How long a server that is new waits for its first work, where two may have one id.
 pub(crate) const PROBATION: Duration = Duration::from_millis(30);
 
-impl Machine {
+impl Scheduler {
     pub(crate) fn server(&mut self, message: ServerMessage, now: Instant) {
         let Some((_, round)) = self
             .rounds
@@ -44,7 +44,9 @@ impl Machine {
                 self.vacant(id, round, now);
             }
             Answer::Unfit(None) => {}
-            Answer::Unfit(Some(reason)) => self.warn(format!("server {id} answered, but {reason}")),
+            Answer::Unfit(Some(reason)) => self
+                .outbox
+                .warn(format!("server {id} answered, but {reason}")),
             Answer::Twins(jobs, news) => self.are_two(id, jobs, news, now),
         }
     }
@@ -97,17 +99,12 @@ impl Machine {
 
     pub(crate) fn discover(&mut self, now: Instant) {
         self.round += 1;
-        let hash = self.new_hash();
+        let hash = self.messages.new_hash();
         self.rounds.push_back((hash.clone(), self.round));
         if self.rounds.len() > ROUNDS {
             self.rounds.pop_front();
         }
-        let discovery = Discovery {
-            simulation: self.config.demand.simulation.clone(),
-            simulation_hash: hash,
-            requirements: self.config.demand.requirements.clone(),
-            tool: Some(self.config.tool.clone()),
-        };
+        let discovery = self.messages.discovery(&self.config, hash);
         self.publish(Topic::Discovery, discovery.encode());
         self.round_pause = if self.has_server() {
             LATER_ROUND
@@ -126,7 +123,7 @@ impl Machine {
     pub fn connected(&mut self, now: Instant) {
         // Servers whose own connection held know nothing of it, and wait for the next step.
         for (server, hash) in std::mem::take(&mut self.left_behind) {
-            let hash = hash.unwrap_or_else(|| self.new_hash());
+            let hash = hash.unwrap_or_else(|| self.messages.new_hash());
             self.end_run(server, &hash);
         }
         self.round_pause = FIRST_ROUND;

@@ -9,7 +9,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use crate::scheduler::{Action, Machine};
+use crate::scheduler::{Action, Scheduler};
 
 /// Milliseconds by which answers are late: of Linux (measured: 42 to 48), twice that, or of macOS; of Windows.
 const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];
@@ -85,7 +85,7 @@ impl fmt::Display for Suspect {
 const REMEDY: &str = "have the broker send small packets at once (Mosquitto: `set_tcp_nodelay true`; others: \
      docs/how-to/external-broker.md)";
 
-impl Machine {
+impl Scheduler {
     /// Messages of an episode went to its server.
     pub(crate) fn sent_to(&mut self, server: u64, messages: u32) {
         if let Some(slot) = self.offers.slots.get_mut(&server) {
@@ -102,7 +102,7 @@ impl Machine {
         if self.suspect.is_none() && slot.answers.are_suspicious() {
             let answers = slot.answers;
             self.suspect = Some(Suspect { server, answers });
-            self.actions.push(Action::AskBroker);
+            self.outbox.push(Action::AskBroker);
         }
     }
 
@@ -114,12 +114,12 @@ impl Machine {
         };
         match found {
             Ok(false) => {}
-            Ok(true) => self.warn(format!(
+            Ok(true) => self.outbox.warn(format!(
                 "evaluation is slow: the broker at {address} holds small packets back until those before have been \
                  acknowledged (Nagle's algorithm), and {suspect}, unless its simulation needs that for a step; {REMEDY}, or the \
                  server acknowledge at once (TCP_QUICKACK)"
             )),
-            Err(reason) => self.warn(format!(
+            Err(reason) => self.outbox.warn(format!(
                 "evaluation is slow: {suspect}, as they do where a broker holds small packets back (Nagle's algorithm), or where \
                  the simulation needs that for a step; whether the broker at {address} does could not be found out: \
                  {reason}; if so, {REMEDY}"

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use limit::Limit;
 
 use crate::mode::Way;
-use crate::scheduler::Machine;
+use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::modes::requests::Request;
 
@@ -150,7 +150,7 @@ fn hopeless(what: &str, taken: usize) -> String {
     )
 }
 
-impl Machine {
+impl Scheduler {
     /// The broker has read a packet of so many bytes.
     pub fn was_read(&mut self, bytes: usize) {
         self.limits.packet.took(bytes);
@@ -262,7 +262,7 @@ impl Machine {
             && let Some(text) = self.limits.news()
         {
             self.limits.told = true;
-            self.warn(text);
+            self.outbox.warn(text);
         }
     }
 }

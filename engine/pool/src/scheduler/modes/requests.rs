@@ -7,6 +7,7 @@ use swarmwright_protocol::{
     Missing, PieceKind, Refusal, RefusalKind, ToServer, ToTool, U64s, Waiting,
 };
 
+use crate::journal::Attempt;
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::scheduler::fleet::slot::Job;
@@ -14,9 +15,9 @@ use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::queue::ledger::Piece;
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Found;
-use crate::scheduler::{Action, Machine};
+use crate::scheduler::{Action, Scheduler};
 use crate::shell::supervision::WORD;
-use crate::work::{Attempt, Work};
+use crate::work::Work;
 
 /// A block is given to somebody else when it takes this many times as long as expected.
 const LEASE: f64 = 10.0;
@@ -99,14 +100,14 @@ impl Request {
     }
 }
 
-impl Machine {
+impl Scheduler {
     /// Bytes of a request for a block of the work without genomes and seeds.
     pub(crate) fn beside(&self, work: &Work) -> usize {
         let nothing = Evaluate {
             version: EXTENSION_VERSION,
             request: u64::MAX,
             tool: self.config.tool.clone(),
-            reply: self.reply.clone(),
+            reply: self.messages.reply().to_owned(),
             simulation: self.config.demand.simulation.clone(),
             parameters: self.config.parameters.clone(),
             controller: work.specification().clone(),
@@ -138,7 +139,7 @@ impl Machine {
             version: EXTENSION_VERSION,
             request: self.next_request,
             tool: self.config.tool.clone(),
-            reply: self.reply.clone(),
+            reply: self.messages.reply().to_owned(),
             simulation: self.config.demand.simulation.clone(),
             parameters: self.config.parameters.clone(),
             controller: work.specification().clone(),
@@ -177,7 +178,7 @@ impl Machine {
             version: EXTENSION_VERSION,
             request: self.next_request,
             tool: self.config.tool.clone(),
-            reply: self.reply.clone(),
+            reply: self.messages.reply().to_owned(),
             simulation: self.config.demand.simulation.clone(),
             // Of a parameter set all episodes of a batch have the same values, see `most`.
             parameters: match controllers.first() {
@@ -200,7 +201,7 @@ impl Machine {
             u32::try_from(piece.len()).unwrap_or(u32::MAX)
         };
         let patience = self.config.step_timeout.saturating_mul(episodes);
-        let batch = Batch::new(controllers, self.agents, metrics);
+        let batch = Batch::new(controllers, self.messages.agents(), metrics);
         self.request(&message, piece, server, patience, Some(batch), now);
     }
 
@@ -249,7 +250,7 @@ impl Machine {
         {
             self.limits.sent_whole(payload.len());
         }
-        self.actions.push(Action::Request {
+        self.outbox.push(Action::Request {
             server,
             request,
             payload,
@@ -470,7 +471,7 @@ impl Machine {
     ) {
         let index = request.piece.first() + offset;
         let piece = request.piece.part(index..index + 1);
-        let (reason, stack) = self.trouble(request.server, reason, stack);
+        let (reason, stack) = self.outbox.episode_failed(request.server, reason, stack);
         let attempt = Attempt {
             stack,
             ..request.attempt(Some(reason.clone()))
@@ -492,7 +493,8 @@ impl Machine {
             RefusalKind::Taken => self.offers.remove(server),
             RefusalKind::Invalid => {
                 self.refused_at = Some(now);
-                self.warn(format!("server {server} refuses the work: {reason}"));
+                self.outbox
+                    .warn(format!("server {server} refuses the work: {reason}"));
                 self.offers.refuse(server, reason)
             }
         };
@@ -551,7 +553,7 @@ impl Machine {
             if let Some(request) = self.requests.get_mut(&number) {
                 if self.watched.contains(&request.server) && !request.overdue {
                     request.overdue = true;
-                    self.actions.push(Action::Overdue(request.server));
+                    self.outbox.push(Action::Overdue(request.server));
                     continue;
                 }
                 let (server, heard) = (request.server, request.heard);
@@ -572,7 +574,8 @@ impl Machine {
 
     /// A server failed: the oldest of its jobs is held against it, all are tried elsewhere, and it has a pause.
     fn fail_server(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
-        self.warn(format!("{reason}; the work is tried again elsewhere"));
+        self.outbox
+            .warn(format!("{reason}; the work is tried again elsewhere"));
         self.let_go(server);
         self.failed(server, reason, now);
         let jobs = match self.offers.slots.get(&server) {

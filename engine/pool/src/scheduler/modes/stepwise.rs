@@ -3,10 +3,11 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    DecodeError, EpisodeHasher, Failed, Fitness, MAX_PAYLOAD, MOST_REASON, ParametersMessage,
-    ReadingWriter, SensorReading, Topic, shortened,
+    DecodeError, Failed, Fitness, MAX_PAYLOAD, MOST_REASON, ParametersMessage, ReadingWriter,
+    SensorReading, Topic, shortened,
 };
 
+use crate::journal::Attempt;
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::scheduler::fleet::slot::Job;
@@ -14,9 +15,8 @@ use crate::scheduler::modes::episode::Run;
 use crate::scheduler::queue::ledger::Piece;
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Found;
-use crate::scheduler::{Action, Machine};
+use crate::scheduler::{Action, Scheduler};
 use crate::shell::supervision::WORD;
-use crate::work::Attempt;
 
 /// How long a server that sent a message that was refused may take to send a better one.
 const AFTER_REFUSAL: Duration = Duration::from_secs(2);
@@ -31,7 +31,7 @@ const HEADER: usize = 16;
 /// How often in a row another tool may be faster on a server before the server is the one to blame.
 const MOST_BEATEN: u32 = 5;
 
-impl Machine {
+impl Scheduler {
     pub(crate) fn start_episode(&mut self, piece: Piece, server: u64, now: Instant) {
         let (candidates, episodes) = self.ledger.extent(&piece);
         let Some(work) = &self.ledger.work else {
@@ -41,14 +41,9 @@ impl Machine {
             Ok(prototype) => prototype,
             Err(_) => return self.give_up(&piece, true, now),
         };
-        let (parameters, hasher) = &self.episodes[episodes.start];
-        let parameters = prototype.merged(parameters).into_owned();
-        let hash = if prototype.steers() {
-            hasher.hash(self.instance)
-        } else {
-            EpisodeHasher::new(&self.config.demand.simulation, &parameters).hash(self.instance)
-        };
-        self.instance += 1;
+        let (parameters, hash) = self
+            .messages
+            .episode(&self.config, &prototype, episodes.start);
         let message = ParametersMessage {
             server,
             simulation_hash: hash.clone(),
@@ -64,7 +59,14 @@ impl Machine {
         self.publish(Topic::Control, control.encode());
         self.sent_to(server, 2);
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
-        let mut run = Run::new(piece, server, prototype, self.agents, writer, now);
+        let mut run = Run::new(
+            piece,
+            server,
+            prototype,
+            self.messages.agents(),
+            writer,
+            now,
+        );
         run.round = self.round;
         self.runs.insert(hash.clone(), run);
         if let Some(slot) = self.offers.slots.get_mut(&server) {
@@ -112,7 +114,7 @@ impl Machine {
             Err(reason) => {
                 let server = run.server;
                 run.refused = Some((now, reason.clone()));
-                self.complain(format!(
+                self.outbox.warn_once(format!(
                     "refusing a sensor message of server {server}: {reason}"
                 ));
             }
@@ -133,7 +135,7 @@ impl Machine {
         let title = shortened(title.to_owned(), MOST_TITLE);
         let reason = format!("a {name} message is of simulation {title:?}, not {wanted:?}");
         self.counts.foreign += 1;
-        self.warn_alike(format!(
+        self.outbox.warn_counted(format!(
             "refusing what comes under the id of server {server}: {reason}; is there another server with this id?"
         ));
         true
@@ -151,7 +153,8 @@ impl Machine {
     /// The work cannot be done by a server, however often it is tried; others may be able to.
     pub(crate) fn not_for(&mut self, server: u64, reason: &str, now: Instant) {
         self.refused_at = Some(now);
-        self.warn(format!("server {server} is not used: {reason}"));
+        self.outbox
+            .warn(format!("server {server} is not used: {reason}"));
         let jobs = self.offers.refuse(server, reason);
         self.fail_jobs(jobs, reason, Blame::Nobody, now);
     }
@@ -202,7 +205,7 @@ impl Machine {
         now: Instant,
     ) {
         let reason = format!("message on {topic}: {error}");
-        self.complain(format!("refusing a {reason}"));
+        self.outbox.warn_once(format!("refusing a {reason}"));
         let Some(hash) = self.named_in(payload) else {
             return;
         };
@@ -282,7 +285,9 @@ impl Machine {
             slot.silent = false;
         }
         self.offers.finished(run.server, &Job::Episode(hash));
-        let (reason, stack) = self.trouble(run.server, message.reason, message.stack);
+        let (reason, stack) = self
+            .outbox
+            .episode_failed(run.server, message.reason, message.stack);
         self.record_run(&run, Some(reason.clone()), stack, now);
         self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
     }
@@ -356,7 +361,7 @@ impl Machine {
             };
             if self.watched.contains(&run.server) && run.refused.is_none() && !run.overdue {
                 run.overdue = true;
-                self.actions.push(Action::Overdue(run.server));
+                self.outbox.push(Action::Overdue(run.server));
                 continue;
             }
             let (server, heard) = (run.server, run.heard);
@@ -365,7 +370,8 @@ impl Machine {
             let reason = run_refused
                 .as_ref()
                 .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
-            self.warn(format!("{reason}; the episode is tried again elsewhere"));
+            self.outbox
+                .warn(format!("{reason}; the episode is tried again elsewhere"));
             self.end_run(server, &hash);
             let blame = if run_refused.is_none() {
                 self.counts.time_outs += 1;
@@ -401,7 +407,6 @@ impl Machine {
     /// Ends an episode on a server.
     pub(crate) fn end_run(&mut self, server: u64, hash: &str) {
         let control = self.control(server, hash.to_owned(), false);
-        self.actions
-            .push(Action::Publish(Topic::Control, control.encode()));
+        self.outbox.publish(Topic::Control, control.encode());
     }
 }

@@ -1,0 +1,62 @@
+//! The journal of what was done: a line per attempt.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+/// A line of the journal: one attempt at one episode, or at a block of them.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Attempt {
+    /// How: stepwise, batched, offloaded.
+    pub mode: &'static str,
+    /// Index of the first candidate.
+    pub candidate: usize,
+    /// Number of candidates.
+    pub candidates: usize,
+    /// Index of the first episode.
+    pub episode: usize,
+    /// Number of episodes of each candidate.
+    pub episodes: usize,
+    /// The server's id.
+    pub server: u64,
+    /// 1 for the first try.
+    pub attempt: u32,
+    /// Steps that the server took, where it takes them one by one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steps: Option<u64>,
+    /// Start, seconds since 1970.
+    pub started: f64,
+    /// Duration in seconds.
+    pub seconds: f64,
+    /// Why it failed, if it did.
+    pub error: Option<String>,
+    /// Where in the simulation's code, if that is known: once for each reason.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stack: Option<String>,
+}
+
+/// Attempts that have not been handed out yet, each with its start.
+#[derive(Debug, Default)]
+pub(crate) struct Journal {
+    attempts: Vec<(Attempt, Instant)>,
+}
+
+impl Journal {
+    pub fn push(&mut self, attempt: Attempt, started: Instant) {
+        self.attempts.push((attempt, started));
+    }
+
+    pub fn len(&self) -> usize {
+        self.attempts.len()
+    }
+
+    /// All but the first `known` attempts.
+    pub fn after(&self, known: usize) -> &[(Attempt, Instant)] {
+        self.attempts.get(known..).unwrap_or_default()
+    }
+
+    /// The attempts since the last call.
+    pub fn take(&mut self) -> Vec<(Attempt, Instant)> {
+        std::mem::take(&mut self.attempts)
+    }
+}

@@ -1,0 +1,128 @@
+//! The messages of this tool, and the hashes that tell its episodes and discoveries apart.
+
+use serde_json::{Map, Value};
+use swarmwright_controllers::Controller;
+use swarmwright_protocol::{Control, Discovery, EpisodeHasher, Topics};
+
+use crate::config::Config;
+
+/// What messages are made of, beside the configuration.
+pub(crate) struct Messages {
+    /// The topic on which requests are answered, without prefix.
+    reply: String,
+    agents: Option<u64>,
+    discovery: EpisodeHasher,
+    /// The number of the next hash: no two are made of the same one.
+    instance: u64,
+    /// Parameters and hasher of each episode seed.
+    episodes: Vec<(Map<String, Value>, EpisodeHasher)>,
+}
+
+/// The number of agents that the parameters tell.
+fn agents(parameters: &Map<String, Value>) -> Option<u64> {
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "a list is far shorter than 2^53"
+    )]
+    let listed = || Some(parameters.get("agents")?.as_array()?.len() as f64);
+    let agents = parameters
+        .get("numAgents")
+        .and_then(Value::as_f64)
+        .or_else(listed)
+        .filter(|agents| (1.0..1e9).contains(agents))?;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "checked to be a number of agents"
+    )]
+    Some(agents as u64)
+}
+
+impl Messages {
+    pub fn new(config: &Config) -> Self {
+        Self {
+            reply: Topics::default().to_tool(&config.token),
+            agents: agents(&config.parameters),
+            discovery: EpisodeHasher::new(&config.demand.simulation, &config.parameters),
+            instance: config.first_instance,
+            episodes: Vec::new(),
+        }
+    }
+
+    /// Other work begins, with these seeds.
+    pub fn begin(&mut self, config: &Config, seeds: &[u64]) {
+        self.episodes = seeds
+            .iter()
+            .map(|&seed| {
+                let mut parameters = config.parameters.clone();
+                parameters.insert("seed".to_owned(), seed.into());
+                let hasher = EpisodeHasher::new(&config.demand.simulation, &parameters);
+                (parameters, hasher)
+            })
+            .collect();
+    }
+
+    /// The number of agents, if the parameters tell.
+    pub fn agents(&self) -> Option<u64> {
+        self.agents
+    }
+
+    /// The topic on which requests are answered, without prefix.
+    pub fn reply(&self) -> &str {
+        &self.reply
+    }
+
+    pub fn new_hash(&mut self) -> String {
+        let hash = self.discovery.hash(self.instance);
+        self.instance += 1;
+        hash
+    }
+
+    /// Parameters and hash of an attempt at an episode.
+    pub fn episode(
+        &mut self,
+        config: &Config,
+        prototype: &Controller,
+        episode: usize,
+    ) -> (Map<String, Value>, String) {
+        let (parameters, hasher) = &self.episodes[episode];
+        let parameters = prototype.merged(parameters).into_owned();
+        let hash = if prototype.steers() {
+            hasher.hash(self.instance)
+        } else {
+            EpisodeHasher::new(&config.demand.simulation, &parameters).hash(self.instance)
+        };
+        self.instance += 1;
+        (parameters, hash)
+    }
+
+    pub fn discovery(&self, config: &Config, hash: String) -> Discovery {
+        Discovery {
+            simulation: config.demand.simulation.clone(),
+            simulation_hash: hash,
+            requirements: config.demand.requirements.clone(),
+            tool: Some(config.tool.clone()),
+        }
+    }
+
+    /// `instance`: which start of the server is meant, if it is to run and says so.
+    pub fn control(
+        &self,
+        config: &Config,
+        server: u64,
+        instance: Option<String>,
+        hash: String,
+        run: bool,
+    ) -> Control {
+        Control {
+            server,
+            instance,
+            simulation: Some(config.demand.simulation.clone()),
+            simulation_hash: hash,
+            run,
+            visual: run && config.visual,
+            tool: Some(config.tool.clone()),
+            reply: run.then(|| self.reply.clone()),
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! What is to be done next, and what the user is told.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use swarmwright_protocol::{MOST_REASON, MOST_STACK, Topic, shortened};
+
+/// Different warnings that are remembered, so that each is made once.
+const MOST_REMEMBERED: usize = 1000;
+/// What is counted where there are more kinds of warnings than that.
+const OTHERS: &str = "an evaluation failed for yet another reason";
+
+/// What the scheduler wants done.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// Publish with QoS 0.
+    Publish(Topic, Vec<u8>),
+    /// Publish on a server's own topic with QoS 0.
+    Request {
+        /// The server.
+        server: u64,
+        /// The request's number: the correlation data.
+        request: u64,
+        /// What is asked.
+        payload: Vec<u8>,
+    },
+    /// Tell the user.
+    Warn(String),
+    /// A watched server has not answered in time: whoever watches its process is to look at it.
+    Overdue(u64),
+    /// Find out whether the broker holds small packets back, and tell it by [`Scheduler::broker_holds_back`].
+    AskBroker,
+}
+
+/// Actions that have not been carried out yet, and which warnings have been made.
+#[derive(Debug, Default)]
+pub(crate) struct Outbox {
+    actions: Vec<Action>,
+    /// Warnings that are not made again.
+    once: HashSet<String>,
+    /// Warnings that were made, and how often each was repeated since that was last told.
+    repeated: BTreeMap<String, u64>,
+    /// Reasons for which episodes failed in simulations, and whether a stack was told.
+    failures: HashMap<String, bool>,
+}
+
+impl Outbox {
+    /// What is to be done now; empties the list.
+    pub fn drain(&mut self) -> std::vec::Drain<'_, Action> {
+        self.actions.drain(..)
+    }
+
+    pub fn push(&mut self, action: Action) {
+        self.actions.push(action);
+    }
+
+    pub fn publish(&mut self, topic: Topic, payload: Vec<u8>) {
+        self.push(Action::Publish(topic, payload));
+    }
+
+    pub fn warn(&mut self, text: String) {
+        self.push(Action::Warn(text));
+    }
+
+    /// A warning that is made only once, however often its cause comes back.
+    pub fn warn_once(&mut self, text: String) {
+        if self.once.len() < MOST_REMEMBERED && self.once.insert(text.clone()) {
+            self.warn(text);
+        }
+    }
+
+    /// How many different warnings were made [once](Self::warn_once).
+    pub fn warned_once(&self) -> usize {
+        self.once.len()
+    }
+
+    /// A warning that may be repeated many times: it is made once, and then counted.
+    pub fn warn_counted(&mut self, text: String) {
+        if let Some(more) = self.repeated.get_mut(&text) {
+            *more += 1;
+        } else if self.repeated.len() < MOST_REMEMBERED {
+            self.warn(text.clone());
+            self.repeated.insert(text, 0);
+        } else {
+            *self.repeated.entry(OTHERS.to_owned()).or_default() += 1;
+        }
+    }
+
+    /// How often warnings were repeated since the last call, a line for each.
+    pub fn take_repeated(&mut self) -> Vec<String> {
+        let counted = self.repeated.iter_mut().filter(|(_, more)| **more > 0);
+        counted
+            .map(|(text, more)| format!("and {} more alike: {text}", std::mem::take(more)))
+            .collect()
+    }
+
+    /// An episode failed in the simulation's code: tells the user once for each reason. Returns the reason and, once,
+    /// the stack, of a length that can be kept.
+    pub fn episode_failed(
+        &mut self,
+        server: u64,
+        reason: String,
+        stack: Option<String>,
+    ) -> (String, Option<String>) {
+        let reason = shortened(reason, MOST_REASON);
+        if !self.failures.contains_key(&reason) {
+            if self.failures.len() >= MOST_REMEMBERED {
+                return (reason, None);
+            }
+            self.warn(format!("an episode failed on server {server}: {reason}"));
+        }
+        let stack = self.stack_once(&reason, stack);
+        (reason, stack)
+    }
+
+    /// The stack, of a length that can be kept, where none was told for this reason before.
+    pub fn stack_once(&mut self, reason: &str, stack: Option<String>) -> Option<String> {
+        if !self.failures.contains_key(reason) && self.failures.len() >= MOST_REMEMBERED {
+            return None;
+        }
+        let told = self.failures.entry(reason.to_owned()).or_default();
+        let stack = stack.filter(|_| !*told);
+        *told |= stack.is_some();
+        stack.map(|stack| shortened(stack, MOST_STACK))
+    }
+}
