@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::blame::{Resolved, Verdict};
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 
 /// How many times as long it is waited where a server that may be sound is silent.
@@ -137,7 +137,7 @@ impl Scheduler {
 
     /// Whether all has been tried on all servers and nothing has succeeded: then nobody can tell servers from evaluations.
     fn nothing_succeeds(&mut self, now: Instant) -> bool {
-        let busy = !self.runs.is_empty() || !self.requests.is_empty();
+        let busy = !self.in_flight.is_empty();
         let lost = self.ledger.suspicions.lost_lately(now);
         if self.ledger.good().is_some() || busy || lost || self.ledger.queued() > 0 {
             return false;

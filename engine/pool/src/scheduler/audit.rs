@@ -9,7 +9,7 @@ use swarmwright_protocol::Announcement;
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::offers::Offers;
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Found;
 
@@ -298,15 +298,10 @@ impl Scheduler {
     /// Results for which there is no second server any more count without.
     pub(crate) fn settle_unchecked(&mut self, now: Instant) {
         let alone = |check: &Check| self.offers.auditors_but(&check.servers()).is_none();
-        let under_way = |evaluation: usize| {
-            let runs = self.runs.values().map(|run| &run.piece);
-            let mut all = runs.chain(self.requests.values().map(|request| &request.piece));
-            all.any(|piece| piece.evaluations.contains(&evaluation))
-        };
         let unchecked: Vec<usize> = self
             .checks
             .iter()
-            .filter(|(evaluation, check)| alone(check) && !under_way(**evaluation))
+            .filter(|(evaluation, check)| alone(check) && !self.in_flight.has(**evaluation))
             .map(|(evaluation, _)| *evaluation)
             .collect();
         for evaluation in unchecked {

@@ -6,7 +6,7 @@ use crate::mode::Way;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::capacity::Crowd;
 use crate::scheduler::fleet::slot::Slot;
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::queue::piece::Piece;
 
 /// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
 const BLOCK: f64 = 0.020;

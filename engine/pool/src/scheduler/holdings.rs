@@ -23,10 +23,11 @@ impl Scheduler {
     /// How much it holds now.
     #[must_use]
     pub fn holdings(&self) -> Holdings {
+        let (episodes, requests) = self.in_flight.len();
         Holdings {
             queued: self.ledger.queued(),
-            episodes: self.runs.len(),
-            requests: self.requests.len(),
+            episodes,
+            requests,
             rounds: self.rounds.len(),
             servers: self.offers.slots.len(),
             complaints: self.outbox.warned_once(),

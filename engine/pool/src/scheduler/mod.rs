@@ -19,7 +19,7 @@ pub(crate) mod retry;
 pub(crate) mod speculation;
 pub(crate) mod status;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Control, Message, SensorReading, ToTool, Topic};
@@ -33,11 +33,10 @@ use crate::scheduler::fleet::lag::Suspect;
 use crate::scheduler::fleet::offers::Offers;
 use crate::scheduler::fleet::slot::{Job, Slot};
 use crate::scheduler::limits::Limits;
-use crate::scheduler::modes::episode::Run;
-use crate::scheduler::modes::requests::Request;
+use crate::scheduler::modes::in_flight::InFlight;
+use crate::scheduler::modes::request::Request;
 use crate::scheduler::queue::ledger::{Ledger, Results, Settled};
 use crate::scheduler::retry::Blame;
-use crate::scheduler::speculation::Ended;
 use crate::work::{Work, WorkError};
 use messages::Messages;
 pub use outbox::Action;
@@ -55,10 +54,7 @@ pub struct Scheduler {
     pub(crate) next_round: Instant,
     pub(crate) round_pause: Duration,
     pub(crate) ledger: Ledger,
-    pub(crate) runs: HashMap<String, Run>,
-    pub(crate) requests: HashMap<u64, Request>,
-    /// Numbers are never used twice, so that an answer that comes late is not taken for another.
-    pub(crate) next_request: u64,
+    pub(crate) in_flight: InFlight,
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
     pub(crate) journal: Journal,
@@ -77,8 +73,6 @@ pub struct Scheduler {
     pub(crate) counts: Counts,
     /// The first server that looks as if the broker held messages to it back; the broker is asked then, once.
     pub(crate) suspect: Option<Suspect>,
-    /// Hashes of the last episodes that are over, and whether a result came.
-    pub(crate) ended: VecDeque<Ended>,
     /// When to look again whether an idle server should get work that others should do first, or a copy of theirs.
     pub(crate) look_at: Option<Instant>,
     /// How often a server that had been silent spoke again.
@@ -110,12 +104,10 @@ impl Scheduler {
             offers: Offers::default(),
             rounds: VecDeque::new(),
             round: 0,
-            next_request: config.first_instance,
             next_round: now,
             round_pause: FIRST_ROUND,
             ledger: Ledger::default(),
-            runs: HashMap::new(),
-            requests: HashMap::new(),
+            in_flight: InFlight::new(config.first_instance),
             refused_at: None,
             journal: Journal::default(),
             left_behind: BTreeMap::new(),
@@ -127,7 +119,6 @@ impl Scheduler {
             beside: 0,
             counts: Counts::default(),
             suspect: None,
-            ended: VecDeque::new(),
             look_at: None,
             woken: 0,
             checks: BTreeMap::new(),
@@ -235,8 +226,7 @@ impl Scheduler {
 
     /// Gives up all work: ends what the servers have to do.
     pub fn cancel(&mut self) {
-        self.runs.clear();
-        let requests = std::mem::take(&mut self.requests);
+        let requests = self.in_flight.clear();
         let slots = self.offers.slots.iter_mut();
         let jobs: Vec<(u64, Vec<Job>)> = slots
             .map(|(id, slot)| (*id, std::mem::take(&mut slot.jobs)))
@@ -246,7 +236,7 @@ impl Scheduler {
             for job in &jobs {
                 match job {
                     Job::Episode(hash) => {
-                        self.over(hash, server, false);
+                        self.in_flight.remember(hash, server, false);
                         self.end_run(server, hash);
                     }
                     Job::Request(number) => match requests.get(number) {
@@ -364,19 +354,12 @@ impl Scheduler {
     /// The next time at which `tick` is needed, if no message comes first.
     #[must_use]
     pub fn next_tick(&self) -> Instant {
-        let runs = self.runs.values().map(|run| self.run_deadline(run)).min();
-        let requests = self.requests.values().map(Request::deadline).min();
+        let deadline = self.in_flight.next_deadline(&self.config);
         let doubt = self.next_doubt();
-        [
-            runs,
-            requests,
-            doubt,
-            self.look_at,
-            self.offers.next_unbench(),
-        ]
-        .into_iter()
-        .flatten()
-        .fold(self.next_round, Instant::min)
+        [deadline, doubt, self.look_at, self.offers.next_unbench()]
+            .into_iter()
+            .flatten()
+            .fold(self.next_round, Instant::min)
     }
 
     /// Time has passed.
@@ -395,7 +378,7 @@ impl Scheduler {
             }
         }
         self.dispatch(now);
-        let lonely = !self.finished() && self.runs.is_empty() && self.requests.is_empty();
+        let lonely = !self.finished() && self.in_flight.is_empty();
         self.lonely_since = lonely.then(|| self.lonely_since.unwrap_or(now));
     }
 
@@ -406,7 +389,7 @@ impl Scheduler {
         let looking = self.work_number == 0 || !self.finished();
         let few = slots.is_empty() || slots.values().any(|slot| !slot.usable());
         // Another tool may have been faster on its server; see `beaten`.
-        let waiting = self.runs.values().any(|run| !run.begun());
+        let waiting = self.in_flight.episodes().any(|one| !one.begun());
         // Whether others are silent, too, tells what to think of one that is lost.
         let suspects = self.ledger.suspicions.has_suspects();
         self.ledger.queued() > 0 || waiting || suspects || (looking && few)
@@ -420,14 +403,7 @@ impl Scheduler {
         self.left_behind.extend(held);
         self.counts.broker_losses += 1;
         self.offers.clear();
-        let mut hashes: Vec<String> = self.runs.keys().cloned().collect();
-        hashes.sort();
-        let mut numbers: Vec<u64> = self.requests.keys().copied().collect();
-        numbers.sort_unstable();
-        let hashes = hashes.into_iter().map(Job::Episode);
-        let jobs = hashes
-            .chain(numbers.into_iter().map(Job::Request))
-            .collect();
+        let jobs = self.in_flight.jobs();
         let reason = "the connection to the broker broke";
         self.fail_jobs(jobs, reason, Blame::Broker, now);
     }

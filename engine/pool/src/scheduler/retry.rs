@@ -6,7 +6,7 @@ use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::queue::blame::{Failure, How};
-use crate::scheduler::queue::ledger::{Piece, Purpose};
+use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// How often a server may be lost with an episode that it had not begun before that counts.
 const FREE: u32 = 3;

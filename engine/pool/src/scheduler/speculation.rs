@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 use crate::mode::Way;
 use crate::scheduler::Scheduler;
 use crate::scheduler::dispatch::number;
-use crate::scheduler::fleet::slot::Job;
-use crate::scheduler::modes::episode::Run;
-use crate::scheduler::modes::requests::Request;
-use crate::scheduler::queue::ledger::{Piece, Purpose, rectangle};
+use crate::scheduler::modes::episode::Episode;
+use crate::scheduler::modes::in_flight::Dropped;
+use crate::scheduler::modes::request::Request;
+use crate::scheduler::queue::ledger::rectangle;
+use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::retry::Blame;
 
 /// A copy must be expected to be done in this part of the time that the other one still takes.
@@ -23,9 +24,6 @@ const SAVED: f64 = 0.25;
 const LOOK: Duration = Duration::from_millis(20);
 /// A block may take this many times as long as expected before its server is doubted.
 const ROOM: f64 = 4.0;
-/// Episodes that are remembered when they are over.
-const REMEMBERED: usize = 256;
-
 /// What a server found in one evaluation.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Found {
@@ -42,14 +40,6 @@ impl Found {
             metrics,
         }
     }
-}
-
-/// An episode that is over for this tool, though its server may still begin it, or answer.
-pub(crate) struct Ended {
-    pub hash: String,
-    pub server: u64,
-    /// Whether its fitness came.
-    answered: bool,
 }
 
 impl Scheduler {
@@ -109,32 +99,16 @@ impl Scheduler {
     }
 
     fn drop_all(&mut self, over: impl Fn(&Self, &Piece) -> bool, reason: &str, now: Instant) {
-        let runs = self.runs.iter().filter(|(_, run)| over(self, &run.piece));
-        let mut jobs: Vec<(u64, Job)> = runs
-            .map(|(hash, run)| (run.server, Job::Episode(hash.clone())))
-            .collect();
-        let requests = self
-            .requests
-            .iter()
-            .filter(|(_, one)| over(self, &one.piece));
-        jobs.extend(requests.map(|(number, one)| (one.server, Job::Request(*number))));
-        jobs.sort_by_key(|(server, _)| *server);
-        for (server, job) in jobs {
+        for (server, job) in self.in_flight.jobs_of(|piece| over(self, piece)) {
             self.offers.finished(server, &job);
-            match job {
-                Job::Episode(hash) => {
-                    if let Some(run) = self.runs.remove(&hash) {
-                        self.over(&hash, server, false);
-                        if run.piece.purpose != Purpose::Probe {
-                            self.record_run(&run, Some(reason.to_owned()), None, now);
-                        }
-                        self.end_run(server, &hash);
+            match self.in_flight.drop_job(job) {
+                Some(Dropped::Episode(hash, episode)) => {
+                    if episode.piece.purpose != Purpose::Probe {
+                        self.record_run(&episode, Some(reason.to_owned()), None, now);
                     }
+                    self.end_run(server, &hash);
                 }
-                Job::Request(number) => {
-                    let Some(request) = self.requests.remove(&number) else {
-                        continue;
-                    };
+                Some(Dropped::Request(number, request)) => {
                     if request.piece.purpose != Purpose::Probe {
                         self.record_request(&request, Some(reason.to_owned()), now);
                     }
@@ -150,19 +124,23 @@ impl Scheduler {
                     self.let_go(server);
                     self.fail_each(others.unwrap_or_default(), reason, Blame::Nobody, now);
                 }
+                None => {}
             }
         }
     }
 
     /// When the next one of those under way takes longer than it should.
     pub(crate) fn next_doubt(&self) -> Option<Instant> {
-        let runs = self.runs.values().filter_map(|run| self.run_doubt(run));
-        let requests = self.requests.values();
+        let runs = self
+            .in_flight
+            .episodes()
+            .filter_map(|run| self.run_doubt(run));
+        let requests = self.in_flight.requests();
         let requests = requests.filter_map(|request| self.request_doubt(request));
         runs.chain(requests).min()
     }
 
-    fn run_doubt(&self, run: &Run) -> Option<Instant> {
+    fn run_doubt(&self, run: &Episode) -> Option<Instant> {
         let slot = self.offers.slots.get(&run.server)?;
         let least = self.config.faults.least;
         let step = slot.steps.bound(least).map(|bound| run.heard + bound);
@@ -198,12 +176,12 @@ impl Scheduler {
     pub(crate) fn doubt(&mut self, now: Instant) {
         let late = |doubt: Option<Instant>| doubt.is_some_and(|at| at <= now);
         let mut servers = Vec::new();
-        for run in self.runs.values() {
+        for run in self.in_flight.episodes() {
             if late(self.run_doubt(run)) {
                 servers.push(run.server);
             }
         }
-        for request in self.requests.values() {
+        for request in self.in_flight.requests() {
             if late(self.request_doubt(request)) {
                 servers.push(request.server);
             }
@@ -218,19 +196,17 @@ impl Scheduler {
     fn doubt_server(&mut self, server: u64, now: Instant) {
         let mut pieces = Vec::new();
         let mut words = String::new();
-        for run in self.runs.values_mut().filter(|run| run.server == server) {
+        for run in self.in_flight.episodes_of(server) {
             run.doubted = true;
             words = run.waiting_for(now).to_string();
             pieces.push(run.piece.clone());
         }
-        for request in self.requests.values_mut() {
-            if request.server == server {
-                request.doubted = true;
-                if words.is_empty() {
-                    words = request.waiting_for(now).to_string();
-                }
-                pieces.push(request.piece.clone());
+        for request in self.in_flight.requests_of(server) {
+            request.doubted = true;
+            if words.is_empty() {
+                words = request.waiting_for(now).to_string();
             }
+            pieces.push(request.piece.clone());
         }
         self.offers.fell_silent(server);
         let mut given = false;
@@ -302,7 +278,7 @@ impl Scheduler {
         for (id, slot) in &self.offers.slots {
             let mut before = 0.0;
             for job in &slot.jobs {
-                let Some((piece, since)) = self.piece_of(job) else {
+                let Some((piece, since)) = self.in_flight.piece_of(job) else {
                     continue;
                 };
                 let elapsed = now.saturating_duration_since(since).as_secs_f64();
@@ -353,23 +329,10 @@ impl Scheduler {
         })
     }
 
-    /// An episode is over; `answered`: its fitness came.
-    pub(crate) fn over(&mut self, hash: &str, server: u64, answered: bool) {
-        let hash = hash.to_owned();
-        self.ended.push_back(Ended {
-            hash,
-            server,
-            answered,
-        });
-        if self.ended.len() > REMEMBERED {
-            self.ended.pop_front();
-        }
-    }
-
     /// A fitness for no episode under way.
     pub(crate) fn unwanted(&mut self, hash: &str) {
-        match self.ended.iter().find(|ended| ended.hash == hash) {
-            Some(ended) if ended.answered => self.counts.double += 1,
+        match self.in_flight.ended(hash) {
+            Some((_, true)) => self.counts.double += 1,
             Some(_) => self.counts.late += 1,
             None => {}
         }

@@ -78,17 +78,7 @@ impl Scheduler {
     /// All work under way, what was silent for the longest time first.
     #[must_use]
     pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
-        let mut runs: Vec<_> = self.runs.values().collect();
-        runs.sort_by_key(|run| (run.heard, run.server));
-        let mut requests: Vec<_> = self.requests.iter().collect();
-        requests.sort_by_key(|(number, request)| (request.heard, **number));
-        let runs = runs.into_iter().map(|run| run.waiting_for(now));
-        let requests = requests
-            .into_iter()
-            .map(|(_, request)| request.waiting_for(now));
-        let mut all: Vec<Waiting> = runs.chain(requests).collect();
-        all.sort_by(|a, b| b.silent.total_cmp(&a.silent));
-        all
+        self.in_flight.waiting(now)
     }
 
     /// What is waited for, in words; empty while everything moves.

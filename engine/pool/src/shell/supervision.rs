@@ -3,18 +3,16 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use swarmwright_mqtt::Waker;
 
 use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 
-/// How long whoever watches a server may take to say what became of it, once it was asked to look.
-pub(crate) const WORD: Duration = Duration::from_secs(20);
 /// Requests that are remembered, for what comes late of them.
 const PLACES: usize = 4096;
 
@@ -179,7 +177,7 @@ impl Scheduler {
 
     /// The first candidate and the first episode of a request to a server that is watched.
     pub(crate) fn place(&self, request: u64) -> Option<(usize, usize)> {
-        let request = self.requests.get(&request)?;
+        let request = self.in_flight.request(request)?;
         if !self.watched.contains(&request.server) {
             return None;
         }
@@ -189,11 +187,9 @@ impl Scheduler {
 
     /// A watched server goes on computing: it may take longer.
     pub fn is_alive(&mut self, server: u64, now: Instant) {
-        for request in self.requests.values_mut() {
-            if request.server == server {
-                request.heard = now;
-                request.overdue = false;
-            }
+        for request in self.in_flight.requests_of(server) {
+            request.heard = now;
+            request.overdue = false;
         }
     }
 
@@ -225,13 +221,13 @@ impl Scheduler {
     }
 
     fn is_block(&self, request: u64) -> bool {
-        let request = self.requests.get(&request);
+        let request = self.in_flight.request(request);
         request.is_some_and(|request| request.batch.is_none())
     }
 
     /// A server's process ended at a part of a block.
     fn fail_at(&mut self, number: u64, at: At, ending: &Ending, now: Instant) {
-        let Some(request) = self.requests.remove(&number) else {
+        let Some(request) = self.in_flight.take_request(number) else {
             return;
         };
         let whole = request.piece.clone();

@@ -4,8 +4,7 @@ use std::time::Instant;
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::dispatch::number;
-use crate::scheduler::fleet::slot::{Job, Slot};
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::fleet::slot::Slot;
 
 /// Of more servers than these it is not worked out how they would share what is left.
 const MOST: usize = 256;
@@ -143,7 +142,10 @@ impl Scheduler {
 
     /// Seconds that what a server has will still take it.
     fn busy_for(&self, slot: &Slot, rate: f64, now: Instant) -> f64 {
-        let jobs = slot.jobs.iter().filter_map(|job| self.piece_of(job));
+        let jobs = slot
+            .jobs
+            .iter()
+            .filter_map(|job| self.in_flight.piece_of(job));
         jobs.enumerate()
             .map(|(place, (piece, since))| {
                 let takes = number(piece.len()) / rate;
@@ -154,23 +156,6 @@ impl Scheduler {
                 }
             })
             .sum()
-    }
-
-    /// What a job is about, and since when its server is at it.
-    pub(crate) fn piece_of(&self, job: &Job) -> Option<(&Piece, Instant)> {
-        match job {
-            Job::Episode(hash) => self.runs.get(hash).map(|run| (&run.piece, run.started)),
-            Job::Request(number) => self.requests.get(number).map(|request| {
-                // A batch is heard of in every step, a block when it could begin.
-                let is_batch = request.batch.is_some();
-                let since = if is_batch {
-                    request.started
-                } else {
-                    request.heard
-                };
-                (&request.piece, since)
-            }),
-        }
     }
 
     pub(crate) fn crowd(&self) -> Crowd {

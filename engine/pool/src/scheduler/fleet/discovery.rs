@@ -7,7 +7,7 @@ use swarmwright_protocol::{Presence, ServerMessage, State, Topic};
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::offers::Answer;
 use crate::scheduler::fleet::slot::Job;
-use crate::scheduler::modes::episode::Run;
+use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::retry::Blame;
 /// Pause between two rounds of discovery while no server is there; it doubles up to `LATER_ROUND`.
 pub(crate) const FIRST_ROUND: Duration = Duration::from_millis(100);
@@ -78,7 +78,7 @@ impl Scheduler {
             if !ended.own_fault {
                 // A run that has begun is ours; the presence is older.
                 ended.jobs.retain(|job| {
-                    matches!(job, Job::Episode(hash) if !self.runs.get(hash).is_some_and(Run::begun))
+                    matches!(job, Job::Episode(hash) if !self.in_flight.episode(hash).is_some_and(Episode::begun))
                 });
             }
             if !ended.jobs.is_empty() {

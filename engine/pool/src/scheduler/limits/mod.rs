@@ -13,7 +13,7 @@ use limit::Limit;
 use crate::mode::Way;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Job;
-use crate::scheduler::modes::requests::Request;
+use crate::scheduler::modes::request::Request;
 
 /// Messages of so many bytes are taken by every broker.
 const SMALL: usize = 1024;
@@ -189,7 +189,7 @@ impl Scheduler {
         let Some(Job::Request(number)) = slot.jobs.first() else {
             return;
         };
-        let Some(request) = self.requests.get(number) else {
+        let Some(request) = self.in_flight.request(*number) else {
             return;
         };
         if slot.instance.as_deref() != Some(instance)

@@ -1,14 +1,19 @@
 //! One episode on one server, seen from the optimization tool: a controller with its own state for every agent.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use swarmwright_controllers::Controller;
 use swarmwright_protocol::{Missing, PieceKind, ReadingWriter, SensorReading, Waiting};
 
-use crate::scheduler::queue::ledger::Piece;
+use crate::config::Config;
+use crate::scheduler::modes::WORD;
+use crate::scheduler::queue::piece::Piece;
+
+/// How long a server that sent a message that was refused may take to send a better one.
+const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 
 /// An episode under way.
-pub(crate) struct Run {
+pub(crate) struct Episode {
     /// The one evaluation that it is.
     pub piece: Piece,
     pub server: u64,
@@ -44,7 +49,7 @@ pub(crate) struct Run {
 /// More agents than this are a mistake of the server, if the parameters do not say how many there are.
 pub(crate) const MOST_AGENTS: u64 = 1_000_000;
 
-impl Run {
+impl Episode {
     pub fn new(
         piece: Piece,
         server: u64,
@@ -122,6 +127,16 @@ impl Run {
     /// Until when its server, which said that it is free, may still begin.
     pub fn vacant_until(&self) -> Option<Instant> {
         self.vacant.filter(|_| !self.begun())
+    }
+
+    /// When its time is over.
+    pub fn deadline(&self, config: &Config) -> Instant {
+        let silent = self.heard + config.step_timeout;
+        let silent = silent.min(self.started + config.faults.episode);
+        let silent = if self.overdue { silent + WORD } else { silent };
+        let refused = self.refused.as_ref().map(|(at, _)| *at + AFTER_REFUSAL);
+        let earlier = [refused, self.vacant_until()];
+        earlier.into_iter().flatten().fold(silent, Instant::min)
     }
 
     /// What is waited for.

@@ -2,5 +2,12 @@
 
 pub(crate) mod batch;
 pub(crate) mod episode;
+pub(crate) mod in_flight;
+pub(crate) mod request;
 pub(crate) mod requests;
 pub(crate) mod stepwise;
+
+use std::time::Duration;
+
+/// How long whoever watches a server may take to say what became of it, once it was asked to look.
+pub(crate) const WORD: Duration = Duration::from_secs(20);

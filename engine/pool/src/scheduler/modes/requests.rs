@@ -4,101 +4,24 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Evaluate, Evaluated, F32s,
-    Missing, PieceKind, Refusal, RefusalKind, ToServer, ToTool, U64s, Waiting,
+    Refusal, RefusalKind, ToServer, ToTool, U64s,
 };
 
 use crate::journal::Attempt;
 use crate::metrics::needed;
-use crate::mode::Mode;
 use crate::scheduler::fleet::slot::Job;
 use crate::scheduler::modes::batch::Batch;
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::modes::request::Request;
+use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Found;
 use crate::scheduler::{Action, Scheduler};
-use crate::shell::supervision::WORD;
 use crate::work::Work;
 
 /// A block is given to somebody else when it takes this many times as long as expected.
 const LEASE: f64 = 10.0;
 /// How often a block is given more time since it was not answered in time.
 const MOST_LATE: u32 = 3;
-
-/// What was asked of a server and is not answered yet.
-pub(crate) struct Request {
-    pub server: u64,
-    pub piece: Piece,
-    /// Evaluations of it that failed by themselves, and are tried again apart from it.
-    apart: Vec<usize>,
-    pub started: Instant,
-    /// When the server last said something of use, or could begin with this.
-    pub heard: Instant,
-    lease: Duration,
-    /// Whether it takes so long that another server has it, too.
-    pub doubted: bool,
-    /// Whether whoever watches the server's process was asked what became of it.
-    pub overdue: bool,
-    /// None for a block.
-    pub batch: Option<Batch>,
-}
-
-impl Request {
-    pub fn deadline(&self) -> Instant {
-        let word = if self.overdue { WORD } else { Duration::ZERO };
-        self.heard + self.lease + word
-    }
-
-    /// What is to be tried again when it fails as a whole: all but what went its own way before.
-    fn rest(&self) -> Vec<Piece> {
-        let mut rest = Vec::new();
-        let mut start = self.piece.first();
-        let mut apart = self.apart.clone();
-        apart.sort_unstable();
-        for end in apart.into_iter().chain([self.piece.evaluations.end]) {
-            if start < end {
-                rest.push(self.piece.part(start..end));
-            }
-            start = end + 1;
-        }
-        rest
-    }
-
-    fn attempt(&self, error: Option<String>) -> Attempt {
-        Attempt {
-            mode: if self.batch.is_some() {
-                Mode::Batched.name()
-            } else {
-                Mode::Offloaded.name()
-            },
-            server: self.server,
-            error,
-            ..Attempt::default()
-        }
-    }
-
-    /// What is waited for.
-    pub fn waiting_for(&self, now: Instant) -> Waiting {
-        let (kind, missing) = match &self.batch {
-            None => (PieceKind::Block, Missing::Result),
-            Some(batch) if !batch.steers() => (PieceKind::Batch, Missing::Result),
-            Some(batch) if batch.steps() == 0 => (PieceKind::Batch, Missing::Start),
-            Some(_) => (PieceKind::Batch, Missing::Sensors),
-        };
-        let steps = self
-            .batch
-            .as_ref()
-            .and_then(|batch| batch.steps().checked_sub(1));
-        Waiting {
-            server: self.server,
-            kind,
-            missing,
-            evaluations: self.piece.len() as u64,
-            agent: None,
-            step: steps,
-            silent: now.saturating_duration_since(self.heard).as_secs_f64(),
-        }
-    }
-}
 
 impl Scheduler {
     /// Bytes of a request for a block of the work without genomes and seeds.
@@ -137,7 +60,7 @@ impl Scheduler {
         let lease = self.config.step_timeout.as_secs_f64().max(expected) * more;
         let message = ToServer::Evaluate(Evaluate {
             version: EXTENSION_VERSION,
-            request: self.next_request,
+            request: self.in_flight.next_request(),
             tool: self.config.tool.clone(),
             reply: self.messages.reply().to_owned(),
             simulation: self.config.demand.simulation.clone(),
@@ -176,7 +99,7 @@ impl Scheduler {
         let seeds = piece.evaluations.clone();
         let message = ToServer::Start(BatchStart {
             version: EXTENSION_VERSION,
-            request: self.next_request,
+            request: self.in_flight.next_request(),
             tool: self.config.tool.clone(),
             reply: self.messages.reply().to_owned(),
             simulation: self.config.demand.simulation.clone(),
@@ -214,20 +137,8 @@ impl Scheduler {
         batch: Option<Batch>,
         now: Instant,
     ) {
-        let number = self.next_request;
-        self.next_request += 1;
-        let request = Request {
-            server,
-            piece,
-            apart: Vec::new(),
-            started: now,
-            heard: now,
-            lease,
-            doubted: false,
-            overdue: false,
-            batch,
-        };
-        self.requests.insert(number, request);
+        let request = Request::new(piece, server, lease, batch, now);
+        let number = self.in_flight.begin_request(request);
         self.ask(server, number, message);
         if let Some(slot) = self.offers.slots.get_mut(&server) {
             slot.jobs.push(Job::Request(number));
@@ -243,11 +154,8 @@ impl Scheduler {
 
     fn ask(&mut self, server: u64, request: u64, message: &ToServer) {
         let payload = message.encode();
-        let requests = &self.requests;
-        if requests
-            .get(&request)
-            .is_some_and(|request| request.piece.len() == 1)
-        {
+        let asked = self.in_flight.request(request);
+        if asked.is_some_and(|request| request.piece.len() == 1) {
             self.limits.sent_whole(payload.len());
         }
         self.outbox.push(Action::Request {
@@ -304,7 +212,7 @@ impl Scheduler {
 
     /// Whether a request is one for a batch; none if this server was not asked, or not any more: its `results` are late.
     fn is_batch(&mut self, number: u64, server: u64, results: usize, now: Instant) -> Option<bool> {
-        let Some(request) = self.requests.get(&number) else {
+        let Some(request) = self.in_flight.request(number) else {
             self.counts.late += u64::from(results > 0);
             return None;
         };
@@ -339,14 +247,14 @@ impl Scheduler {
     }
 
     fn evaluated(&mut self, number: u64, message: Evaluated, now: Instant) {
-        let Some(request) = self.requests.remove(&number) else {
+        let Some(request) = self.in_flight.take_request(number) else {
             return;
         };
         let metrics = self.config.demand.metrics.clone();
         let reason = misfit(&message, &request.piece, self.ledger.episodes());
         if let Some(reason) = reason.or_else(|| without(&message, &metrics)) {
             let server = request.server;
-            self.requests.insert(number, request);
+            self.in_flight.put_back_request(number, request);
             return self.misbehaved(server, &reason, now);
         }
         self.offers.finished(request.server, &Job::Request(number));
@@ -370,7 +278,7 @@ impl Scheduler {
         if let Some(slot) = self.offers.slots.get_mut(&request.server) {
             for job in &slot.jobs {
                 if let Job::Request(next) = job
-                    && let Some(next) = self.requests.get_mut(next)
+                    && let Some(next) = self.in_flight.request_mut(*next)
                 {
                     next.heard = now;
                 }
@@ -402,7 +310,7 @@ impl Scheduler {
     }
 
     fn stepped(&mut self, number: u64, message: BatchSensors, now: Instant) {
-        let Some(mut request) = self.requests.remove(&number) else {
+        let Some(mut request) = self.in_flight.take_request(number) else {
             return;
         };
         let server = request.server;
@@ -412,16 +320,16 @@ impl Scheduler {
         let progress = match batch.step(message) {
             Ok(Some(progress)) => progress,
             Ok(None) => {
-                self.requests.insert(number, request);
+                self.in_flight.put_back_request(number, request);
                 return;
             }
             Err(reason) if !batch.steers() => {
-                self.requests.insert(number, request);
+                self.in_flight.put_back_request(number, request);
                 self.let_go(server);
                 return self.not_for(server, &reason, now);
             }
             Err(reason) => {
-                self.requests.insert(number, request);
+                self.in_flight.put_back_request(number, request);
                 return self.misbehaved(server, &reason, now);
             }
         };
@@ -446,7 +354,7 @@ impl Scheduler {
                 step,
                 actuators: F32s(actuators),
             });
-            self.requests.insert(number, request);
+            self.in_flight.put_back_request(number, request);
             self.ask(server, number, &answer);
             return;
         }
@@ -505,7 +413,7 @@ impl Scheduler {
 
     /// A request is over without a result; see [`retry`](Self::retry).
     pub(crate) fn fail_request(&mut self, number: u64, reason: &str, blame: Blame, now: Instant) {
-        let Some(request) = self.requests.remove(&number) else {
+        let Some(request) = self.in_flight.take_request(number) else {
             return;
         };
         let server = request.server;
@@ -542,15 +450,8 @@ impl Scheduler {
 
     /// Requests that have not been answered within their lease.
     pub(crate) fn late_requests(&mut self, now: Instant) {
-        let mut late: Vec<u64> = self
-            .requests
-            .iter()
-            .filter(|(_, request)| request.deadline() <= now)
-            .map(|(number, _)| *number)
-            .collect();
-        late.sort_unstable();
-        for number in late {
-            if let Some(request) = self.requests.get_mut(&number) {
+        for number in self.in_flight.late_requests(now) {
+            if let Some(request) = self.in_flight.request_mut(number) {
                 if self.watched.contains(&request.server) && !request.overdue {
                     request.overdue = true;
                     self.outbox.push(Action::Overdue(request.server));

@@ -11,15 +11,12 @@ use crate::journal::Attempt;
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::scheduler::fleet::slot::Job;
-use crate::scheduler::modes::episode::Run;
-use crate::scheduler::queue::ledger::Piece;
+use crate::scheduler::modes::episode::Episode;
+use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Found;
 use crate::scheduler::{Action, Scheduler};
-use crate::shell::supervision::WORD;
 
-/// How long a server that sent a message that was refused may take to send a better one.
-const AFTER_REFUSAL: Duration = Duration::from_secs(2);
 /// By how much a message may come later than one that was published after it, on another topic.
 const OVERTAKEN: Duration = Duration::from_millis(250);
 /// Characters of a foreign title that are told, at most.
@@ -59,7 +56,7 @@ impl Scheduler {
         self.publish(Topic::Control, control.encode());
         self.sent_to(server, 2);
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
-        let mut run = Run::new(
+        let mut run = Episode::new(
             piece,
             server,
             prototype,
@@ -68,7 +65,7 @@ impl Scheduler {
             now,
         );
         run.round = self.round;
-        self.runs.insert(hash.clone(), run);
+        self.in_flight.begin_episode(hash.clone(), run);
         if let Some(slot) = self.offers.slots.get_mut(&server) {
             slot.jobs.push(Job::Episode(hash.clone()));
             slot.last_hash = Some(hash);
@@ -81,7 +78,7 @@ impl Scheduler {
         if self.is_of_another(Topic::Sensor, title, &sensor.simulation_hash) {
             return;
         }
-        let Some(run) = self.runs.get_mut(&*sensor.simulation_hash) else {
+        let Some(run) = self.in_flight.episode_mut(&sensor.simulation_hash) else {
             return self.end_late_run(&sensor.simulation_hash);
         };
         if let Some((_, round)) = run.deserted.filter(|(until, _)| *until < now) {
@@ -128,7 +125,7 @@ impl Scheduler {
         let Some(title) = title.filter(|title| title != wanted) else {
             return false;
         };
-        let Some(run) = self.runs.get(hash) else {
+        let Some(run) = self.in_flight.episode(hash) else {
             return false;
         };
         let (server, name) = (run.server, topic.name());
@@ -144,8 +141,7 @@ impl Scheduler {
     /// Sensors came of an episode that is none under way: if it is over, its server began it late, or a second time, and
     /// waits for nothing.
     fn end_late_run(&mut self, hash: &str) {
-        let found = self.ended.iter().find(|ended| ended.hash == hash);
-        if let Some(server) = found.map(|ended| ended.server) {
+        if let Some((server, _)) = self.in_flight.ended(hash) {
             self.end_run(server, hash);
         }
     }
@@ -164,10 +160,9 @@ impl Scheduler {
         if self.is_of_another(Topic::Fitness, title, &message.simulation_hash) {
             return;
         }
-        let Some(run) = self.runs.remove(&message.simulation_hash) else {
+        let Some(run) = self.in_flight.end_episode(&message.simulation_hash, true) else {
             return self.unwanted(&message.simulation_hash);
         };
-        self.over(&message.simulation_hash, run.server, true);
         let job = Job::Episode(message.simulation_hash.clone());
         self.offers.finished(run.server, &job);
         self.answered_after(run.server, now.saturating_duration_since(run.heard));
@@ -209,7 +204,7 @@ impl Scheduler {
         let Some(hash) = self.named_in(payload) else {
             return;
         };
-        if let Some(run) = self.runs.get_mut(&hash) {
+        if let Some(run) = self.in_flight.episode_mut(&hash) {
             if matches!(error, DecodeError::TooLarge { .. }) {
                 let server = run.server;
                 self.end_run(server, &hash);
@@ -228,7 +223,7 @@ impl Scheduler {
         };
         let [head, tail] = [head, tail].map(String::from_utf8_lossy);
         let named = |hash: &&String| head.contains(hash.as_str()) || tail.contains(hash.as_str());
-        self.runs.keys().find(named).cloned()
+        self.in_flight.find_hash(named)
     }
 
     /// Why a message of so many bytes cannot be sent to a server, if it cannot.
@@ -250,12 +245,11 @@ impl Scheduler {
 
     /// An episode is over without fitness; see [`retry`](Self::retry).
     pub(crate) fn fail_episode(&mut self, hash: &str, reason: &str, blame: Blame, now: Instant) {
-        let Some(run) = self.runs.remove(hash) else {
+        let Some(run) = self.in_flight.end_episode(hash, false) else {
             return;
         };
         self.offers
             .finished(run.server, &Job::Episode(hash.to_owned()));
-        self.over(hash, run.server, false);
         let blame = match blame {
             Blame::Lost if run.begun() => Blame::Gone,
             blame => blame,
@@ -267,7 +261,7 @@ impl Scheduler {
     /// A server says that an episode failed in the simulation's code. The server goes on, the episode is tried again.
     pub(crate) fn episode_failed(&mut self, message: Failed, now: Instant) {
         let hash = message.simulation_hash;
-        let Some(run) = self.runs.get(&hash) else {
+        let Some(run) = self.in_flight.episode(&hash) else {
             return;
         };
         if run.server != message.server {
@@ -277,10 +271,9 @@ impl Scheduler {
             let reason = shortened(message.reason, MOST_REASON);
             return self.not_for(message.server, &reason, now);
         }
-        let Some(run) = self.runs.remove(&hash) else {
+        let Some(run) = self.in_flight.end_episode(&hash, false) else {
             return;
         };
-        self.over(&hash, run.server, false);
         if let Some(slot) = self.offers.slots.get_mut(&run.server) {
             slot.silent = false;
         }
@@ -296,7 +289,7 @@ impl Scheduler {
     /// tool's control came first, and its episode is over by now. Or the broker delivered one before the other: what
     /// shows that it has begun then comes in a moment.
     pub(crate) fn vacant(&mut self, id: u64, round: u64, now: Instant) {
-        for run in self.runs.values_mut().filter(|run| run.server == id) {
+        for run in self.in_flight.episodes_of(id) {
             if !run.begun() && run.round < round {
                 run.vacant.get_or_insert(now + OVERTAKEN);
             } else if run.begun_in.is_some_and(|begun| begun < round) {
@@ -308,13 +301,7 @@ impl Scheduler {
 
     /// Episodes that their servers have not begun although they are free.
     fn vacant_episodes(&mut self, now: Instant) {
-        let runs = self.runs.iter();
-        let vacant = runs.filter(|(_, run)| run.vacant_until().is_some_and(|until| until <= now));
-        let mut vacant: Vec<(String, u64)> = vacant
-            .map(|(hash, run)| (hash.clone(), run.server))
-            .collect();
-        vacant.sort();
-        for (hash, server) in vacant {
+        for (hash, server) in self.in_flight.vacant_episodes(now) {
             self.beaten(server, &hash, now);
         }
     }
@@ -336,27 +323,11 @@ impl Scheduler {
         self.dispatch(now);
     }
 
-    pub(crate) fn run_deadline(&self, run: &Run) -> Instant {
-        let silent = run.heard + self.config.step_timeout;
-        let silent = silent.min(run.started + self.config.faults.episode);
-        let silent = if run.overdue { silent + WORD } else { silent };
-        let refused = run.refused.as_ref().map(|(at, _)| *at + AFTER_REFUSAL);
-        let earlier = [refused, run.vacant_until()];
-        earlier.into_iter().flatten().fold(silent, Instant::min)
-    }
-
     /// Episodes whose servers have been silent for too long, or sent nothing better after a refusal.
     pub(crate) fn late_episodes(&mut self, now: Instant) {
         self.vacant_episodes(now);
-        let mut late: Vec<String> = self
-            .runs
-            .iter()
-            .filter(|(_, run)| self.run_deadline(run) <= now)
-            .map(|(hash, _)| hash.clone())
-            .collect();
-        late.sort();
-        for hash in late {
-            let Some(run) = self.runs.get_mut(&hash) else {
+        for hash in self.in_flight.late_episodes(&self.config, now) {
+            let Some(run) = self.in_flight.episode_mut(&hash) else {
                 continue;
             };
             if self.watched.contains(&run.server) && run.refused.is_none() && !run.overdue {
@@ -388,7 +359,7 @@ impl Scheduler {
 
     pub(crate) fn record_run(
         &mut self,
-        run: &Run,
+        run: &Episode,
         error: Option<String>,
         stack: Option<String>,
         now: Instant,

@@ -4,6 +4,7 @@ use std::collections::{HashSet, VecDeque};
 use std::ops::Range;
 
 use crate::scheduler::queue::blame::Suspicions;
+use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::work::{Work, WorkError};
 
 /// How many of the evaluations `queued`, from the first on and at most `most`, make a rectangle: whole candidates, or
@@ -41,121 +42,6 @@ pub struct Settled {
 
 /// Fewer evaluations than these are not worth forgetting.
 const WORTH: usize = 4096;
-
-/// Evaluations in a row that have the same past.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Piece {
-    pub evaluations: Range<usize>,
-    /// Attempts made before.
-    pub tries: u32,
-    /// Of these, those that were not answered in time.
-    pub late: u32,
-    pub purpose: Purpose,
-    /// Servers on which it failed: others are preferred.
-    failed_on: Vec<u64>,
-    /// Servers that are not to have it.
-    never_on: Vec<u64>,
-    /// How many of it may go in one request: fewer with each failure, so that in the end the one that brings servers
-    /// down is alone.
-    largest: usize,
-}
-
-/// What a piece is evaluated for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Purpose {
-    /// Its results.
-    Work,
-    /// The same, while another server that is slow or silent still has it: the first result counts.
-    Backup,
-    /// To see whether another server finds the same.
-    Audit,
-    /// To see whether a server is sound: it succeeded before.
-    Probe,
-}
-
-impl Piece {
-    fn new(evaluations: Range<usize>) -> Self {
-        Self {
-            evaluations,
-            tries: 0,
-            late: 0,
-            purpose: Purpose::Work,
-            failed_on: Vec::new(),
-            never_on: Vec::new(),
-            largest: usize::MAX,
-        }
-    }
-
-    /// One evaluation from the beginning.
-    pub fn again(evaluation: usize) -> Self {
-        Self::new(evaluation..evaluation + 1)
-    }
-
-    /// One evaluation that has succeeded, for a server that may be broken.
-    pub fn probe(evaluation: usize) -> Self {
-        Self {
-            purpose: Purpose::Probe,
-            ..Self::again(evaluation)
-        }
-    }
-
-    /// Whether it has failed on a server.
-    pub fn has_failed_on(&self, server: u64) -> bool {
-        self.failed_on.contains(&server)
-    }
-
-    /// One evaluation, to be repeated elsewhere than on some servers.
-    pub fn audit(evaluation: usize, never_on: Vec<u64>) -> Self {
-        Self {
-            purpose: Purpose::Audit,
-            never_on,
-            ..Self::new(evaluation..evaluation + 1)
-        }
-    }
-
-    /// The same for another server than that which has it.
-    pub fn backup(&self, server: u64) -> Self {
-        Self {
-            purpose: Purpose::Backup,
-            never_on: vec![server],
-            ..self.clone()
-        }
-    }
-
-    pub fn first(&self) -> usize {
-        self.evaluations.start
-    }
-
-    pub fn len(&self) -> usize {
-        self.evaluations.len()
-    }
-
-    /// A part of it, with the same past.
-    pub fn part(&self, evaluations: Range<usize>) -> Self {
-        Self {
-            evaluations,
-            ..self.clone()
-        }
-    }
-
-    /// What it is after a failure on a server.
-    pub fn failed(mut self, server: u64) -> Self {
-        self.largest = match self.tries {
-            0 => self.len().div_ceil(8),
-            _ => 1,
-        };
-        self.tries += 1;
-        self.failed_on.push(server);
-        self
-    }
-
-    /// What it is after the connection broke that it was sent over: should it have been too much for the broker, it
-    /// will not be for ever.
-    pub fn halved(mut self) -> Self {
-        self.largest = self.largest.min(self.len().div_ceil(2));
-        self
-    }
-}
 
 /// The books of one block of work.
 #[derive(Debug, Default)]
@@ -343,8 +229,8 @@ impl Ledger {
     }
 
     fn may_have(&self, piece: &Piece, server: u64, servers: &[u64]) -> bool {
-        let free = !piece.never_on.contains(&server) || !self.is_elsewhere(piece);
-        let failed = |server: &u64| piece.failed_on.contains(server);
+        let free = !piece.is_kept_from(server) || !self.is_elsewhere(piece);
+        let failed = |server: &u64| piece.has_failed_on(*server);
         let waits = self.suspicions.must_wait(piece.first());
         free && !waits && (!failed(&server) || servers.iter().all(failed))
     }
@@ -370,7 +256,7 @@ impl Ledger {
         let position = self.position(server, servers)?;
         let episodes = self.episodes();
         let piece = &mut self.queue[position];
-        let count = rectangle(&piece.evaluations, episodes, most.min(piece.largest));
+        let count = rectangle(&piece.evaluations, episodes, most.min(piece.largest()));
         let taken = piece.part(piece.first()..piece.first() + count);
         piece.evaluations.start += count;
         if piece.evaluations.is_empty() {
@@ -412,11 +298,7 @@ impl Ledger {
             let first = before.map_or(0, |index| index + 1);
             self.queued += last + 1 - first;
             let part = piece.first() + first..piece.first() + last + 1;
-            self.queue.push_front(Piece {
-                purpose: Purpose::Work,
-                never_on: Vec::new(),
-                ..piece.part(part)
-            });
+            self.queue.push_front(piece.work_again(part));
             end = first;
         }
     }

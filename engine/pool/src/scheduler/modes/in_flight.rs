@@ -1,0 +1,281 @@
+//! All work that servers have: stepwise episodes by their hash, blocks and batches by the request's number.
+
+use std::collections::{HashMap, VecDeque};
+use std::time::Instant;
+
+use swarmwright_protocol::Waiting;
+
+use crate::config::Config;
+use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::modes::episode::Episode;
+use crate::scheduler::modes::request::Request;
+use crate::scheduler::queue::piece::Piece;
+
+/// Episodes that are remembered when they are over.
+const REMEMBERED: usize = 256;
+
+/// An episode that is over for this tool, though its server may still begin it, or answer.
+struct Ended {
+    hash: String,
+    server: u64,
+    /// Whether its fitness came.
+    answered: bool,
+}
+
+/// What was taken back of one server.
+pub(crate) enum Dropped {
+    Episode(String, Episode),
+    Request(u64, Request),
+}
+
+pub(crate) struct InFlight {
+    episodes: HashMap<String, Episode>,
+    requests: HashMap<u64, Request>,
+    /// Numbers are never used twice, so that an answer that comes late is not taken for another.
+    next_request: u64,
+    /// The last episodes that are over.
+    ended: VecDeque<Ended>,
+}
+
+impl InFlight {
+    pub fn new(first_request: u64) -> Self {
+        Self {
+            episodes: HashMap::new(),
+            requests: HashMap::new(),
+            next_request: first_request,
+            ended: VecDeque::new(),
+        }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.episodes.is_empty() && self.requests.is_empty()
+    }
+
+    /// Numbers of episodes and of requests.
+    pub fn len(&self) -> (usize, usize) {
+        (self.episodes.len(), self.requests.len())
+    }
+
+    /// Forgets all that is under way. Returns the requests.
+    pub fn clear(&mut self) -> HashMap<u64, Request> {
+        self.episodes.clear();
+        std::mem::take(&mut self.requests)
+    }
+
+    /// All jobs: episodes, then requests, each in the order of hashes and numbers.
+    pub fn jobs(&self) -> Vec<Job> {
+        let mut hashes: Vec<String> = self.episodes.keys().cloned().collect();
+        hashes.sort();
+        let mut numbers: Vec<u64> = self.requests.keys().copied().collect();
+        numbers.sort_unstable();
+        let hashes = hashes.into_iter().map(Job::Episode);
+        hashes
+            .chain(numbers.into_iter().map(Job::Request))
+            .collect()
+    }
+
+    /// The jobs whose piece is chosen, each with its server, by server.
+    pub fn jobs_of(&self, chosen: impl Fn(&Piece) -> bool) -> Vec<(u64, Job)> {
+        let episodes = self.episodes.iter().filter(|(_, one)| chosen(&one.piece));
+        let mut jobs: Vec<(u64, Job)> = episodes
+            .map(|(hash, one)| (one.server, Job::Episode(hash.clone())))
+            .collect();
+        let requests = self.requests.iter().filter(|(_, one)| chosen(&one.piece));
+        jobs.extend(requests.map(|(number, one)| (one.server, Job::Request(*number))));
+        jobs.sort_by_key(|(server, _)| *server);
+        jobs
+    }
+
+    /// Takes a job back; none if it is over.
+    pub fn drop_job(&mut self, job: Job) -> Option<Dropped> {
+        match job {
+            Job::Episode(hash) => {
+                let episode = self.end_episode(&hash, false)?;
+                Some(Dropped::Episode(hash, episode))
+            }
+            Job::Request(number) => {
+                let request = self.requests.remove(&number)?;
+                Some(Dropped::Request(number, request))
+            }
+        }
+    }
+
+    /// What a job is about, and since when its server is at it.
+    pub fn piece_of(&self, job: &Job) -> Option<(&Piece, Instant)> {
+        match job {
+            Job::Episode(hash) => {
+                let episode = self.episodes.get(hash)?;
+                Some((&episode.piece, episode.started))
+            }
+            Job::Request(number) => {
+                let request = self.requests.get(number)?;
+                // A batch is heard of in every step, a block when it could begin.
+                let is_batch = request.batch.is_some();
+                let since = if is_batch {
+                    request.started
+                } else {
+                    request.heard
+                };
+                Some((&request.piece, since))
+            }
+        }
+    }
+
+    /// Whether any server is at an evaluation.
+    pub fn has(&self, evaluation: usize) -> bool {
+        let episodes = self.episodes.values().map(|one| &one.piece);
+        let mut all = episodes.chain(self.requests.values().map(|one| &one.piece));
+        all.any(|piece| piece.evaluations.contains(&evaluation))
+    }
+
+    /// All work, what was silent for the longest time first.
+    pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
+        let mut episodes: Vec<_> = self.episodes.values().collect();
+        episodes.sort_by_key(|one| (one.heard, one.server));
+        let mut requests: Vec<_> = self.requests.iter().collect();
+        requests.sort_by_key(|(number, request)| (request.heard, **number));
+        let episodes = episodes.into_iter().map(|one| one.waiting_for(now));
+        let requests = requests
+            .into_iter()
+            .map(|(_, request)| request.waiting_for(now));
+        let mut all: Vec<Waiting> = episodes.chain(requests).collect();
+        all.sort_by(|a, b| b.silent.total_cmp(&a.silent));
+        all
+    }
+
+    /// When the first time-out is.
+    pub fn next_deadline(&self, config: &Config) -> Option<Instant> {
+        let episodes = self.episodes.values().map(|one| one.deadline(config));
+        episodes
+            .chain(self.requests.values().map(Request::deadline))
+            .min()
+    }
+}
+
+/// Episodes.
+impl InFlight {
+    pub fn begin_episode(&mut self, hash: String, episode: Episode) {
+        self.episodes.insert(hash, episode);
+    }
+
+    pub fn episode(&self, hash: &str) -> Option<&Episode> {
+        self.episodes.get(hash)
+    }
+
+    pub fn episode_mut(&mut self, hash: &str) -> Option<&mut Episode> {
+        self.episodes.get_mut(hash)
+    }
+
+    pub fn episodes(&self) -> impl Iterator<Item = &Episode> {
+        self.episodes.values()
+    }
+
+    /// Those of a server.
+    pub fn episodes_of(&mut self, server: u64) -> impl Iterator<Item = &mut Episode> {
+        let episodes = self.episodes.values_mut();
+        episodes.filter(move |one| one.server == server)
+    }
+
+    /// An episode is over; `answered`: its fitness came. None if it was over before.
+    pub fn end_episode(&mut self, hash: &str, answered: bool) -> Option<Episode> {
+        let episode = self.episodes.remove(hash)?;
+        self.remember(hash, episode.server, answered);
+        Some(episode)
+    }
+
+    /// An episode is over that has been forgotten.
+    pub fn remember(&mut self, hash: &str, server: u64, answered: bool) {
+        self.ended.push_back(Ended {
+            hash: hash.to_owned(),
+            server,
+            answered,
+        });
+        if self.ended.len() > REMEMBERED {
+            self.ended.pop_front();
+        }
+    }
+
+    /// The server of an episode that is over, and whether its fitness came.
+    pub fn ended(&self, hash: &str) -> Option<(u64, bool)> {
+        let mut ended = self.ended.iter();
+        let found = ended.find(|ended| ended.hash == hash)?;
+        Some((found.server, found.answered))
+    }
+
+    /// The episode that is chosen by its hash.
+    pub fn find_hash(&self, chosen: impl Fn(&&String) -> bool) -> Option<String> {
+        self.episodes.keys().find(chosen).cloned()
+    }
+
+    /// Those that their servers have not begun by now although they are free, each with its server.
+    pub fn vacant_episodes(&self, now: Instant) -> Vec<(String, u64)> {
+        let episodes = self.episodes.iter();
+        let vacant = episodes.filter(|(_, one)| one.vacant_until().is_some_and(|at| at <= now));
+        let mut vacant: Vec<(String, u64)> = vacant
+            .map(|(hash, one)| (hash.clone(), one.server))
+            .collect();
+        vacant.sort();
+        vacant
+    }
+
+    /// Those whose time is over.
+    pub fn late_episodes(&self, config: &Config, now: Instant) -> Vec<String> {
+        let episodes = self.episodes.iter();
+        let late = episodes.filter(|(_, one)| one.deadline(config) <= now);
+        let mut late: Vec<String> = late.map(|(hash, _)| hash.clone()).collect();
+        late.sort();
+        late
+    }
+}
+
+/// Requests.
+impl InFlight {
+    /// The number of the next one.
+    pub fn next_request(&self) -> u64 {
+        self.next_request
+    }
+
+    /// Returns its number.
+    pub fn begin_request(&mut self, request: Request) -> u64 {
+        let number = self.next_request;
+        self.next_request += 1;
+        self.requests.insert(number, request);
+        number
+    }
+
+    pub fn request(&self, number: u64) -> Option<&Request> {
+        self.requests.get(&number)
+    }
+
+    pub fn request_mut(&mut self, number: u64) -> Option<&mut Request> {
+        self.requests.get_mut(&number)
+    }
+
+    pub fn requests(&self) -> impl Iterator<Item = &Request> {
+        self.requests.values()
+    }
+
+    /// Those of a server.
+    pub fn requests_of(&mut self, server: u64) -> impl Iterator<Item = &mut Request> {
+        let requests = self.requests.values_mut();
+        requests.filter(move |one| one.server == server)
+    }
+
+    pub fn take_request(&mut self, number: u64) -> Option<Request> {
+        self.requests.remove(&number)
+    }
+
+    /// A request that was taken goes on.
+    pub fn put_back_request(&mut self, number: u64, request: Request) {
+        self.requests.insert(number, request);
+    }
+
+    /// Those whose lease is over.
+    pub fn late_requests(&self, now: Instant) -> Vec<u64> {
+        let requests = self.requests.iter();
+        let late = requests.filter(|(_, request)| request.deadline() <= now);
+        let mut late: Vec<u64> = late.map(|(number, _)| *number).collect();
+        late.sort_unstable();
+        late
+    }
+}

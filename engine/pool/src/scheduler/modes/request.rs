@@ -1,0 +1,107 @@
+//! A request to a server: a block for offloaded evaluation, or a batch of episodes.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{Missing, PieceKind, Waiting};
+
+use crate::journal::Attempt;
+use crate::mode::Mode;
+use crate::scheduler::modes::WORD;
+use crate::scheduler::modes::batch::Batch;
+use crate::scheduler::queue::piece::Piece;
+
+/// What was asked of a server and is not answered yet.
+pub(crate) struct Request {
+    pub server: u64,
+    pub piece: Piece,
+    /// Evaluations of it that failed by themselves, and are tried again apart from it.
+    pub apart: Vec<usize>,
+    pub started: Instant,
+    /// When the server last said something of use, or could begin with this.
+    pub heard: Instant,
+    lease: Duration,
+    /// Whether it takes so long that another server has it, too.
+    pub doubted: bool,
+    /// Whether whoever watches the server's process was asked what became of it.
+    pub overdue: bool,
+    /// None for a block.
+    pub batch: Option<Batch>,
+}
+
+impl Request {
+    pub fn new(
+        piece: Piece,
+        server: u64,
+        lease: Duration,
+        batch: Option<Batch>,
+        now: Instant,
+    ) -> Self {
+        Self {
+            server,
+            piece,
+            apart: Vec::new(),
+            started: now,
+            heard: now,
+            lease,
+            doubted: false,
+            overdue: false,
+            batch,
+        }
+    }
+
+    pub fn deadline(&self) -> Instant {
+        let word = if self.overdue { WORD } else { Duration::ZERO };
+        self.heard + self.lease + word
+    }
+
+    /// What is to be tried again when it fails as a whole: all but what went its own way before.
+    pub fn rest(&self) -> Vec<Piece> {
+        let mut rest = Vec::new();
+        let mut start = self.piece.first();
+        let mut apart = self.apart.clone();
+        apart.sort_unstable();
+        for end in apart.into_iter().chain([self.piece.evaluations.end]) {
+            if start < end {
+                rest.push(self.piece.part(start..end));
+            }
+            start = end + 1;
+        }
+        rest
+    }
+
+    pub fn attempt(&self, error: Option<String>) -> Attempt {
+        Attempt {
+            mode: if self.batch.is_some() {
+                Mode::Batched.name()
+            } else {
+                Mode::Offloaded.name()
+            },
+            server: self.server,
+            error,
+            ..Attempt::default()
+        }
+    }
+
+    /// What is waited for.
+    pub fn waiting_for(&self, now: Instant) -> Waiting {
+        let (kind, missing) = match &self.batch {
+            None => (PieceKind::Block, Missing::Result),
+            Some(batch) if !batch.steers() => (PieceKind::Batch, Missing::Result),
+            Some(batch) if batch.steps() == 0 => (PieceKind::Batch, Missing::Start),
+            Some(_) => (PieceKind::Batch, Missing::Sensors),
+        };
+        let steps = self
+            .batch
+            .as_ref()
+            .and_then(|batch| batch.steps().checked_sub(1));
+        Waiting {
+            server: self.server,
+            kind,
+            missing,
+            evaluations: self.piece.len() as u64,
+            agent: None,
+            step: steps,
+            silent: now.saturating_duration_since(self.heard).as_secs_f64(),
+        }
+    }
+}
