@@ -17,7 +17,6 @@ pub use counts::Counts;
 pub use demand::Demand;
 pub use journal::Attempt;
 pub use mode::Mode;
-pub use scheduler::fleet::offers::Offers;
 pub use scheduler::holdings::Holdings;
 pub use scheduler::queue::ledger::{Results, Settled, rectangle};
 pub use scheduler::{Action, Scheduler};

@@ -16,35 +16,15 @@ const AWAY: Duration = Duration::from_secs(30);
 impl Scheduler {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
     pub(crate) fn vouch(&mut self, server: u64) {
-        self.offers.health.succeeded(server);
+        self.fleet.succeeded(server);
         self.broken_since = None;
-        let watched = &self.watched;
-        let own = watched.contains(&server);
+        let processes = &self.processes;
+        let own = processes.are_watched(server);
         // The tool's own servers are one installation.
-        let alike = |other: u64| own && watched.contains(&other);
-        let instance = self.offers.instance(server);
+        let alike = |other: u64| own && processes.are_watched(other);
+        let instance = self.fleet.instance(server);
         let suspicions = &mut self.ledger.suspicions;
         suspicions.succeeded(server, instance.as_ref(), alike);
-    }
-
-    /// Servers that have failed several candidates and succeeded with none get nothing new before they have shown that
-    /// they can evaluate what succeeded elsewhere; before anything has, as long as others may succeed.
-    pub(crate) fn suspend(&mut self) {
-        if !self.offers.health.has_doubtful() {
-            return;
-        }
-        let health = &self.offers.health;
-        let sound = |id: &u64| !health.is_doubtful(*id);
-        let slots = &self.offers.slots;
-        let hope = slots.iter().any(|(id, slot)| sound(id) && !slot.silent);
-        let known = self.ledger.good().is_some();
-        let doubtful: Vec<u64> = slots.keys().copied().filter(|id| !sound(id)).collect();
-        for (id, slot) in &mut self.offers.slots {
-            slot.suspended = (known || hope) && doubtful.contains(id);
-        }
-        if doubtful.is_empty() {
-            self.offers.health.none_doubtful();
-        }
     }
 
     /// Gives what succeeded before to servers that are to show that they are sound, and have nothing else to do.
@@ -55,23 +35,23 @@ impl Scheduler {
         if self.finished() {
             return self.drop_probes(now);
         }
-        if self.ledger.suspicions.is_empty() && !self.offers.health.has_doubtful() {
+        if self.ledger.suspicions.is_empty() && !self.fleet.health().has_doubtful() {
             return;
         }
         let awaited = self.ledger.suspicions.awaited();
-        let own = awaited.iter().any(|id| self.watched.contains(id));
+        let own = awaited.iter().any(|id| self.processes.are_watched(*id));
         let waits = self.ledger.queued() > 0;
-        let servers = self.usable_servers();
-        let slots = self.offers.slots.iter();
+        let servers = self.fleet.servers();
+        let slots = self.fleet.slots();
         let idle = slots
             .filter(|(_, slot)| slot.jobs.is_empty() && slot.benched.is_none() && !slot.silent);
         let is_due = |id: u64| {
-            self.offers.health.is_doubtful(id)
+            self.fleet.health().is_doubtful(id)
                 || awaited.contains(&id)
-                || (own && self.watched.contains(&id))
+                || (own && self.processes.are_watched(id))
                 || (waits && self.ledger.waits_for_proof(id, &servers))
         };
-        let due: Vec<u64> = idle.map(|(id, _)| *id).filter(|id| is_due(*id)).collect();
+        let due: Vec<u64> = idle.map(|(id, _)| id).filter(|id| is_due(*id)).collect();
         for server in due {
             self.start(Piece::probe(good), server, now);
         }
@@ -84,7 +64,7 @@ impl Scheduler {
             Blame::Evaluation | Blame::Answer | Blame::Crash => {
                 self.counts.server_failures += 1;
                 self.counts.benched += 1;
-                self.offers.broke(server, reason, now);
+                self.fleet.broke(server, reason, now);
                 self.ledger.suspicions.discredit(server);
                 self.outbox.warn_once(format!(
                     "server {server} is broken: it fails what succeeded before; it gets no other work until that succeeds \
@@ -119,16 +99,16 @@ impl Scheduler {
         let awaited = self.ledger.suspicions.awaited();
         self.absent.retain(|server, _| awaited.contains(server));
         for server in awaited {
-            let slots = &self.offers.slots;
-            let slot = slots.get(&server);
+            let slot = self.fleet.slot(server);
             let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
             // The tool's own servers come back, and each can vouch for the others.
-            if !gone || self.watched.contains(&server) {
+            if !gone || self.processes.are_watched(server) {
                 self.absent.remove(&server);
                 continue;
             }
             let since = *self.absent.entry(server).or_insert(now);
-            let others = slots.iter().any(|(id, slot)| *id != server && !slot.silent);
+            let mut slots = self.fleet.slots();
+            let others = slots.any(|(id, slot)| id != server && !slot.silent);
             if others && now.saturating_duration_since(since) >= AWAY {
                 self.ledger.suspicions.discredit(server);
             }
@@ -142,19 +122,17 @@ impl Scheduler {
         if self.ledger.good().is_some() || busy || lost || self.ledger.queued() > 0 {
             return false;
         }
-        let health = &self.offers.health;
-        let slots = self.offers.slots.iter();
+        let health = self.fleet.health();
+        let slots = self.fleet.slots();
         let untried: Vec<u64> = slots
             // A server that is broken is given nothing, so that it cannot tell either.
-            .filter(|(id, slot)| !slot.silent && !slot.suspended && !health.has_failed(**id))
-            .map(|(id, _)| *id)
+            .filter(|(id, slot)| !slot.silent && !slot.suspended && !health.has_failed(*id))
+            .map(|(id, _)| id)
             .collect();
         // It has a pause: the others need not try again meanwhile.
         let pauses = |id: &u64| {
-            self.offers
-                .slots
-                .get(id)
-                .is_some_and(|slot| slot.benched.is_some())
+            let slot = self.fleet.slot(*id);
+            slot.is_some_and(|slot| slot.benched.is_some())
         };
         if untried.iter().any(pauses) {
             return false;
@@ -185,12 +163,11 @@ impl Scheduler {
 
     /// Notes since when all servers have been broken.
     pub(crate) fn judge(&mut self, now: Instant) {
-        let health = &self.offers.health;
-        let slots = &self.offers.slots;
-        let hope = |(id, slot): (&u64, &Slot)| !health.is_broken(*id) && !slot.silent;
-        if slots.iter().any(hope) || self.finished() {
+        let health = self.fleet.health();
+        let hope = |(id, slot): (u64, &Slot)| !health.is_broken(id) && !slot.silent;
+        if self.fleet.slots().any(hope) || self.finished() {
             self.broken_since = None;
-        } else if !slots.is_empty() {
+        } else if !self.fleet.is_empty() {
             self.broken_since.get_or_insert(now);
         }
     }
@@ -203,9 +180,9 @@ impl Scheduler {
             return self.undecided.clone();
         }
         let since = self.broken_since?;
-        let health = &self.offers.health;
-        let is_silent = |id: &u64| !health.is_broken(*id);
-        let patience = if self.offers.slots.keys().any(is_silent) {
+        let health = self.fleet.health();
+        let is_silent = |(id, _): (u64, &Slot)| !health.is_broken(id);
+        let patience = if self.fleet.slots().any(is_silent) {
             patience * SILENT
         } else {
             patience

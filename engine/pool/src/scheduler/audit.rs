@@ -5,10 +5,7 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::Announcement;
-
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::offers::Offers;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 use crate::scheduler::speculation::Found;
@@ -57,51 +54,6 @@ fn is_drawn(share: f64, seed: u64, evaluation: usize) -> bool {
     part < share
 }
 
-impl Offers {
-    fn announcement(&self, id: u64) -> Option<&Announcement> {
-        self.slots.get(&id)?.capabilities.swarmwright.as_ref()
-    }
-
-    /// Whether a server declares that it finds the same again, to the bit.
-    pub(crate) fn repeats_itself(&self, id: u64) -> bool {
-        let declared =
-            |announced: &Announcement| announced.determinism.as_deref() == Some("bitwise");
-        self.announcement(id).is_some_and(declared)
-    }
-
-    /// Whether what a server finds can be compared with what others do.
-    fn is_comparable(&self, id: u64) -> bool {
-        let declared = |announced: &Announcement| {
-            matches!(
-                announced.determinism.as_deref(),
-                Some("bitwise" | "statistical")
-            )
-        };
-        self.announcement(id).is_some_and(declared)
-    }
-
-    /// How far the results of two servers may differ; none: not at all.
-    fn tolerance(&self, one: u64, other: u64) -> Option<f64> {
-        let declared = |id| {
-            let announced = self.announcement(id)?;
-            let statistical = announced.determinism.as_deref() == Some("statistical");
-            statistical.then(|| announced.tolerance.unwrap_or_default())
-        };
-        match (declared(one), declared(other)) {
-            (Some(one), Some(other)) => Some(one.max(other)),
-            (one, other) => one.or(other),
-        }
-    }
-
-    /// Servers that must not audit, given those that have had their say; none if all must not.
-    fn auditors_but(&self, asked: &[u64]) -> Option<Vec<u64>> {
-        let out = |id: &u64| asked.contains(id) || !self.is_comparable(*id);
-        let all = self.slots.keys().copied();
-        let never: Vec<u64> = all.filter(|id| out(id)).collect();
-        (never.len() < self.slots.len()).then_some(never)
-    }
-}
-
 impl Scheduler {
     pub(crate) fn is_to_be_audited(&self, evaluation: usize, server: u64) -> bool {
         let share = self.config.faults.audit;
@@ -111,13 +63,13 @@ impl Scheduler {
                 self.config.first_instance ^ self.work_number,
                 evaluation,
             )
-            && self.offers.is_comparable(server)
-            && self.offers.auditors_but(&[server]).is_some()
+            && self.fleet.is_comparable(server)
+            && self.fleet.auditors_but(&[server]).is_some()
     }
 
     /// Has an evaluation repeated before its result counts.
     pub(crate) fn audit(&mut self, evaluation: usize, first: Found) {
-        let Some(never) = self.offers.auditors_but(&[first.server]) else {
+        let Some(never) = self.fleet.auditors_but(&[first.server]) else {
             return;
         };
         self.counts.audits += 1;
@@ -142,7 +94,7 @@ impl Scheduler {
             self.checks.insert(evaluation, check);
             return;
         }
-        let tolerance = |other: &Found| self.offers.tolerance(other.server, found.server);
+        let tolerance = |other: &Found| self.fleet.tolerance(other.server, found.server);
         let agrees = |other: &Found| same(other, &found, tolerance(other));
         match check.second {
             None if agrees(&check.first) => self.confirm(evaluation, &check.first, now),
@@ -174,7 +126,7 @@ impl Scheduler {
     fn doubtful(&mut self, evaluation: usize, first: Found, second: Found, now: Instant) {
         let told = self.told(evaluation, &[first.clone(), second.clone()]);
         let asked = [first.server, second.server];
-        let Some(never) = self.offers.auditors_but(&asked) else {
+        let Some(never) = self.fleet.auditors_but(&asked) else {
             return self.disagree(evaluation, &[first, second]);
         };
         self.outbox.warn(format!("{told}; a third server decides"));
@@ -222,7 +174,7 @@ impl Scheduler {
             self.told(evaluation, &found)
         );
         self.let_go(server);
-        let jobs = self.offers.distrust(server, &reason);
+        let jobs = self.fleet.distrust(server, &reason);
         let (reopened, lost) = self.redo(server, now);
         let handed = match lost {
             0 => String::new(),
@@ -297,7 +249,7 @@ impl Scheduler {
 
     /// Results for which there is no second server any more count without.
     pub(crate) fn settle_unchecked(&mut self, now: Instant) {
-        let alone = |check: &Check| self.offers.auditors_but(&check.servers()).is_none();
+        let alone = |check: &Check| self.fleet.auditors_but(&check.servers()).is_none();
         let unchecked: Vec<usize> = self
             .checks
             .iter()

@@ -52,7 +52,7 @@ pub(crate) fn number(count: usize) -> f64 {
 impl Scheduler {
     /// Gives work to every server that has room for it, to those that have none first.
     pub(crate) fn dispatch(&mut self, now: Instant) {
-        self.suspend();
+        self.fleet.suspend(self.ledger.good().is_some());
         self.resolve(now);
         if self.ledger.queued() > 0 {
             self.look_at = None;
@@ -71,11 +71,8 @@ impl Scheduler {
                     && slot.jobs.len() == jobs
                     && (jobs == 0 || slot.way == Way::Offloaded)
             };
-            let slots = self.offers.slots.iter();
-            let servers: Vec<u64> = slots
-                .filter(|(_, slot)| room(slot))
-                .map(|(id, _)| *id)
-                .collect();
+            let slots = self.fleet.slots().filter(|(_, slot)| room(slot));
+            let servers: Vec<u64> = slots.map(|(id, _)| id).collect();
             if servers.is_empty() {
                 continue;
             }
@@ -90,7 +87,7 @@ impl Scheduler {
     }
 
     fn give(&mut self, server: u64, crowd: &mut Crowd, now: Instant) {
-        let Some(slot) = self.offers.slots.get(&server) else {
+        let Some(slot) = self.fleet.slot(server) else {
             return;
         };
         let most = self.most(slot, crowd);
@@ -98,10 +95,9 @@ impl Scheduler {
         if !self.is_worth_while(server, most, crowd, now) && !self.has_waited(server, alone, now) {
             return;
         }
-        let Some(slot) = self.offers.slots.get_mut(&server) else {
+        if !self.fleet.consider(server) {
             return;
-        };
-        slot.passed_over = None;
+        }
         let Some(piece) = self.ledger.take(server, &crowd.servers, most) else {
             return;
         };
@@ -111,23 +107,12 @@ impl Scheduler {
 
     /// Gives a piece to a server.
     pub(crate) fn start(&mut self, piece: Piece, server: u64, now: Instant) {
-        match self.offers.slots.get(&server).map(|slot| slot.way) {
+        match self.fleet.slot(server).map(|slot| slot.way) {
             Some(Way::Stepwise) => self.start_episode(piece, server, now),
             Some(Way::Batched(_)) => self.start_batch(piece, server, now),
             Some(Way::Offloaded) => self.send_block(piece, server, now),
             None => self.ledger.put_back(&piece),
         }
-    }
-
-    /// What failed on one server waits for another one of these; not for one that has a pause after failures.
-    pub(crate) fn usable_servers(&self) -> Vec<u64> {
-        let slots = self.offers.slots.iter();
-        // One that is new and has not failed is usable in a moment.
-        let new = |id: u64, slot: &Slot| {
-            !slot.silent && !slot.suspended && self.offers.health.failures(id).is_none()
-        };
-        let usable = slots.filter(|(id, slot)| slot.usable() || new(**id, slot));
-        usable.map(|(id, _)| *id).collect()
     }
 
     /// How many evaluations a server gets at once.
@@ -215,11 +200,9 @@ impl Scheduler {
     /// Whether a server that has nothing to do has been passed over for so long that it could have done the work itself:
     /// the others are not as fast as they were.
     fn has_waited(&mut self, server: u64, alone: f64, now: Instant) -> bool {
-        let slot = self.offers.slots.get_mut(&server);
-        let Some(slot) = slot.filter(|slot| slot.jobs.is_empty()) else {
+        let Some(since) = self.fleet.pass_over(server, now) else {
             return false;
         };
-        let since = *slot.passed_over.get_or_insert(now);
         let Some(end) = Duration::try_from_secs_f64(alone)
             .ok()
             .and_then(|alone| since.checked_add(alone))
@@ -236,7 +219,7 @@ impl Scheduler {
 
     /// Whether the work is done earlier with this server's help than without, if it gets `most` evaluations.
     fn is_worth_while(&self, server: u64, most: usize, crowd: &mut Crowd, now: Instant) -> bool {
-        let Some(slot) = self.offers.slots.get(&server) else {
+        let Some(slot) = self.fleet.slot(server) else {
             return false;
         };
         let (Some(rate), Some(others)) = (slot.rate, crowd.without(slot)) else {

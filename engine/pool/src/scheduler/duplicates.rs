@@ -8,13 +8,13 @@ use std::collections::BTreeSet;
 use std::time::Instant;
 
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::retry::Blame;
 
 impl Scheduler {
     /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.
     pub(crate) fn found_two(&mut self, id: u64, round: u64, now: Instant) {
-        let (jobs, news) = self.offers.are_two(id, round);
+        let (jobs, news) = self.fleet.are_two(id, round);
         self.are_two(id, jobs, news, now);
     }
 
@@ -26,8 +26,7 @@ impl Scheduler {
             }
         }
         let (redone, handed) = self.redo(id, now);
-        let (before, since) = self.unproven.remove(&id).unwrap_or_default();
-        let doubtful = handed.max(before + since);
+        let doubtful = handed.max(self.unproven.take(id));
         if news || redone + doubtful > 0 {
             let mut text = format!(
                 "two servers answer to the id {id}, so neither is used; give one another --id"
@@ -48,22 +47,15 @@ impl Scheduler {
 
     /// Results are handed out. Of servers that say which start of them answers there is no doubt.
     pub(crate) fn hands_out(&mut self) {
-        let slots = self.offers.slots.iter();
+        let slots = self.fleet.slots();
         let doubtful = slots.filter(|(_, slot)| slot.instance.is_none());
-        let doubtful: BTreeSet<u64> = doubtful.map(|(id, _)| *id).collect();
+        let doubtful: BTreeSet<u64> = doubtful.map(|(id, _)| id).collect();
         if doubtful.is_empty() {
             return;
         }
         let authors = self.ledger.authors().into_iter();
         for id in authors.filter(|id| doubtful.contains(id)) {
-            self.unproven.entry(id).or_default().1 += 1;
-        }
-    }
-
-    /// One server alone answered to an id in a whole round: up to then nobody else had it.
-    pub(crate) fn proven(&mut self, id: u64) {
-        if let Some((before, since)) = self.unproven.get_mut(&id) {
-            (*before, *since) = (*since, 0);
+            self.unproven.handed_out(id);
         }
     }
 }

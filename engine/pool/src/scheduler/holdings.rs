@@ -28,8 +28,8 @@ impl Scheduler {
             queued: self.ledger.queued(),
             episodes,
             requests,
-            rounds: self.rounds.len(),
-            servers: self.offers.slots.len(),
+            rounds: self.discovery.understood(),
+            servers: self.fleet.len(),
             complaints: self.outbox.warned_once(),
         }
     }
@@ -37,7 +37,7 @@ impl Scheduler {
     /// Whether a server has no work of this tool.
     #[must_use]
     pub fn has_nothing_on(&self, server: u64) -> bool {
-        let slot = self.offers.slots.get(&server);
+        let slot = self.fleet.slot(server);
         slot.is_none_or(|slot| slot.jobs.is_empty())
     }
 
@@ -45,10 +45,8 @@ impl Scheduler {
     /// waits need not wait for another server. True of a server that is not known.
     #[must_use]
     pub fn is_idle(&self, server: u64) -> bool {
-        let slots = &self.offers.slots;
-        slots.get(&server).is_none_or(|slot| {
-            let usable = slots.iter().filter(|(_, other)| other.usable());
-            let servers: Vec<u64> = usable.map(|(id, _)| *id).collect();
+        self.fleet.slot(server).is_none_or(|slot| {
+            let servers: Vec<u64> = self.fleet.usable().map(|(id, _)| id).collect();
             slot.jobs.is_empty() && slot.usable() && self.ledger.has_for(server, &servers)
         })
     }

@@ -10,17 +10,19 @@ pub(crate) mod dispatch;
 pub(crate) mod duplicates;
 pub(crate) mod fleet;
 pub(crate) mod holdings;
+pub(crate) mod job;
 pub(crate) mod limits;
 pub(crate) mod messages;
 pub(crate) mod modes;
 pub(crate) mod outbox;
 pub(crate) mod queue;
 pub(crate) mod retry;
+pub(crate) mod servers;
 pub(crate) mod speculation;
 pub(crate) mod status;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::time::{Duration, Instant};
+use std::collections::BTreeMap;
+use std::time::Instant;
 
 use swarmwright_protocol::{Control, Message, SensorReading, ToTool, Topic};
 
@@ -28,10 +30,11 @@ use crate::config::Config;
 use crate::counts::Counts;
 use crate::journal::{Attempt, Journal};
 use crate::scheduler::audit::Check;
-use crate::scheduler::fleet::discovery::{FIRST_ROUND, LATER_ROUND};
-use crate::scheduler::fleet::lag::Suspect;
-use crate::scheduler::fleet::offers::Offers;
-use crate::scheduler::fleet::slot::{Job, Slot};
+use crate::scheduler::fleet::Fleet;
+use crate::scheduler::fleet::discovery::Discovery;
+use crate::scheduler::fleet::duplicates::Unproven;
+use crate::scheduler::fleet::processes::Processes;
+use crate::scheduler::job::Job;
 use crate::scheduler::limits::Limits;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::modes::request::Request;
@@ -42,24 +45,18 @@ use messages::Messages;
 pub use outbox::Action;
 use outbox::Outbox;
 
-/// Servers that are told one by one that they are free.
-const MOST_TOLD: usize = 100;
-
 /// The decisions of one optimization tool.
 pub struct Scheduler {
     pub(crate) config: Config,
-    pub(crate) offers: Offers,
-    pub(crate) rounds: VecDeque<(String, u64)>,
-    pub(crate) round: u64,
-    pub(crate) next_round: Instant,
-    pub(crate) round_pause: Duration,
+    pub(crate) fleet: Fleet,
+    pub(crate) discovery: Discovery,
+    pub(crate) processes: Processes,
+    pub(crate) unproven: Unproven,
     pub(crate) ledger: Ledger,
     pub(crate) in_flight: InFlight,
     /// When a server last said that this work cannot be done.
     pub(crate) refused_at: Option<Instant>,
     pub(crate) journal: Journal,
-    /// Servers that may still wait for this tool since its connection broke, each with its last hash.
-    pub(crate) left_behind: BTreeMap<u64, Option<String>>,
     pub(crate) outbox: Outbox,
     pub(crate) messages: Messages,
     /// Since when there is work and no server for it.
@@ -71,23 +68,14 @@ pub struct Scheduler {
     /// Bytes of a request for blocks of the work beside genomes and seeds.
     pub(crate) beside: usize,
     pub(crate) counts: Counts,
-    /// The first server that looks as if the broker held messages to it back; the broker is asked then, once.
-    pub(crate) suspect: Option<Suspect>,
     /// When to look again whether an idle server should get work that others should do first, or a copy of theirs.
     pub(crate) look_at: Option<Instant>,
-    /// How often a server that had been silent spoke again.
-    pub(crate) woken: usize,
     /// Results that wait for a second server's, by evaluation.
     pub(crate) checks: BTreeMap<usize, Check>,
     /// How often work was submitted.
     pub(crate) work_number: u64,
-    /// Servers whose processes are watched, and of each the last process that ended.
-    pub(crate) watched: BTreeSet<u64>,
-    pub(crate) ended_pids: BTreeMap<u64, u64>,
     /// Two servers do not agree, and nobody can tell which one is wrong.
     pub(crate) disagreement: Option<String>,
-    /// By id: results handed out since it was sure that one server alone has it, before and since its last answer.
-    pub(crate) unproven: BTreeMap<u64, (usize, usize)>,
     /// Since when all servers have failed what succeeded before.
     pub(crate) broken_since: Option<Instant>,
     /// Servers that are to vouch for what they said, and are not there: since when.
@@ -101,16 +89,14 @@ impl Scheduler {
     #[must_use]
     pub fn new(config: Config, now: Instant) -> Self {
         Self {
-            offers: Offers::default(),
-            rounds: VecDeque::new(),
-            round: 0,
-            next_round: now,
-            round_pause: FIRST_ROUND,
+            fleet: Fleet::default(),
+            discovery: Discovery::new(now),
+            processes: Processes::default(),
+            unproven: Unproven::default(),
             ledger: Ledger::default(),
             in_flight: InFlight::new(config.first_instance),
             refused_at: None,
             journal: Journal::default(),
-            left_behind: BTreeMap::new(),
             outbox: Outbox::default(),
             messages: Messages::new(&config),
             lonely_since: None,
@@ -118,15 +104,10 @@ impl Scheduler {
             limits: Limits::default(),
             beside: 0,
             counts: Counts::default(),
-            suspect: None,
             look_at: None,
-            woken: 0,
             checks: BTreeMap::new(),
             work_number: 0,
-            watched: BTreeSet::new(),
-            ended_pids: BTreeMap::new(),
             disagreement: None,
-            unproven: BTreeMap::new(),
             broken_since: None,
             absent: BTreeMap::new(),
             undecided: None,
@@ -161,7 +142,7 @@ impl Scheduler {
         self.cancel();
         self.messages.begin(&self.config, work.seeds());
         self.config.demand.kind = work.kind().map(str::to_owned);
-        for (server, reason) in self.offers.assign(&self.config.demand) {
+        for (server, reason) in self.fleet.assign(&self.config.demand) {
             self.outbox
                 .warn(format!("server {server} is not used: it {reason}"));
         }
@@ -170,12 +151,12 @@ impl Scheduler {
         self.broken_since = None;
         self.absent.clear();
         self.undecided = None;
-        self.offers.health.new_work();
+        self.fleet.new_work();
         self.work_number += 1;
         self.beside = self.beside(&work);
         self.limits.begin();
         self.ledger = Ledger::new(work, self.config.demand.metrics.len());
-        self.next_round = self.next_round.min(now + LATER_ROUND);
+        self.discovery.work_began(now);
         self.dispatch(now);
     }
 
@@ -227,11 +208,7 @@ impl Scheduler {
     /// Gives up all work: ends what the servers have to do.
     pub fn cancel(&mut self) {
         let requests = self.in_flight.clear();
-        let slots = self.offers.slots.iter_mut();
-        let jobs: Vec<(u64, Vec<Job>)> = slots
-            .map(|(id, slot)| (*id, std::mem::take(&mut slot.jobs)))
-            .collect();
-        for (server, jobs) in jobs {
+        for (server, jobs) in self.fleet.take_all_jobs() {
             let mut blocks = false;
             for job in &jobs {
                 match job {
@@ -259,35 +236,24 @@ impl Scheduler {
     }
 
     /// Frees all servers that this tool still holds.
-    ///
-    /// All servers hear what one is told here: of many, those are not told that are free in some seconds anyway.
     pub fn release(&mut self) {
         self.cancel();
-        let slots = &self.offers.slots;
-        let many = slots.values().filter(|slot| slot.held).count() > MOST_TOLD;
-        let told = |slot: &Slot| slot.held && !(many && slot.capabilities.swarmwright.is_some());
-        let held = slots.iter().filter(|(_, slot)| told(slot));
-        let held: Vec<u64> = held.map(|(id, _)| *id).collect();
-        for server in held {
-            self.let_go(server);
+        for (server, hash) in self.fleet.release() {
+            let hash = hash.unwrap_or_else(|| self.messages.new_hash());
+            self.end_run(server, &hash);
         }
-        self.offers.slots.clear();
     }
 
     /// Frees a server, and ends what it still has to do for this tool.
     pub(crate) fn let_go(&mut self, server: u64) {
-        let last = self
-            .offers
-            .slots
-            .get_mut(&server)
-            .and_then(|slot| slot.last_hash.clone());
+        let last = self.fleet.last_hash(server);
         let hash = last.unwrap_or_else(|| self.messages.new_hash());
         self.end_run(server, &hash);
     }
 
     pub(crate) fn control(&self, server: u64, hash: String, run: bool) -> Control {
         // Of two servers with one id it is this one that is meant.
-        let instance = run.then(|| self.offers.instance(server)).flatten();
+        let instance = run.then(|| self.fleet.instance(server)).flatten();
         self.messages
             .control(&self.config, server, instance, hash, run)
     }
@@ -308,7 +274,7 @@ impl Scheduler {
                 .next()
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
-            let jobs = self.offers.left(id);
+            let jobs = self.fleet.left(id);
             return self.fail_jobs(jobs, &format!("server {id} left"), Blame::Nobody, now);
         }
         if kind == Topic::Sensor {
@@ -339,6 +305,26 @@ impl Scheduler {
         }
     }
 
+    /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
+    /// not be found out.
+    pub fn broker_holds_back(&mut self, found: Result<bool, String>, address: &str) {
+        if let Some(text) = self.fleet.lag().told(found, address) {
+            self.outbox.warn(text);
+        }
+    }
+
+    pub(crate) fn config(&self) -> &Config {
+        &self.config
+    }
+
+    pub(crate) fn fleet(&self) -> &Fleet {
+        &self.fleet
+    }
+
+    pub(crate) fn journal(&self) -> &Journal {
+        &self.journal
+    }
+
     /// Incidents so far.
     #[must_use]
     pub fn counts(&self) -> &Counts {
@@ -356,10 +342,10 @@ impl Scheduler {
     pub fn next_tick(&self) -> Instant {
         let deadline = self.in_flight.next_deadline(&self.config);
         let doubt = self.next_doubt();
-        [deadline, doubt, self.look_at, self.offers.next_unbench()]
+        [deadline, doubt, self.look_at, self.fleet.next_unbench()]
             .into_iter()
             .flatten()
-            .fold(self.next_round, Instant::min)
+            .fold(self.discovery.next(), Instant::min)
     }
 
     /// Time has passed.
@@ -367,14 +353,14 @@ impl Scheduler {
         self.late_episodes(now);
         self.late_requests(now);
         self.doubt(now);
-        self.offers.unbench(now);
+        self.fleet.unbench(now);
         self.settle_unchecked(now);
         self.limits.tick(now);
-        if self.next_round <= now {
+        if self.discovery.next() <= now {
             if self.wants_servers() {
                 self.discover(now);
             } else {
-                self.next_round = now + LATER_ROUND;
+                self.discovery.postpone(now);
             }
         }
         self.dispatch(now);
@@ -385,9 +371,8 @@ impl Scheduler {
     /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
     /// question for a wish.
     fn wants_servers(&self) -> bool {
-        let slots = &self.offers.slots;
         let looking = self.work_number == 0 || !self.finished();
-        let few = slots.is_empty() || slots.values().any(|slot| !slot.usable());
+        let few = self.fleet.is_empty() || self.fleet.slots().any(|(_, slot)| !slot.usable());
         // Another tool may have been faster on its server; see `beaten`.
         let waiting = self.in_flight.episodes().any(|one| !one.begun());
         // Whether others are silent, too, tells what to think of one that is lost.
@@ -397,12 +382,8 @@ impl Scheduler {
 
     /// The connection broke: the work under way on it is lost, and nobody's fault.
     pub fn disconnected(&mut self, now: Instant) {
-        let slots = self.offers.slots.iter();
-        let held = slots.filter(|(_, slot)| slot.held);
-        let held = held.map(|(id, slot)| (*id, slot.last_hash.clone()));
-        self.left_behind.extend(held);
         self.counts.broker_losses += 1;
-        self.offers.clear();
+        self.fleet.clear();
         let jobs = self.in_flight.jobs();
         let reason = "the connection to the broker broke";
         self.fail_jobs(jobs, reason, Blame::Broker, now);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::queue::blame::{Failure, How};
 use crate::scheduler::queue::piece::{Piece, Purpose};
 
@@ -59,7 +59,7 @@ impl Scheduler {
     pub(crate) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
         self.counts.server_failures += 1;
         self.counts.benched += 1;
-        self.offers.bench(server, reason, now);
+        self.fleet.bench(server, reason, now);
     }
 
     /// Work that brought no result is queued again, or has failed.
@@ -99,10 +99,10 @@ impl Scheduler {
         };
         // What it did before was a success.
         let sound =
-            self.ledger.suspicions.is_proven(server) && !self.offers.health.has_failed(server);
+            self.ledger.suspicions.is_proven(server) && !self.fleet.health().has_failed(server);
         if how != How::Lost {
             let candidate = piece.first() / self.ledger.episodes();
-            self.offers.health.failed_candidate(server, candidate);
+            self.fleet.failed_candidate(server, candidate);
         }
         let evaluation = piece.first();
         if piece.len() == 1 && self.ledger.has_ended(evaluation) {
@@ -112,10 +112,10 @@ impl Scheduler {
         if counts {
             let failure = Failure {
                 server,
-                instance: self.offers.instance(server),
+                instance: self.fleet.instance(server),
                 reason: reason.to_owned(),
                 how,
-                certain: sound && self.offers.repeats_itself(server),
+                certain: sound && self.fleet.repeats_itself(server),
                 at: now,
             };
             let suspicions = &mut self.ledger.suspicions;

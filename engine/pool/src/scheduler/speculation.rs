@@ -100,7 +100,7 @@ impl Scheduler {
 
     fn drop_all(&mut self, over: impl Fn(&Self, &Piece) -> bool, reason: &str, now: Instant) {
         for (server, job) in self.in_flight.jobs_of(|piece| over(self, piece)) {
-            self.offers.finished(server, &job);
+            self.fleet.finished(server, &job);
             match self.in_flight.drop_job(job) {
                 Some(Dropped::Episode(hash, episode)) => {
                     if episode.piece.purpose != Purpose::Probe {
@@ -119,10 +119,9 @@ impl Scheduler {
                         continue;
                     }
                     // There is no way to end one of two requests.
-                    let slot = self.offers.slots.get_mut(&server);
-                    let others = slot.map(|slot| std::mem::take(&mut slot.jobs));
+                    let others = self.fleet.take_jobs(server);
                     self.let_go(server);
-                    self.fail_each(others.unwrap_or_default(), reason, Blame::Nobody, now);
+                    self.fail_each(others, reason, Blame::Nobody, now);
                 }
                 None => {}
             }
@@ -141,7 +140,7 @@ impl Scheduler {
     }
 
     fn run_doubt(&self, run: &Episode) -> Option<Instant> {
-        let slot = self.offers.slots.get(&run.server)?;
+        let slot = self.fleet.slot(run.server)?;
         let least = self.config.faults.least;
         let step = slot.steps.bound(least).map(|bound| run.heard + bound);
         let episode = slot.episodes.bound(least).map(|bound| run.started + bound);
@@ -150,7 +149,7 @@ impl Scheduler {
     }
 
     fn request_doubt(&self, request: &Request) -> Option<Instant> {
-        let slot = self.offers.slots.get(&request.server)?;
+        let slot = self.fleet.slot(request.server)?;
         let least = self.config.faults.least;
         let bound = match &request.batch {
             Some(batch) if batch.steers() => slot.steps.bound(least)?,
@@ -208,7 +207,7 @@ impl Scheduler {
             }
             pieces.push(request.piece.clone());
         }
-        self.offers.fell_silent(server);
+        self.fleet.fell_silent(server);
         let mut given = false;
         pieces.sort_by_key(Piece::first);
         for piece in pieces.into_iter().rev() {
@@ -247,10 +246,9 @@ impl Scheduler {
             return;
         }
         self.look_at = None;
-        let slots = self.offers.slots.iter();
-        let idle = slots.filter(|(_, slot)| slot.usable() && slot.jobs.is_empty());
+        let idle = self.fleet.usable().filter(|(_, slot)| slot.jobs.is_empty());
         let mut idle: Vec<(f64, u64)> = idle
-            .filter_map(|(id, slot)| Some((slot.rate?, *id)))
+            .filter_map(|(id, slot)| Some((slot.rate?, id)))
             .collect();
         if idle.is_empty() {
             return;
@@ -275,7 +273,7 @@ impl Scheduler {
     /// What of all servers' work others may have as well, what takes longest first.
     fn under_way(&self, now: Instant) -> Vec<UnderWay> {
         let mut all = Vec::new();
-        for (id, slot) in &self.offers.slots {
+        for (id, slot) in self.fleet.slots() {
             let mut before = 0.0;
             for job in &slot.jobs {
                 let Some((piece, since)) = self.in_flight.piece_of(job) else {
@@ -298,7 +296,7 @@ impl Scheduler {
                     elapsed
                 };
                 all.push(UnderWay {
-                    server: *id,
+                    server: id,
                     open: piece.part(open),
                     remaining,
                 });
@@ -310,7 +308,7 @@ impl Scheduler {
 
     /// What a server could do in much less time than it will still take where it is; the worst of these.
     fn slowest(&self, server: u64, rate: f64, under_way: &[UnderWay]) -> Option<Piece> {
-        let limit = match self.offers.slots.get(&server)?.way {
+        let limit = match self.fleet.slot(server)?.way {
             Way::Stepwise => 1,
             Way::Batched(batch) => batch,
             Way::Offloaded => usize::MAX,

@@ -22,20 +22,20 @@ impl Scheduler {
     pub fn sizes(&self) -> Option<(usize, usize)> {
         match (self.config.demand.sensors, self.config.demand.actuators) {
             (Some(sensors), Some(actuators)) => Some((sensors, actuators)),
-            _ => self.offers.sizes(),
+            _ => self.fleet.sizes(),
         }
     }
 
     /// Whether a fitting server is there for this tool.
     #[must_use]
     pub fn has_server(&self) -> bool {
-        !self.offers.slots.is_empty()
+        !self.fleet.is_empty()
     }
 
     /// A server that fits and serves somebody else.
     #[must_use]
     pub fn busy_elsewhere(&self) -> Option<String> {
-        self.offers.busy_elsewhere(&self.config.demand)
+        self.fleet.busy_elsewhere(&self.config.demand)
     }
 
     /// Why the work cannot be done, when all servers that are there say so.
@@ -43,7 +43,7 @@ impl Scheduler {
     pub fn rejected(&self, now: Instant) -> Option<String> {
         let settled = now.saturating_duration_since(self.refused_at?) >= OTHERS;
         let alone = settled && self.busy_elsewhere().is_none();
-        alone.then(|| self.offers.refused()).flatten()
+        alone.then(|| self.fleet.refused()).flatten()
     }
 
     /// What was required and what was found, in words.
@@ -52,20 +52,20 @@ impl Scheduler {
         format!(
             "required: {}; found: {}",
             self.config.demand.describe(),
-            self.offers.describe(&self.config.demand)
+            self.fleet.describe(&self.config.demand)
         )
     }
 
     /// Titles that the servers offer.
     #[must_use]
     pub fn titles(&self) -> Vec<String> {
-        self.offers.titles()
+        self.fleet.titles()
     }
 
     /// Metrics that servers with this simulation announce, those that do not fit too.
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
-        self.offers.metrics()
+        self.fleet.metrics()
     }
 
     /// How long there has been work and no server for it.
@@ -103,7 +103,7 @@ impl Scheduler {
         let lonely = self.lonely(now);
         (lonely >= SILENCE).then(|| NoServer {
             seconds: lonely.as_secs_f64(),
-            found: self.offers.describe(&self.config.demand),
+            found: self.fleet.describe(&self.config.demand),
         })
     }
 
@@ -111,10 +111,10 @@ impl Scheduler {
     #[must_use]
     pub fn status(&self, now: Instant) -> Status {
         let count = |number: usize| number as u64;
-        let used = |(id, slot): (&u64, &Slot)| {
-            let past = self.offers.health.failures(*id);
+        let used = |(id, slot): (u64, &Slot)| {
+            let past = self.fleet.health().failures(id);
             Used {
-                server: *id,
+                server: id,
                 mode: slot.way.name().to_owned(),
                 speed: slot.rate.map(rounded),
                 failures: past.map_or(0, |(failures, _)| failures.into()),
@@ -126,7 +126,7 @@ impl Scheduler {
                     .map(|until| rounded(until.saturating_duration_since(now).as_secs_f64())),
             }
         };
-        let mut servers: Vec<Used> = self.offers.slots.iter().map(used).collect();
+        let mut servers: Vec<Used> = self.fleet.slots().map(used).collect();
         servers.sort_by_key(|used| (used.benched.is_none(), used.server));
         servers.truncate(MOST_LISTED);
         let mut waiting_for = self.waiting(now);

@@ -67,7 +67,8 @@ impl Reporter {
 
     /// A message came; presence is news.
     pub fn heard(&mut self, scheduler: &Scheduler, topic: &str, payload: &[u8]) {
-        if self.listener.is_none() || scheduler.config.topics.parse(topic) != Some(Topic::Presence)
+        if self.listener.is_none()
+            || scheduler.config().topics.parse(topic) != Some(Topic::Presence)
         {
             return;
         }
@@ -83,7 +84,7 @@ impl Reporter {
         if let Ok(Message::Presence(presence)) = Message::decode(Topic::Presence, payload)
             && presence
                 .simulations
-                .contains(&scheduler.config.demand.simulation)
+                .contains(&scheduler.config().demand.simulation)
             && self.states.insert(presence.server, presence.state) != Some(presence.state)
         {
             self.tell(&Report::Server(presence.server, Some(presence.state)));
@@ -92,29 +93,26 @@ impl Reporter {
 
     /// The scheduler has worked on: attempts that ended since, and servers that got a pause for it.
     pub fn look(&mut self, scheduler: &Scheduler, now: Instant) {
-        if self.listener.is_none() || self.told == scheduler.journal.len() {
+        if self.listener.is_none() || self.told == scheduler.journal().len() {
             return;
         }
-        let news = scheduler.journal.after(self.told);
-        self.told = scheduler.journal.len();
+        let news = scheduler.journal().after(self.told);
+        self.told = scheduler.journal().len();
         for (attempt, _) in news {
             self.tell(&Report::Attempt(attempt));
         }
         if news.iter().all(|(attempt, _)| attempt.error.is_none()) {
             return;
         }
-        for (server, slot) in &scheduler.offers.slots {
-            let (failures, reason) = scheduler
-                .offers
-                .health
-                .failures(*server)
-                .unwrap_or_default();
-            let before = self.failures.insert(*server, failures).unwrap_or(0);
+        for (server, slot) in scheduler.fleet().slots() {
+            let past = scheduler.fleet().health().failures(server);
+            let (failures, reason) = past.unwrap_or_default();
+            let before = self.failures.insert(server, failures).unwrap_or(0);
             if failures > before
                 && let Some(until) = slot.benched
             {
                 self.tell(&Report::Benched {
-                    server: *server,
+                    server,
                     failures,
                     reason,
                     seconds: until.saturating_duration_since(now).as_secs_f64(),

@@ -9,7 +9,7 @@ use swarmwright_mqtt::Waker;
 
 use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
 
@@ -167,18 +167,13 @@ impl Supervision {
 impl Scheduler {
     /// The processes of these servers are watched: [`ended`](Self::ended) tells when one ends.
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) {
-        self.watched.extend(servers);
-    }
-
-    /// Whether a process is one that has ended.
-    pub(crate) fn has_ended(&self, server: u64, pid: Option<u64>) -> bool {
-        pid.is_some() && self.ended_pids.get(&server).copied() == pid
+        self.processes.watch(servers);
     }
 
     /// The first candidate and the first episode of a request to a server that is watched.
     pub(crate) fn place(&self, request: u64) -> Option<(usize, usize)> {
         let request = self.in_flight.request(request)?;
-        if !self.watched.contains(&request.server) {
+        if !self.processes.are_watched(request.server) {
             return None;
         }
         let (candidates, episodes) = self.ledger.extent(&request.piece);
@@ -197,11 +192,11 @@ impl Scheduler {
     /// all else that it had goes to others as if nothing had happened.
     pub fn ended(&mut self, ending: &Ending, now: Instant) {
         let server = ending.server;
-        self.ended_pids.insert(server, ending.pid);
+        self.processes.ended(server, ending.pid);
         self.counts.server_failures += 1;
         self.outbox
             .warn_counted(format!("{}; it is started again", ending.reason));
-        let jobs = self.offers.left(server);
+        let jobs = self.fleet.left(server);
         let blame = ending.blame();
         for (index, job) in jobs.into_iter().enumerate() {
             // What waited only is not to blame.

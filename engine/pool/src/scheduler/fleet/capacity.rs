@@ -123,12 +123,11 @@ impl Scheduler {
             if crowd.measured > MOST {
                 return None;
             }
-            let slots = self.offers.slots.iter();
-            let usable = slots.filter(|(_, slot)| slot.usable());
+            let usable = self.fleet.usable();
             crowd.busy = usable
                 .filter_map(|(id, slot)| {
                     Some(Busy {
-                        server: *id,
+                        server: id,
                         rate: slot.rate?,
                         until: self.busy_for(slot, slot.rate?, now),
                     })
@@ -160,10 +159,10 @@ impl Scheduler {
 
     pub(crate) fn crowd(&self) -> Crowd {
         let mut crowd = Crowd {
-            servers: self.usable_servers(),
+            servers: self.fleet.servers(),
             ..Crowd::default()
         };
-        for slot in self.offers.slots.values().filter(|slot| slot.usable()) {
+        for (_, slot) in self.fleet.usable() {
             crowd.add(slot);
         }
         crowd

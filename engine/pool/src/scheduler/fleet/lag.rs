@@ -9,8 +9,6 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use crate::scheduler::{Action, Scheduler};
-
 /// Milliseconds by which answers are late: of Linux (measured: 42 to 48), twice that, or of macOS; of Windows.
 const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];
 /// Answers that come sooner belong together with those before.
@@ -33,12 +31,12 @@ pub(crate) struct Answers {
 
 impl Answers {
     /// Messages were sent.
-    fn sent(&mut self, messages: u32) {
+    pub fn sent(&mut self, messages: u32) {
         self.together = self.together.saturating_add(messages);
     }
 
     /// It answered after such a time.
-    fn came(&mut self, wait: Duration) {
+    pub fn came(&mut self, wait: Duration) {
         self.seconds += wait.as_secs_f64();
         if wait < SOON {
             return;
@@ -63,7 +61,7 @@ impl Answers {
 
 /// A server whose answers are suspicious.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Suspect {
+struct Suspect {
     server: u64,
     answers: Answers,
 }
@@ -85,41 +83,32 @@ impl fmt::Display for Suspect {
 const REMEDY: &str = "have the broker send small packets at once (Mosquitto: `set_tcp_nodelay true`; others: \
      docs/how-to/external-broker.md)";
 
-impl Scheduler {
-    /// Messages of an episode went to its server.
-    pub(crate) fn sent_to(&mut self, server: u64, messages: u32) {
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            slot.answers.sent(messages);
+/// The first server that looks as if the broker held messages to it back; the broker is asked then, once.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Lag(Option<Suspect>);
+
+impl Lag {
+    /// Whether a server is the first one whose answers are suspicious.
+    pub fn is_news(&mut self, server: u64, answers: Answers) -> bool {
+        let news = self.0.is_none() && answers.are_suspicious();
+        if news {
+            self.0 = Some(Suspect { server, answers });
         }
+        news
     }
 
-    /// A server answered in an episode after such a time. The broker is asked once.
-    pub(crate) fn answered_after(&mut self, server: u64, wait: Duration) {
-        let Some(slot) = self.offers.slots.get_mut(&server) else {
-            return;
-        };
-        slot.answers.came(wait);
-        if self.suspect.is_none() && slot.answers.are_suspicious() {
-            let answers = slot.answers;
-            self.suspect = Some(Suspect { server, answers });
-            self.outbox.push(Action::AskBroker);
-        }
-    }
-
-    /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
-    /// not be found out.
-    pub fn broker_holds_back(&mut self, found: Result<bool, String>, address: &str) {
-        let Some(suspect) = self.suspect else {
-            return;
-        };
+    /// What to tell the user when the broker at `address` has been asked whether it holds small packets back; `found`:
+    /// the answer, or why there is none.
+    pub fn told(&self, found: Result<bool, String>, address: &str) -> Option<String> {
+        let suspect = self.0?;
         match found {
-            Ok(false) => {}
-            Ok(true) => self.outbox.warn(format!(
+            Ok(false) => None,
+            Ok(true) => Some(format!(
                 "evaluation is slow: the broker at {address} holds small packets back until those before have been \
                  acknowledged (Nagle's algorithm), and {suspect}, unless its simulation needs that for a step; {REMEDY}, or the \
                  server acknowledge at once (TCP_QUICKACK)"
             )),
-            Err(reason) => self.outbox.warn(format!(
+            Err(reason) => Some(format!(
                 "evaluation is slow: {suspect}, as they do where a broker holds small packets back (Nagle's algorithm), or where \
                  the simulation needs that for a step; whether the broker at {address} does could not be found out: \
                  {reason}; if so, {REMEDY}"

@@ -1,9 +1,368 @@
 //! Servers: which there are, what each offers, how they behave, how much they can do.
 
 pub(crate) mod capacity;
+pub(crate) mod describe;
+pub(crate) mod determinism;
 pub(crate) mod discovery;
+pub(crate) mod duplicates;
 pub(crate) mod health;
 pub(crate) mod lag;
 pub(crate) mod offers;
 pub(crate) mod pace;
+pub(crate) mod processes;
 pub(crate) mod slot;
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::Presence;
+
+use crate::scheduler::fleet::health::Health;
+use crate::scheduler::fleet::lag::Lag;
+use crate::scheduler::fleet::slot::Slot;
+use crate::scheduler::job::Job;
+
+/// Servers that are told one by one that they are free.
+const MOST_TOLD: usize = 100;
+
+/// All that is known of servers.
+#[derive(Debug, Default)]
+pub(crate) struct Fleet {
+    slots: BTreeMap<u64, Slot>,
+    presences: BTreeMap<u64, Presence>,
+    /// Servers that answered and do not fit, or cannot be told apart.
+    unfit: BTreeMap<u64, String>,
+    /// By id: the instances that answered lately, each with its last round.
+    seen: BTreeMap<u64, Vec<(String, u64)>>,
+    /// Ids to which two servers answered: the last round in which one did, and how often.
+    twins: BTreeMap<u64, (u64, u32)>,
+    /// Servers that answered with a hash that this tool has not asked with, each with that hash.
+    strangers: BTreeMap<u64, String>,
+    /// Servers that refused this work as such, by id: which start of the server, and why.
+    refusals: BTreeMap<u64, (Option<String>, String)>,
+    /// How ids have behaved so far.
+    health: Health,
+    /// Metrics that servers announced for this simulation, by id, whether they fit or not.
+    metrics: BTreeMap<u64, Vec<String>>,
+    /// Servers that may still wait for this tool since its connection broke, each with its last hash.
+    left_behind: BTreeMap<u64, Option<String>>,
+    /// How often a server that had been silent spoke again.
+    woken: usize,
+    lag: Lag,
+}
+
+/// Servers that may be used.
+impl Fleet {
+    pub fn is_empty(&self) -> bool {
+        self.slots.is_empty()
+    }
+
+    pub fn len(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// A server that may be used.
+    pub fn slot(&self, id: u64) -> Option<&Slot> {
+        self.slots.get(&id)
+    }
+
+    /// All of them by id.
+    pub fn slots(&self) -> impl Iterator<Item = (u64, &Slot)> {
+        self.slots.iter().map(|(id, slot)| (*id, slot))
+    }
+
+    /// Those that may get work now.
+    pub fn usable(&self) -> impl Iterator<Item = (u64, &Slot)> {
+        self.slots().filter(|(_, slot)| slot.usable())
+    }
+
+    /// How ids have behaved so far.
+    pub fn health(&self) -> &Health {
+        &self.health
+    }
+
+    /// How often a server that had been silent spoke again.
+    pub fn woken(&self) -> usize {
+        self.woken
+    }
+
+    /// What failed on one server waits for another one of these; not for one that has a pause after failures.
+    pub fn servers(&self) -> Vec<u64> {
+        // One that is new and has not failed is usable in a moment.
+        let new = |id: u64, slot: &Slot| {
+            !slot.silent && !slot.suspended && self.health.failures(id).is_none()
+        };
+        let usable = self
+            .slots()
+            .filter(|(id, slot)| slot.usable() || new(*id, slot));
+        usable.map(|(id, _)| id).collect()
+    }
+
+    /// The connection broke: forgets who is there, but for those that may still wait for this tool.
+    pub fn clear(&mut self) {
+        let held = self.slots.iter().filter(|(_, slot)| slot.held);
+        let held = held.map(|(id, slot)| (*id, slot.last_hash.clone()));
+        self.left_behind.extend(held);
+        *self = Self {
+            health: std::mem::take(&mut self.health),
+            left_behind: std::mem::take(&mut self.left_behind),
+            lag: std::mem::take(&mut self.lag),
+            ..Self::default()
+        };
+    }
+
+    /// The servers that may still wait for this tool since its connection broke, each with its last hash.
+    pub fn take_left_behind(&mut self) -> BTreeMap<u64, Option<String>> {
+        std::mem::take(&mut self.left_behind)
+    }
+
+    /// Ends the use of all servers. Returns those that are to be told: of many, those are not that are free in some
+    /// seconds anyway, since all servers hear what one is told.
+    pub fn release(&mut self) -> Vec<(u64, Option<String>)> {
+        let many = self.slots.values().filter(|slot| slot.held).count() > MOST_TOLD;
+        let slots = std::mem::take(&mut self.slots).into_iter();
+        let told = |slot: &Slot| slot.held && !(many && slot.capabilities.swarmwright.is_some());
+        let told = slots.filter(|(_, slot)| told(slot));
+        told.map(|(id, slot)| (id, slot.last_hash)).collect()
+    }
+}
+
+/// What servers are at.
+impl Fleet {
+    /// A server has one more job.
+    pub fn began(&mut self, id: u64, job: Job) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            if let Job::Episode(hash) = &job {
+                slot.last_hash = Some(hash.clone());
+            }
+            slot.jobs.push(job);
+            slot.held = true;
+        }
+    }
+
+    /// Takes all jobs of a server.
+    pub fn take_jobs(&mut self, id: u64) -> Vec<Job> {
+        let slot = self.slots.get_mut(&id);
+        slot.map_or_else(Vec::new, |slot| std::mem::take(&mut slot.jobs))
+    }
+
+    /// Takes the jobs of all servers.
+    pub fn take_all_jobs(&mut self) -> Vec<(u64, Vec<Job>)> {
+        let slots = self.slots.iter_mut();
+        slots
+            .map(|(id, slot)| (*id, std::mem::take(&mut slot.jobs)))
+            .collect()
+    }
+
+    /// The last hash that a server ran for this tool.
+    pub fn last_hash(&self, id: u64) -> Option<String> {
+        self.slots.get(&id)?.last_hash.clone()
+    }
+
+    pub fn remove(&mut self, id: u64) -> Vec<Job> {
+        self.slots
+            .remove(&id)
+            .map_or_else(Vec::new, |slot| slot.jobs)
+    }
+
+    /// Which start of a server is used, if it says.
+    pub fn instance(&self, id: u64) -> Option<String> {
+        self.slots.get(&id)?.instance.clone()
+    }
+
+    /// A server has done a job, or is not to do it any more.
+    pub fn finished(&mut self, id: u64, job: &Job) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.jobs.retain(|other| other != job);
+        }
+    }
+
+    /// A server failed: a pause that doubles with each failure in a row, also where it is gone and comes back.
+    pub fn bench(&mut self, id: u64, reason: &str, now: Instant) {
+        let until = self.health.failed(id, reason, now);
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.benched = Some(until);
+        }
+    }
+
+    /// What a server was benched for last was none of its fault.
+    pub fn forgive(&mut self, id: u64) {
+        self.health.forgive(id);
+    }
+
+    /// A server failed what had succeeded before: a pause that doubles each time.
+    pub fn broke(&mut self, id: u64, reason: &str, now: Instant) {
+        let until = self.health.broke(id, reason, now);
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.benched = Some(until);
+        }
+    }
+
+    /// Whether any server was heard in the second half of one's silence: not all are out of reach then. One that answers
+    /// questions but not this one is there itself.
+    pub fn anyone_spoke(&self, since: Instant, now: Instant) -> bool {
+        let half = since + now.saturating_duration_since(since) / 2;
+        self.slots.values().any(|slot| slot.heard > half)
+    }
+
+    /// Nothing came from a server in time: it gets no work before it says something, at least an answer to a question.
+    pub fn fell_silent(&mut self, id: u64) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.silent = true;
+        }
+    }
+
+    /// A server is new; its first work waits until `until`, or for longer where it has failed again and again.
+    pub fn introduce(&mut self, id: u64, until: Instant, now: Instant) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            let pause = self.health.pause(id, now);
+            slot.benched = Some(pause.map_or(until, |pause| pause.max(until)));
+        }
+    }
+
+    /// A server did `episodes` in `seconds`.
+    pub fn did_well(&mut self, id: u64, episodes: usize, seconds: f64) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.measured(episodes, seconds);
+            self.health.recovered(id);
+        }
+    }
+
+    /// A server's results are wrong: it is not used any more. Returns the jobs that it had.
+    pub fn distrust(&mut self, id: u64, reason: &str) -> Vec<Job> {
+        self.health.distrust(id, reason);
+        self.unfit.insert(id, reason.to_owned());
+        self.remove(id)
+    }
+
+    /// Benched servers whose pause is over may be used again.
+    pub fn unbench(&mut self, now: Instant) {
+        for slot in self.slots.values_mut() {
+            if slot.benched.is_some_and(|until| until <= now) {
+                slot.benched = None;
+            }
+        }
+    }
+
+    pub fn next_unbench(&self) -> Option<Instant> {
+        self.slots.values().filter_map(|slot| slot.benched).min()
+    }
+
+    /// Something of use came from a server in an episode.
+    pub fn heard(&mut self, id: u64, now: Instant) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.silent = false;
+            slot.heard = now;
+        }
+    }
+
+    /// A server answered a request.
+    pub fn answered_request(&mut self, id: u64, now: Instant) {
+        let silent = self.slots.get(&id).is_some_and(|slot| slot.silent);
+        self.woken += usize::from(silent);
+        self.heard(id, now);
+    }
+
+    /// A server says that it failed.
+    pub fn spoke(&mut self, id: u64) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.silent = false;
+        }
+    }
+
+    /// From one message of an episode or a batch to the next.
+    pub fn measured_step(&mut self, id: u64, duration: Duration) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.steps.measured(duration);
+        }
+    }
+
+    /// The fitness of an episode came.
+    pub fn measured_episode(&mut self, id: u64, duration: Duration) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.episodes.measured(duration);
+            slot.beaten = 0;
+        }
+    }
+
+    /// Another tool was faster on a server. How often in a row.
+    pub fn was_beaten(&mut self, id: u64) -> u32 {
+        self.slots.get_mut(&id).map_or(0, |slot| {
+            slot.beaten += 1;
+            slot.beaten
+        })
+    }
+
+    /// A server that has nothing to do is passed over: since when. None if it has something to do.
+    pub fn pass_over(&mut self, id: u64, now: Instant) -> Option<Instant> {
+        let slot = self.slots.get_mut(&id);
+        let slot = slot.filter(|slot| slot.jobs.is_empty())?;
+        Some(*slot.passed_over.get_or_insert(now))
+    }
+
+    /// A server is passed over no more. False if it is not there.
+    pub fn consider(&mut self, id: u64) -> bool {
+        let slot = self.slots.get_mut(&id);
+        slot.map(|slot| slot.passed_over = None).is_some()
+    }
+}
+
+/// How servers behave.
+impl Fleet {
+    /// Other work has begun, with candidates of its own.
+    pub fn new_work(&mut self) {
+        self.health.new_work();
+    }
+
+    /// A server succeeded with something.
+    pub fn succeeded(&mut self, id: u64) {
+        self.health.succeeded(id);
+    }
+
+    /// A server failed a candidate that may be to blame itself.
+    pub fn failed_candidate(&mut self, id: u64, candidate: usize) {
+        self.health.failed_candidate(id, candidate);
+    }
+
+    /// Servers that have failed several candidates and succeeded with none get nothing new before they have shown that
+    /// they can evaluate what succeeded elsewhere; before anything has (it is `known`), as long as others may succeed.
+    pub fn suspend(&mut self, known: bool) {
+        if !self.health.has_doubtful() {
+            return;
+        }
+        let sound = |id: &u64| !self.health.is_doubtful(*id);
+        let mut slots = self.slots.iter();
+        let hope = slots.any(|(id, slot)| sound(id) && !slot.silent);
+        let doubtful: Vec<u64> = self.slots.keys().copied().filter(|id| !sound(id)).collect();
+        for (id, slot) in &mut self.slots {
+            slot.suspended = (known || hope) && doubtful.contains(id);
+        }
+        if doubtful.is_empty() {
+            self.health.none_doubtful();
+        }
+    }
+}
+
+/// Brokers that hold small packets back.
+impl Fleet {
+    /// Messages of an episode went to its server.
+    pub fn sent_to(&mut self, id: u64, messages: u32) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.answers.sent(messages);
+        }
+    }
+
+    /// A server answered in an episode after such a time. Whether the broker is to be asked, once.
+    pub fn answered_after(&mut self, id: u64, wait: Duration) -> bool {
+        let Some(slot) = self.slots.get_mut(&id) else {
+            return false;
+        };
+        slot.answers.came(wait);
+        self.lag.is_news(id, slot.answers)
+    }
+
+    /// What to tell of it.
+    pub fn lag(&self) -> &Lag {
+        &self.lag
+    }
+}

@@ -7,15 +7,7 @@ use swarmwright_protocol::Capabilities;
 use crate::mode::Way;
 use crate::scheduler::fleet::lag::Answers;
 use crate::scheduler::fleet::pace::Pace;
-
-/// Work that a server has for this tool.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Job {
-    /// The stepwise episode of this hash.
-    Episode(String),
-    /// The request of this number: a block or a batch.
-    Request(u64),
-}
+use crate::scheduler::job::Job;
 
 /// A server that answered a discovery and fits.
 #[derive(Debug, Clone)]

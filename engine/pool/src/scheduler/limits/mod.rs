@@ -12,7 +12,7 @@ use limit::Limit;
 
 use crate::mode::Way;
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::modes::request::Request;
 
 /// Messages of so many bytes are taken by every broker.
@@ -183,7 +183,7 @@ impl Scheduler {
     /// A server's connection has ended: perhaps on what it had just sent.
     pub(crate) fn suspect(&mut self, server: u64, instance: Option<&str>, now: Instant) {
         self.limits.suspects.remove(&server);
-        let (Some(slot), Some(instance)) = (self.offers.slots.get(&server), instance) else {
+        let (Some(slot), Some(instance)) = (self.fleet.slot(server), instance) else {
             return;
         };
         let Some(Job::Request(number)) = slot.jobs.first() else {
@@ -233,7 +233,7 @@ impl Scheduler {
         }
         let limit = self.limits.of(suspect.kind);
         if suspect.size > limit.taken() {
-            self.offers.forgive(server);
+            self.fleet.forgive(server);
         }
         limit.ended(suspect.size, suspect.size == 1, now);
         let is_hopeless = limit.is_hopeless();

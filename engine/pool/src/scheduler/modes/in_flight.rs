@@ -6,7 +6,7 @@ use std::time::Instant;
 use swarmwright_protocol::Waiting;
 
 use crate::config::Config;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::modes::request::Request;
 use crate::scheduler::queue::piece::Piece;

@@ -9,7 +9,7 @@ use swarmwright_protocol::{
 
 use crate::journal::Attempt;
 use crate::metrics::needed;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::modes::request::Request;
 use crate::scheduler::queue::piece::Piece;
@@ -49,7 +49,7 @@ impl Scheduler {
         let Some(work) = &self.ledger.work else {
             return;
         };
-        let rate = self.offers.slots.get(&server).and_then(|slot| slot.rate);
+        let rate = self.fleet.slot(server).and_then(|slot| slot.rate);
         #[expect(
             clippy::cast_precision_loss,
             reason = "far fewer than 2^53 evaluations"
@@ -71,12 +71,12 @@ impl Scheduler {
             metrics: self.config.demand.metrics.clone(),
             attempt: piece.tries + 1,
             // What was sent before this one is computed first. Who is watched is ended where it takes too long.
-            lease: if self.watched.contains(&server) {
+            lease: if self.processes.are_watched(server) {
                 0.0
             } else {
                 lease * 2.0
             },
-            instance: self.offers.instance(server),
+            instance: self.fleet.instance(server),
         });
         let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.step_timeout);
         self.request(&message, piece, server, lease, None, now);
@@ -114,7 +114,7 @@ impl Scheduler {
                     .collect(),
             ),
             metrics: self.config.demand.metrics.clone(),
-            instance: self.offers.instance(server),
+            instance: self.fleet.instance(server),
         });
         let metrics = self.config.demand.metrics.clone();
         // Agents that steer themselves are not heard of before all episodes are over.
@@ -140,10 +140,7 @@ impl Scheduler {
         let request = Request::new(piece, server, lease, batch, now);
         let number = self.in_flight.begin_request(request);
         self.ask(server, number, message);
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            slot.jobs.push(Job::Request(number));
-            slot.held = true;
-        }
+        self.fleet.began(server, Job::Request(number));
     }
 
     /// A request was not sent: a broker that takes so little takes it from no server.
@@ -178,7 +175,7 @@ impl Scheduler {
 
     /// What is different where there is something to give away, or somebody to give it to.
     fn changes(&self) -> (usize, usize, usize) {
-        (self.journal.len(), self.ledger.queued(), self.woken)
+        (self.journal.len(), self.ledger.queued(), self.fleet.woken())
     }
 
     fn answer(&mut self, message: ToTool, now: Instant) {
@@ -220,11 +217,7 @@ impl Scheduler {
         if request.server != server {
             return None;
         }
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            self.woken += usize::from(slot.silent);
-            slot.silent = false;
-            slot.heard = now;
-        }
+        self.fleet.answered_request(server, now);
         Some(is_batch)
     }
 
@@ -257,7 +250,7 @@ impl Scheduler {
             self.in_flight.put_back_request(number, request);
             return self.misbehaved(server, &reason, now);
         }
-        self.offers.finished(request.server, &Job::Request(number));
+        self.fleet.finished(request.server, &Job::Request(number));
         let (count, since) = (
             request.piece.len(),
             now.saturating_duration_since(request.heard),
@@ -273,9 +266,9 @@ impl Scheduler {
         };
         // How fast a server fails tells nothing of how fast it is.
         if message.failed.len() < count {
-            self.offers.did_well(request.server, count, seconds);
+            self.fleet.did_well(request.server, count, seconds);
         }
-        if let Some(slot) = self.offers.slots.get_mut(&request.server) {
+        if let Some(slot) = self.fleet.slot(request.server) {
             for job in &slot.jobs {
                 if let Job::Request(next) = job
                     && let Some(next) = self.in_flight.request_mut(*next)
@@ -333,10 +326,8 @@ impl Scheduler {
                 return self.misbehaved(server, &reason, now);
             }
         };
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            slot.steps
-                .measured(now.saturating_duration_since(request.heard));
-        }
+        let since = now.saturating_duration_since(request.heard);
+        self.fleet.measured_step(server, since);
         request.heard = now;
         for (index, reason, stack) in progress.failed {
             self.fail_one(&request, index, reason, stack, now);
@@ -358,11 +349,11 @@ impl Scheduler {
             self.ask(server, number, &answer);
             return;
         }
-        self.offers.finished(server, &Job::Request(number));
+        self.fleet.finished(server, &Job::Request(number));
         let seconds = now.saturating_duration_since(request.started);
         let count = request.piece.len();
         if request.apart.len() < count {
-            self.offers.did_well(server, count, seconds.as_secs_f64());
+            self.fleet.did_well(server, count, seconds.as_secs_f64());
         }
         self.record_request(&request, None, now);
         self.went_through(&request);
@@ -398,12 +389,12 @@ impl Scheduler {
                 let blame = Blame::Silent { others: false };
                 return self.fail_server(server, &reason, blame, now);
             }
-            RefusalKind::Taken => self.offers.remove(server),
+            RefusalKind::Taken => self.fleet.remove(server),
             RefusalKind::Invalid => {
                 self.refused_at = Some(now);
                 self.outbox
                     .warn(format!("server {server} refuses the work: {reason}"));
-                self.offers.refuse(server, reason)
+                self.fleet.refuse(server, reason)
             }
         };
         // Also where the server was given up meanwhile.
@@ -417,7 +408,7 @@ impl Scheduler {
             return;
         };
         let server = request.server;
-        self.offers.finished(server, &Job::Request(number));
+        self.fleet.finished(server, &Job::Request(number));
         self.record_request(&request, Some(reason.to_owned()), now);
         let alone = request.piece.len() == 1;
         for piece in request.rest() {
@@ -452,7 +443,7 @@ impl Scheduler {
     pub(crate) fn late_requests(&mut self, now: Instant) {
         for number in self.in_flight.late_requests(now) {
             if let Some(request) = self.in_flight.request_mut(number) {
-                if self.watched.contains(&request.server) && !request.overdue {
+                if self.processes.are_watched(request.server) && !request.overdue {
                     request.overdue = true;
                     self.outbox.push(Action::Overdue(request.server));
                     continue;
@@ -460,8 +451,8 @@ impl Scheduler {
                 let (server, heard) = (request.server, request.heard);
                 let reason = request.waiting_for(now).to_string();
                 self.counts.time_outs += 1;
-                self.offers.fell_silent(server);
-                let others = self.offers.anyone_spoke(heard, now);
+                self.fleet.fell_silent(server);
+                let others = self.fleet.anyone_spoke(heard, now);
                 self.fail_server(server, &reason, Blame::Silent { others }, now);
             }
         }
@@ -479,7 +470,7 @@ impl Scheduler {
             .warn(format!("{reason}; the work is tried again elsewhere"));
         self.let_go(server);
         self.failed(server, reason, now);
-        let jobs = match self.offers.slots.get(&server) {
+        let jobs = match self.fleet.slot(server) {
             Some(slot) => slot.jobs.clone(),
             None => Vec::new(),
         };

@@ -10,7 +10,7 @@ use swarmwright_protocol::{
 use crate::journal::Attempt;
 use crate::metrics::needed;
 use crate::mode::Mode;
-use crate::scheduler::fleet::slot::Job;
+use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::retry::Blame;
@@ -54,7 +54,7 @@ impl Scheduler {
         self.publish(Topic::Parameters, payload);
         let control = self.control(server, hash.clone(), true);
         self.publish(Topic::Control, control.encode());
-        self.sent_to(server, 2);
+        self.fleet.sent_to(server, 2);
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
         let mut run = Episode::new(
             piece,
@@ -64,13 +64,9 @@ impl Scheduler {
             writer,
             now,
         );
-        run.round = self.round;
+        run.round = self.discovery.round();
         self.in_flight.begin_episode(hash.clone(), run);
-        if let Some(slot) = self.offers.slots.get_mut(&server) {
-            slot.jobs.push(Job::Episode(hash.clone()));
-            slot.last_hash = Some(hash);
-            slot.held = true;
-        }
+        self.fleet.began(server, Job::Episode(hash));
     }
 
     pub(crate) fn sensor(&mut self, sensor: &SensorReading, now: Instant) {
@@ -86,7 +82,7 @@ impl Scheduler {
             return self.found_two(server, round, now);
         }
         let since = now.saturating_duration_since(run.heard);
-        run.begun_in.get_or_insert(self.round);
+        run.begun_in.get_or_insert(self.discovery.round());
         match run.answer(sensor, now) {
             Ok(actuator) => {
                 let (server, bytes) = (run.server, actuator.len());
@@ -94,14 +90,11 @@ impl Scheduler {
                     self.end_run(server, &sensor.simulation_hash);
                     return self.not_for(server, &reason, now);
                 }
-                if let Some(slot) = self.offers.slots.get_mut(&server) {
-                    slot.steps.measured(since);
-                    slot.silent = false;
-                    slot.heard = now;
-                }
+                self.fleet.measured_step(server, since);
+                self.fleet.heard(server, now);
                 self.publish(Topic::Actuator, actuator);
                 self.answered_after(server, since);
-                self.sent_to(server, 1);
+                self.fleet.sent_to(server, 1);
             }
             Err(reason) if !run.steers() => {
                 let server = run.server;
@@ -115,6 +108,13 @@ impl Scheduler {
                     "refusing a sensor message of server {server}: {reason}"
                 ));
             }
+        }
+    }
+
+    /// A server answered in an episode after such a time.
+    fn answered_after(&mut self, server: u64, wait: Duration) {
+        if self.fleet.answered_after(server, wait) {
+            self.outbox.push(Action::AskBroker);
         }
     }
 
@@ -151,7 +151,7 @@ impl Scheduler {
         self.refused_at = Some(now);
         self.outbox
             .warn(format!("server {server} is not used: {reason}"));
-        let jobs = self.offers.refuse(server, reason);
+        let jobs = self.fleet.refuse(server, reason);
         self.fail_jobs(jobs, reason, Blame::Nobody, now);
     }
 
@@ -164,16 +164,12 @@ impl Scheduler {
             return self.unwanted(&message.simulation_hash);
         };
         let job = Job::Episode(message.simulation_hash.clone());
-        self.offers.finished(run.server, &job);
+        self.fleet.finished(run.server, &job);
         self.answered_after(run.server, now.saturating_duration_since(run.heard));
         let duration = now.saturating_duration_since(run.started);
-        self.offers.did_well(run.server, 1, duration.as_secs_f64());
-        if let Some(slot) = self.offers.slots.get_mut(&run.server) {
-            slot.episodes.measured(duration);
-            slot.silent = false;
-            slot.heard = now;
-            slot.beaten = 0;
-        }
+        self.fleet.did_well(run.server, 1, duration.as_secs_f64());
+        self.fleet.measured_episode(run.server, duration);
+        self.fleet.heard(run.server, now);
         let value = |name: &str| message.metrics.get(name).copied();
         match needed(&self.config.demand.metrics, value) {
             Ok(metrics) => {
@@ -248,7 +244,7 @@ impl Scheduler {
         let Some(run) = self.in_flight.end_episode(hash, false) else {
             return;
         };
-        self.offers
+        self.fleet
             .finished(run.server, &Job::Episode(hash.to_owned()));
         let blame = match blame {
             Blame::Lost if run.begun() => Blame::Gone,
@@ -274,10 +270,8 @@ impl Scheduler {
         let Some(run) = self.in_flight.end_episode(&hash, false) else {
             return;
         };
-        if let Some(slot) = self.offers.slots.get_mut(&run.server) {
-            slot.silent = false;
-        }
-        self.offers.finished(run.server, &Job::Episode(hash));
+        self.fleet.spoke(run.server);
+        self.fleet.finished(run.server, &Job::Episode(hash));
         let (reason, stack) = self
             .outbox
             .episode_failed(run.server, message.reason, message.stack);
@@ -308,11 +302,7 @@ impl Scheduler {
 
     fn beaten(&mut self, id: u64, hash: &str, now: Instant) {
         let reason = format!("server {id} is free and has not begun the episode");
-        let mut own_fault = false;
-        if let Some(slot) = self.offers.slots.get_mut(&id) {
-            slot.beaten += 1;
-            own_fault = slot.beaten > MOST_BEATEN;
-        }
+        let own_fault = self.fleet.was_beaten(id) > MOST_BEATEN;
         let blame = if own_fault {
             self.failed(id, &reason, now);
             Blame::Lost
@@ -330,7 +320,7 @@ impl Scheduler {
             let Some(run) = self.in_flight.episode_mut(&hash) else {
                 continue;
             };
-            if self.watched.contains(&run.server) && run.refused.is_none() && !run.overdue {
+            if self.processes.are_watched(run.server) && run.refused.is_none() && !run.overdue {
                 run.overdue = true;
                 self.outbox.push(Action::Overdue(run.server));
                 continue;
@@ -346,8 +336,8 @@ impl Scheduler {
             self.end_run(server, &hash);
             let blame = if run_refused.is_none() {
                 self.counts.time_outs += 1;
-                self.offers.fell_silent(server);
-                let others = self.offers.anyone_spoke(heard, now);
+                self.fleet.fell_silent(server);
+                let others = self.fleet.anyone_spoke(heard, now);
                 Blame::Silent { others }
             } else {
                 Blame::Answer

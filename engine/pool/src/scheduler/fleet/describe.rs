@@ -1,0 +1,102 @@
+//! What is known of servers, in words.
+
+use std::collections::BTreeMap;
+
+use swarmwright_protocol::State;
+
+use crate::demand::Demand;
+use crate::scheduler::fleet::Fleet;
+
+impl Fleet {
+    /// Numbers of sensors and actuators that a fitting server announces.
+    pub fn sizes(&self) -> Option<(usize, usize)> {
+        self.slots.values().find_map(|slot| {
+            let announced = slot.capabilities.swarmwright.as_ref()?;
+            Some((announced.sensors?, announced.actuators?))
+        })
+    }
+
+    /// Whether a server that fits is there but serves somebody else.
+    pub fn busy_elsewhere(&self, demand: &Demand) -> Option<String> {
+        self.presences
+            .values()
+            .find(|presence| {
+                presence.state == State::Busy
+                    && demand
+                        .misfit(&presence.simulations, &presence.capabilities)
+                        .is_none()
+            })
+            .map(|presence| {
+                let holder = presence
+                    .tool
+                    .as_deref()
+                    .unwrap_or("another optimization tool");
+                format!("server {} is busy for {holder}", presence.server)
+            })
+    }
+
+    /// What was found, a line per server.
+    pub fn describe(&self, demand: &Demand) -> String {
+        let mut lines: BTreeMap<u64, String> = self
+            .unfit
+            .iter()
+            .map(|(id, reason)| (*id, format!("server {id}: {reason}")))
+            .collect();
+        for (id, slot) in &self.slots {
+            let answer = match self.health.failures(*id) {
+                Some((1, failure)) => format!("fits, but failed: {failure}"),
+                Some((times, failure)) => format!(
+                    "fits, but failed {times} times in a row, the last time because: {failure}"
+                ),
+                None if slot.silent => "fits, but is silent".to_owned(),
+                None => "fits".to_owned(),
+            };
+            lines.insert(*id, format!("server {id}: {answer}"));
+        }
+        for (id, presence) in &self.presences {
+            let misfit = demand.misfit(&presence.simulations, &presence.capabilities);
+            let state = match (presence.state, &presence.tool) {
+                (State::Lost, _) => format!("lost since {}", presence.since),
+                (State::Busy, Some(tool)) => format!("fits, but is busy for {tool}"),
+                (State::Busy, None) => "fits, but is busy".to_owned(),
+                (State::Ready, _) => "fits, but does not answer".to_owned(),
+            };
+            lines
+                .entry(*id)
+                .or_insert_with(|| format!("server {id}: {}", misfit.unwrap_or(state)));
+        }
+        for (id, hash) in &self.strangers {
+            lines.entry(*id).or_insert_with(|| {
+                format!(
+                    "server {id}: answers with simulation_hash {hash:?}, which is none of this tool's discoveries; it may \
+                     have answered another tool, else let it return the hash of the discovery"
+                )
+            });
+        }
+        if lines.is_empty() {
+            "no server at all; start one with `swarmwright serve`".to_owned()
+        } else {
+            lines.into_values().collect::<Vec<_>>().join("; ")
+        }
+    }
+
+    /// Metrics that servers announce, sorted, for a hint at a misspelling.
+    pub fn metrics(&self) -> Vec<String> {
+        let mut names: Vec<String> = self.metrics.values().flatten().cloned().collect();
+        names.sort();
+        names.dedup();
+        names
+    }
+
+    /// Titles that servers offer, for a hint at a misspelling.
+    pub fn titles(&self) -> Vec<String> {
+        let mut titles: Vec<String> = self
+            .presences
+            .values()
+            .flat_map(|presence| presence.simulations.clone())
+            .collect();
+        titles.sort();
+        titles.dedup();
+        titles
+    }
+}

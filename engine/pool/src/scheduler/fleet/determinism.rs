@@ -1,0 +1,50 @@
+//! Which servers find the same again, and how far the results of two may differ.
+
+use swarmwright_protocol::Announcement;
+
+use crate::scheduler::fleet::Fleet;
+
+impl Fleet {
+    fn announcement(&self, id: u64) -> Option<&Announcement> {
+        self.slots.get(&id)?.capabilities.swarmwright.as_ref()
+    }
+
+    /// Whether a server declares that it finds the same again, to the bit.
+    pub fn repeats_itself(&self, id: u64) -> bool {
+        let declared =
+            |announced: &Announcement| announced.determinism.as_deref() == Some("bitwise");
+        self.announcement(id).is_some_and(declared)
+    }
+
+    /// Whether what a server finds can be compared with what others do.
+    pub fn is_comparable(&self, id: u64) -> bool {
+        let declared = |announced: &Announcement| {
+            matches!(
+                announced.determinism.as_deref(),
+                Some("bitwise" | "statistical")
+            )
+        };
+        self.announcement(id).is_some_and(declared)
+    }
+
+    /// How far the results of two servers may differ; none: not at all.
+    pub fn tolerance(&self, one: u64, other: u64) -> Option<f64> {
+        let declared = |id| {
+            let announced = self.announcement(id)?;
+            let statistical = announced.determinism.as_deref() == Some("statistical");
+            statistical.then(|| announced.tolerance.unwrap_or_default())
+        };
+        match (declared(one), declared(other)) {
+            (Some(one), Some(other)) => Some(one.max(other)),
+            (one, other) => one.or(other),
+        }
+    }
+
+    /// Servers that must not audit, given those that have had their say; none if all must not.
+    pub fn auditors_but(&self, asked: &[u64]) -> Option<Vec<u64>> {
+        let out = |id: &u64| asked.contains(id) || !self.is_comparable(*id);
+        let all = self.slots.keys().copied();
+        let never: Vec<u64> = all.filter(|id| out(id)).collect();
+        (never.len() < self.slots.len()).then_some(never)
+    }
+}

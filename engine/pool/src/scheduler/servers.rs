@@ -1,0 +1,111 @@
+//! What servers say of themselves: answers to discovery, presence.
+
+use std::time::Instant;
+
+use swarmwright_protocol::{Presence, ServerMessage, State, Topic};
+
+use crate::scheduler::Scheduler;
+use crate::scheduler::fleet::offers::Answer;
+use crate::scheduler::job::Job;
+use crate::scheduler::modes::episode::Episode;
+use crate::scheduler::retry::Blame;
+
+impl Scheduler {
+    pub(crate) fn server(&mut self, message: ServerMessage, now: Instant) {
+        let Some(round) = self.discovery.round_of(&message.simulation_hash) else {
+            return self.fleet.answered_another(message, &self.config.demand);
+        };
+        let id = message.server;
+        let announced = message.capabilities.swarmwright.as_ref();
+        if self
+            .processes
+            .has_ended(id, announced.and_then(|announced| announced.pid))
+        {
+            return;
+        }
+        let instance = announced.and_then(|announced| announced.instance.clone());
+        self.came_back(id, instance.as_deref(), now);
+        match self
+            .fleet
+            .answered(message, round, &self.config.demand, now)
+        {
+            // Were there another server with this id, its answer would come now: two that step one episode spoil it.
+            Answer::Welcome => self.fleet.introduce(id, now + self.config.probation, now),
+            Answer::Known => {
+                self.unproven.proven(id);
+                self.vacant(id, round, now);
+            }
+            Answer::Unfit(None) => {}
+            Answer::Unfit(Some(reason)) => self
+                .outbox
+                .warn(format!("server {id} answered, but {reason}")),
+            Answer::Twins(jobs, news) => self.are_two(id, jobs, news, now),
+        }
+    }
+
+    pub(crate) fn presence(&mut self, presence: Presence, now: Instant) {
+        if presence.state == State::Lost && self.processes.are_watched(presence.server) {
+            let announced = presence.capabilities.swarmwright.as_ref();
+            let pid = announced.and_then(|announced| announced.pid);
+            // Whoever watches the process says more in a moment, or has.
+            if !self.processes.has_ended(presence.server, pid) {
+                self.fleet.fell_silent(presence.server);
+            }
+            return;
+        }
+        let announced = presence.capabilities.swarmwright.as_ref();
+        let instance = announced.and_then(|announced| announced.instance.clone());
+        if presence.state == State::Lost {
+            self.suspect(presence.server, instance.as_deref(), now);
+        } else {
+            self.came_back(presence.server, instance.as_deref(), now);
+        }
+        let id = presence.server;
+        let lost = presence.state == State::Lost && self.fleet.slot(id).is_some();
+        let (ended, discover) = self.fleet.present(presence, &self.config.tool);
+        if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {
+            self.ledger.suspicions.shaken(None, now);
+        }
+        if let Some(mut ended) = ended {
+            if !ended.own_fault {
+                // A run that has begun is ours; the presence is older.
+                ended.jobs.retain(|job| {
+                    matches!(job, Job::Episode(hash) if !self.in_flight.episode(hash).is_some_and(Episode::begun))
+                });
+            }
+            if !ended.jobs.is_empty() {
+                self.fleet.remove(ended.server);
+                let blame = if ended.own_fault {
+                    self.failed(ended.server, &ended.reason, now);
+                    Blame::Lost
+                } else {
+                    Blame::Nobody
+                };
+                self.fail_jobs(ended.jobs, &ended.reason, blame, now);
+            }
+        }
+        if discover {
+            self.discovery.hasten(now);
+        }
+    }
+
+    pub(crate) fn discover(&mut self, now: Instant) {
+        let hash = self.messages.new_hash();
+        let message = self.messages.discovery(&self.config, hash.clone());
+        self.publish(Topic::Discovery, message.encode());
+        // Where servers were lost with evaluations it must be known before the next time-out who is there.
+        let suspects = self.ledger.suspicions.has_suspects();
+        let within = suspects.then_some(self.config.step_timeout);
+        self.discovery.begin(hash, self.has_server(), within, now);
+    }
+
+    /// The connection is back.
+    pub fn connected(&mut self, now: Instant) {
+        // Servers whose own connection held know nothing of it, and wait for the next step.
+        for (server, hash) in self.fleet.take_left_behind() {
+            let hash = hash.unwrap_or_else(|| self.messages.new_hash());
+            self.end_run(server, &hash);
+        }
+        self.discovery.restart(now);
+    }
+}
