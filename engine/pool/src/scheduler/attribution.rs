@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
+use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::blame::{Resolved, Verdict};
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::retry::Blame;
 
 /// How many times as long it is waited where a server that may be sound is silent.
 const SILENT: u32 = 4;
@@ -17,13 +17,13 @@ impl Scheduler {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
     pub(crate) fn vouch(&mut self, server: u64) {
         self.fleet.succeeded(server);
-        self.broken_since = None;
+        self.outlook.some_work();
         let processes = &self.processes;
         let own = processes.are_watched(server);
         // The tool's own servers are one installation.
         let alike = |other: u64| own && processes.are_watched(other);
         let instance = self.fleet.instance(server);
-        let suspicions = &mut self.ledger.suspicions;
+        let suspicions = self.ledger.suspicions_mut();
         suspicions.succeeded(server, instance.as_ref(), alike);
     }
 
@@ -35,10 +35,10 @@ impl Scheduler {
         if self.finished() {
             return self.drop_probes(now);
         }
-        if self.ledger.suspicions.is_empty() && !self.fleet.health().has_doubtful() {
+        if self.ledger.suspicions().is_empty() && !self.fleet.health().has_doubtful() {
             return;
         }
-        let awaited = self.ledger.suspicions.awaited();
+        let awaited = self.ledger.suspicions().awaited();
         let own = awaited.iter().any(|id| self.processes.are_watched(*id));
         let waits = self.ledger.queued() > 0;
         let servers = self.fleet.servers();
@@ -65,7 +65,7 @@ impl Scheduler {
                 self.counts.server_failures += 1;
                 self.counts.benched += 1;
                 self.fleet.broke(server, reason, now);
-                self.ledger.suspicions.discredit(server);
+                self.ledger.suspicions_mut().discredit(server);
                 self.outbox.warn_once(format!(
                     "server {server} is broken: it fails what succeeded before; it gets no other work until that succeeds \
                      on it, and what it failed is evaluated elsewhere; the reason: {reason}"
@@ -76,12 +76,16 @@ impl Scheduler {
 
     /// Evaluations that were put aside and wait for nobody have failed, or are tried again.
     pub(crate) fn resolve(&mut self, now: Instant) {
-        if !self.ledger.suspicions.any_aside() {
+        if !self.ledger.suspicions().any_aside() {
             return;
         }
         self.discredit_absent(now);
         let all = self.nothing_succeeds(now);
-        for resolved in self.ledger.suspicions.resolve(&self.config.faults, all) {
+        for resolved in self
+            .ledger
+            .suspicions_mut()
+            .resolve(&self.config.faults, all)
+        {
             match resolved {
                 Resolved::Again(piece) => {
                     self.counts.retries += 1;
@@ -96,21 +100,21 @@ impl Scheduler {
 
     /// What servers said that do not come back counts for nothing, where others can be asked instead.
     fn discredit_absent(&mut self, now: Instant) {
-        let awaited = self.ledger.suspicions.awaited();
-        self.absent.retain(|server, _| awaited.contains(server));
+        let awaited = self.ledger.suspicions().awaited();
+        self.outlook.await_only(&awaited);
         for server in awaited {
             let slot = self.fleet.slot(server);
             let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
             // The tool's own servers come back, and each can vouch for the others.
             if !gone || self.processes.are_watched(server) {
-                self.absent.remove(&server);
+                self.outlook.present(server);
                 continue;
             }
-            let since = *self.absent.entry(server).or_insert(now);
+            let since = self.outlook.absent(server, now);
             let mut slots = self.fleet.slots();
             let others = slots.any(|(id, slot)| id != server && !slot.silent);
             if others && now.saturating_duration_since(since) >= AWAY {
-                self.ledger.suspicions.discredit(server);
+                self.ledger.suspicions_mut().discredit(server);
             }
         }
     }
@@ -118,7 +122,7 @@ impl Scheduler {
     /// Whether all has been tried on all servers and nothing has succeeded: then nobody can tell servers from evaluations.
     fn nothing_succeeds(&mut self, now: Instant) -> bool {
         let busy = !self.in_flight.is_empty();
-        let lost = self.ledger.suspicions.lost_lately(now);
+        let lost = self.ledger.suspicions().lost_lately(now);
         if self.ledger.good().is_some() || busy || lost || self.ledger.queued() > 0 {
             return false;
         }
@@ -166,9 +170,9 @@ impl Scheduler {
         let health = self.fleet.health();
         let hope = |(id, slot): (u64, &Slot)| !health.is_broken(id) && !slot.silent;
         if self.fleet.slots().any(hope) || self.finished() {
-            self.broken_since = None;
+            self.outlook.some_work();
         } else if !self.fleet.is_empty() {
-            self.broken_since.get_or_insert(now);
+            self.outlook.all_broken(now);
         }
     }
 
@@ -176,10 +180,10 @@ impl Scheduler {
     /// waited for servers that fail what succeeded before.
     #[must_use]
     pub fn undecided(&self, patience: Duration, now: Instant) -> Option<String> {
-        if self.undecided.is_some() {
-            return self.undecided.clone();
+        if let Some(told) = self.outlook.undecided() {
+            return Some(told.to_owned());
         }
-        let since = self.broken_since?;
+        let since = self.outlook.broken_since()?;
         let health = self.fleet.health();
         let is_silent = |(id, _): (u64, &Slot)| !health.is_broken(id);
         let patience = if self.fleet.slots().any(is_silent) {

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::job::Job;
-use crate::scheduler::retry::Blame;
+use crate::scheduler::queue::blame::Blame;
 
 impl Scheduler {
     /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.

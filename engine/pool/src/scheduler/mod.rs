@@ -4,24 +4,31 @@
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
 //! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
 
-pub(crate) mod attribution;
-pub(crate) mod audit;
-pub(crate) mod dispatch;
-pub(crate) mod duplicates;
+mod agreement;
+mod attribution;
+mod audit;
+mod backup;
+mod dispatch;
+mod duplicates;
 pub(crate) mod fleet;
 pub(crate) mod holdings;
-pub(crate) mod job;
-pub(crate) mod limits;
-pub(crate) mod messages;
-pub(crate) mod modes;
+mod job;
+mod limits;
+mod messages;
+mod modes;
 pub(crate) mod outbox;
+mod outlook;
 pub(crate) mod queue;
-pub(crate) mod retry;
-pub(crate) mod servers;
-pub(crate) mod speculation;
-pub(crate) mod status;
+mod recheck;
+mod retry;
+mod servers;
+mod settle;
+mod share;
+mod speculation;
+mod status;
+mod supervised;
+mod view;
 
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 use swarmwright_protocol::{Control, Message, SensorReading, ToTool, Topic};
@@ -29,7 +36,7 @@ use swarmwright_protocol::{Control, Message, SensorReading, ToTool, Topic};
 use crate::config::Config;
 use crate::counts::Counts;
 use crate::journal::{Attempt, Journal};
-use crate::scheduler::audit::Check;
+use crate::scheduler::audit::Audits;
 use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::discovery::Discovery;
 use crate::scheduler::fleet::duplicates::Unproven;
@@ -38,50 +45,37 @@ use crate::scheduler::job::Job;
 use crate::scheduler::limits::Limits;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::modes::request::Request;
-use crate::scheduler::queue::ledger::{Ledger, Results, Settled};
-use crate::scheduler::retry::Blame;
+use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::ledger::Ledger;
+use crate::scheduler::queue::results::{Results, Settled};
 use crate::work::{Work, WorkError};
 use messages::Messages;
 pub use outbox::Action;
 use outbox::Outbox;
+use outlook::Outlook;
+use recheck::Recheck;
+use view::View;
 
 /// The decisions of one optimization tool.
 pub struct Scheduler {
-    pub(crate) config: Config,
-    pub(crate) fleet: Fleet,
-    pub(crate) discovery: Discovery,
-    pub(crate) processes: Processes,
-    pub(crate) unproven: Unproven,
-    pub(crate) ledger: Ledger,
-    pub(crate) in_flight: InFlight,
-    /// When a server last said that this work cannot be done.
-    pub(crate) refused_at: Option<Instant>,
-    pub(crate) journal: Journal,
-    pub(crate) outbox: Outbox,
-    pub(crate) messages: Messages,
-    /// Since when there is work and no server for it.
-    pub(crate) lonely_since: Option<Instant>,
-    /// Bytes of the largest packet that the broker takes, as far as it says so.
-    pub(crate) packet: usize,
+    config: Config,
+    fleet: Fleet,
+    discovery: Discovery,
+    processes: Processes,
+    unproven: Unproven,
+    ledger: Ledger,
+    in_flight: InFlight,
+    journal: Journal,
+    outbox: Outbox,
+    messages: Messages,
     /// What was learnt of how much it takes.
-    pub(crate) limits: Limits,
-    /// Bytes of a request for blocks of the work beside genomes and seeds.
-    pub(crate) beside: usize,
-    pub(crate) counts: Counts,
-    /// When to look again whether an idle server should get work that others should do first, or a copy of theirs.
-    pub(crate) look_at: Option<Instant>,
-    /// Results that wait for a second server's, by evaluation.
-    pub(crate) checks: BTreeMap<usize, Check>,
+    limits: Limits,
+    counts: Counts,
+    recheck: Recheck,
+    audits: Audits,
     /// How often work was submitted.
-    pub(crate) work_number: u64,
-    /// Two servers do not agree, and nobody can tell which one is wrong.
-    pub(crate) disagreement: Option<String>,
-    /// Since when all servers have failed what succeeded before.
-    pub(crate) broken_since: Option<Instant>,
-    /// Servers that are to vouch for what they said, and are not there: since when.
-    pub(crate) absent: BTreeMap<u64, Instant>,
-    /// Servers are lost again and again, and nobody can tell why.
-    pub(crate) undecided: Option<String>,
+    work_number: u64,
+    outlook: Outlook,
 }
 
 impl Scheduler {
@@ -95,29 +89,22 @@ impl Scheduler {
             unproven: Unproven::default(),
             ledger: Ledger::default(),
             in_flight: InFlight::new(config.first_instance),
-            refused_at: None,
             journal: Journal::default(),
             outbox: Outbox::default(),
             messages: Messages::new(&config),
-            lonely_since: None,
-            packet: usize::MAX,
             limits: Limits::default(),
-            beside: 0,
             counts: Counts::default(),
-            look_at: None,
-            checks: BTreeMap::new(),
+            recheck: Recheck::default(),
+            outlook: Outlook::default(),
+            audits: Audits::default(),
             work_number: 0,
-            disagreement: None,
-            broken_since: None,
-            absent: BTreeMap::new(),
-            undecided: None,
             config,
         }
     }
 
     /// The broker takes no larger packets than of so many bytes: requests are kept below.
     pub fn set_largest_packet(&mut self, bytes: usize) {
-        self.packet = bytes;
+        self.limits.set_packet(bytes);
     }
 
     /// What is to be done now; empties the list.
@@ -146,15 +133,10 @@ impl Scheduler {
             self.outbox
                 .warn(format!("server {server} is not used: it {reason}"));
         }
-        self.refused_at = None;
-        self.disagreement = None;
-        self.broken_since = None;
-        self.absent.clear();
-        self.undecided = None;
+        self.outlook.begin();
         self.fleet.new_work();
         self.work_number += 1;
-        self.beside = self.beside(&work);
-        self.limits.begin();
+        self.limits.begin(self.beside(&work));
         self.ledger = Ledger::new(work, self.config.demand.metrics.len());
         self.discovery.work_began(now);
         self.dispatch(now);
@@ -179,7 +161,7 @@ impl Scheduler {
     /// Number of evaluations that have been asked for.
     #[must_use]
     pub fn total(&self) -> usize {
-        self.ledger.work.as_ref().map_or(0, Work::len)
+        self.ledger.work().map_or(0, Work::len)
     }
 
     /// Number of evaluations that have ended.
@@ -232,7 +214,7 @@ impl Scheduler {
             }
         }
         self.ledger = Ledger::default();
-        self.checks.clear();
+        self.audits.clear();
     }
 
     /// Frees all servers that this tool still holds.
@@ -313,6 +295,42 @@ impl Scheduler {
         }
     }
 
+    /// The broker has read a packet of so many bytes.
+    pub fn was_read(&mut self, bytes: usize) {
+        self.limits.was_read(bytes);
+    }
+
+    /// This tool's connection ended, with a packet of so many bytes sent of which it is not known whether the broker read
+    /// it; see [`disconnected`](Self::disconnected) for the rest.
+    pub fn ended_on(&mut self, bytes: usize, now: Instant) {
+        self.limits.ended_on(bytes, now);
+    }
+
+    /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
+    #[must_use]
+    pub fn hopeless(&self) -> Option<&str> {
+        self.limits.hopeless()
+    }
+
+    /// Tells the user once what was learnt of how much the broker takes.
+    pub(crate) fn tell_of_limits(&mut self) {
+        if let Some(text) = self.limits.take_news(self.finished()) {
+            self.outbox.warn(text);
+        }
+    }
+
+    /// What is known, to decide by.
+    pub(crate) fn view(&self) -> View<'_> {
+        View {
+            config: &self.config,
+            fleet: &self.fleet,
+            ledger: &self.ledger,
+            in_flight: &self.in_flight,
+            limits: &self.limits,
+            agents: self.messages.agents(),
+        }
+    }
+
     pub(crate) fn config(&self) -> &Config {
         &self.config
     }
@@ -334,18 +352,23 @@ impl Scheduler {
     /// What two servers do not agree on, where nobody can tell which one is wrong.
     #[must_use]
     pub fn disagreement(&self) -> Option<&str> {
-        self.disagreement.as_deref()
+        self.outlook.disagreement()
     }
 
     /// The next time at which `tick` is needed, if no message comes first.
     #[must_use]
     pub fn next_tick(&self) -> Instant {
         let deadline = self.in_flight.next_deadline(&self.config);
-        let doubt = self.next_doubt();
-        [deadline, doubt, self.look_at, self.fleet.next_unbench()]
-            .into_iter()
-            .flatten()
-            .fold(self.discovery.next(), Instant::min)
+        let doubt = self.view().next_doubt();
+        [
+            deadline,
+            doubt,
+            self.recheck.at(),
+            self.fleet.next_unbench(),
+        ]
+        .into_iter()
+        .flatten()
+        .fold(self.discovery.next(), Instant::min)
     }
 
     /// Time has passed.
@@ -365,7 +388,7 @@ impl Scheduler {
         }
         self.dispatch(now);
         let lonely = !self.finished() && self.in_flight.is_empty();
-        self.lonely_since = lonely.then(|| self.lonely_since.unwrap_or(now));
+        self.outlook.unserved(lonely, now);
     }
 
     /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
@@ -376,7 +399,7 @@ impl Scheduler {
         // Another tool may have been faster on its server; see `beaten`.
         let waiting = self.in_flight.episodes().any(|one| !one.begun());
         // Whether others are silent, too, tells what to think of one that is lost.
-        let suspects = self.ledger.suspicions.has_suspects();
+        let suspects = self.ledger.suspicions().has_suspects();
         self.ledger.queued() > 0 || waiting || suspects || (looking && few)
     }
 

@@ -5,32 +5,11 @@ use std::time::Instant;
 use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
 use crate::scheduler::job::Job;
-use crate::scheduler::queue::blame::{Failure, How};
+use crate::scheduler::queue::blame::{Blame, Failure, How};
 use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// How often a server may be lost with an episode that it had not begun before that counts.
 const FREE: u32 = 3;
-
-/// Whose fault it is that work brought no result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Blame {
-    /// The server had other work.
-    Nobody,
-    /// The connection broke; perhaps it was more than the broker takes.
-    Broker,
-    /// The server says that it failed.
-    Evaluation,
-    /// The server sent what cannot be used.
-    Answer,
-    /// The tool's own server went down at it.
-    Crash,
-    /// The server went down while it was at it, or gave it up, nobody knows why.
-    Gone,
-    /// The server went down and had not begun.
-    Lost,
-    /// The server said nothing for too long, or is only slow. `others`: whether anyone spoke meanwhile.
-    Silent { others: bool },
-}
 
 impl Scheduler {
     /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
@@ -99,7 +78,7 @@ impl Scheduler {
         };
         // What it did before was a success.
         let sound =
-            self.ledger.suspicions.is_proven(server) && !self.fleet.health().has_failed(server);
+            self.ledger.suspicions().is_proven(server) && !self.fleet.health().has_failed(server);
         if how != How::Lost {
             let candidate = piece.first() / self.ledger.episodes();
             self.fleet.failed_candidate(server, candidate);
@@ -118,7 +97,7 @@ impl Scheduler {
                 certain: sound && self.fleet.repeats_itself(server),
                 at: now,
             };
-            let suspicions = &mut self.ledger.suspicions;
+            let suspicions = self.ledger.suspicions_mut();
             if suspicions
                 .hold_against(evaluation, failure, &self.config.faults)
                 .is_some()
@@ -144,7 +123,7 @@ impl Scheduler {
         let work = matches!(piece.purpose, Purpose::Work | Purpose::Backup);
         let alone = work && piece.len() == 1 && !self.ledger.has_ended(evaluation);
         let shared = self.ledger.is_shared(evaluation);
-        let suspicions = &mut self.ledger.suspicions;
+        let suspicions = self.ledger.suspicions_mut();
         let proven = suspicions.is_proven(server);
         let together = suspicions.shaken(alone.then_some(evaluation), now);
         if !alone {
@@ -154,7 +133,7 @@ impl Scheduler {
         if hopeless {
             let episodes = self.ledger.episodes();
             let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
-            self.undecided.get_or_insert(format!(
+            self.outlook.cannot_decide(format!(
                 "servers were lost or silent {times} times with candidate {candidate} in episode {episode}, and nothing \
                  tells whether it is the cause or the servers' surroundings are; the last time because: {reason}"
             ));

@@ -8,7 +8,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::offers::Answer;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
-use crate::scheduler::retry::Blame;
+use crate::scheduler::queue::blame::Blame;
 
 impl Scheduler {
     pub(crate) fn server(&mut self, message: ServerMessage, now: Instant) {
@@ -64,7 +64,7 @@ impl Scheduler {
         let lost = presence.state == State::Lost && self.fleet.slot(id).is_some();
         let (ended, discover) = self.fleet.present(presence, &self.config.tool);
         if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {
-            self.ledger.suspicions.shaken(None, now);
+            self.ledger.suspicions_mut().shaken(None, now);
         }
         if let Some(mut ended) = ended {
             if !ended.own_fault {
@@ -94,7 +94,7 @@ impl Scheduler {
         let message = self.messages.discovery(&self.config, hash.clone());
         self.publish(Topic::Discovery, message.encode());
         // Where servers were lost with evaluations it must be known before the next time-out who is there.
-        let suspects = self.ledger.suspicions.has_suspects();
+        let suspects = self.ledger.suspicions().has_suspects();
         let within = suspects.then_some(self.config.step_timeout);
         self.discovery.begin(hash, self.has_server(), within, now);
     }
@@ -107,5 +107,23 @@ impl Scheduler {
             self.end_run(server, &hash);
         }
         self.discovery.restart(now);
+    }
+
+    /// A server is there.
+    fn came_back(&mut self, server: u64, instance: Option<&str>, now: Instant) {
+        if self.limits.came_back(server, instance, now) {
+            self.fleet.forgive(server);
+        }
+    }
+
+    /// A server's connection has ended: perhaps on what it had just sent.
+    fn suspect(&mut self, server: u64, instance: Option<&str>, now: Instant) {
+        let slot = self.fleet.slot(server);
+        let at = slot.and_then(|slot| match slot.jobs.first()? {
+            Job::Request(number) => Some((slot, self.in_flight.request(*number)?)),
+            Job::Episode(_) => None,
+        });
+        let results = 1 + self.config.demand.metrics.len();
+        self.limits.suspect(server, instance, at, results, now);
     }
 }

@@ -20,10 +20,7 @@ impl Scheduler {
     /// Sensors and actuators that a fitting server announces, or that the experiment says.
     #[must_use]
     pub fn sizes(&self) -> Option<(usize, usize)> {
-        match (self.config.demand.sensors, self.config.demand.actuators) {
-            (Some(sensors), Some(actuators)) => Some((sensors, actuators)),
-            _ => self.fleet.sizes(),
-        }
+        self.view().sizes()
     }
 
     /// Whether a fitting server is there for this tool.
@@ -41,7 +38,7 @@ impl Scheduler {
     /// Why the work cannot be done, when all servers that are there say so.
     #[must_use]
     pub fn rejected(&self, now: Instant) -> Option<String> {
-        let settled = now.saturating_duration_since(self.refused_at?) >= OTHERS;
+        let settled = now.saturating_duration_since(self.outlook.refused_at()?) >= OTHERS;
         let alone = settled && self.busy_elsewhere().is_none();
         alone.then(|| self.fleet.refused()).flatten()
     }
@@ -71,8 +68,7 @@ impl Scheduler {
     /// How long there has been work and no server for it.
     #[must_use]
     pub fn lonely(&self, now: Instant) -> Duration {
-        self.lonely_since
-            .map_or(Duration::ZERO, |since| now.saturating_duration_since(since))
+        self.outlook.unserved_for(now)
     }
 
     /// All work under way, what was silent for the longest time first.
@@ -138,7 +134,7 @@ impl Scheduler {
             self.config.tool.clone(),
             self.config.demand.simulation.clone(),
         );
-        if self.ledger.work.is_some() {
+        if self.ledger.work().is_some() {
             status.state = Activity::Evaluating;
         }
         (status.done, status.total) = (count(self.done()), count(self.total()));

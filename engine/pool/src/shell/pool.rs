@@ -15,7 +15,7 @@ use crate::demand::Demand;
 use crate::journal::Attempt;
 use crate::mode::Mode;
 use crate::scheduler::fleet::discovery::PROBATION;
-use crate::scheduler::queue::ledger::{Results, Settled};
+use crate::scheduler::queue::results::{Results, Settled};
 use crate::scheduler::{Action, Scheduler};
 use crate::shell::probe::Probe;
 use crate::shell::report::{Listener, Report, Reporter};

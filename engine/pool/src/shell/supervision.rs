@@ -3,58 +3,13 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
 
 use swarmwright_mqtt::Waker;
 
-use crate::journal::Attempt;
-use crate::scheduler::Scheduler;
-use crate::scheduler::job::Job;
-use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::retry::Blame;
+use crate::scheduler::fleet::processes::Ending;
 
 /// Requests that are remembered, for what comes late of them.
 const PLACES: usize = 4096;
-
-/// What a process was computing when it ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct At {
-    /// The request's number.
-    pub request: u64,
-    /// The first of the candidates that were computed, as an index in the request.
-    pub first: usize,
-    /// How many of them.
-    pub candidates: usize,
-    /// The request's episode, from 0; all of them where several are computed at once.
-    pub episode: Option<usize>,
-}
-
-/// The end of a server's process.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Ending {
-    /// The server's id.
-    pub server: u64,
-    /// The process that ended.
-    pub pid: u64,
-    /// How it ended, for people; the same text for the same cause.
-    pub reason: String,
-    /// Where in its code, or what it said last, if that is known.
-    pub stack: Option<String>,
-    /// Somebody else ended it: what it computed is not to blame before that happens again and again.
-    pub outside: bool,
-    /// What it computed, if that is known.
-    pub at: Option<At>,
-}
-
-impl Ending {
-    fn blame(&self) -> Blame {
-        if self.outside {
-            Blame::Gone
-        } else {
-            Blame::Crash
-        }
-    }
-}
 
 /// What the pool and whoever watches the processes tell each other, from any thread.
 #[derive(Clone)]
@@ -161,106 +116,5 @@ impl Supervision {
             std::mem::take(&mut shared.endings),
             std::mem::take(&mut shared.alive),
         )
-    }
-}
-
-impl Scheduler {
-    /// The processes of these servers are watched: [`ended`](Self::ended) tells when one ends.
-    pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) {
-        self.processes.watch(servers);
-    }
-
-    /// The first candidate and the first episode of a request to a server that is watched.
-    pub(crate) fn place(&self, request: u64) -> Option<(usize, usize)> {
-        let request = self.in_flight.request(request)?;
-        if !self.processes.are_watched(request.server) {
-            return None;
-        }
-        let (candidates, episodes) = self.ledger.extent(&request.piece);
-        Some((candidates.start, episodes.start))
-    }
-
-    /// A watched server goes on computing: it may take longer.
-    pub fn is_alive(&mut self, server: u64, now: Instant) {
-        for request in self.in_flight.requests_of(server) {
-            request.heard = now;
-            request.overdue = false;
-        }
-    }
-
-    /// The process of a watched server has ended. What it computed is tried again, and held against it, if that is known;
-    /// all else that it had goes to others as if nothing had happened.
-    pub fn ended(&mut self, ending: &Ending, now: Instant) {
-        let server = ending.server;
-        self.processes.ended(server, ending.pid);
-        self.counts.server_failures += 1;
-        self.outbox
-            .warn_counted(format!("{}; it is started again", ending.reason));
-        let jobs = self.fleet.left(server);
-        let blame = ending.blame();
-        for (index, job) in jobs.into_iter().enumerate() {
-            // What waited only is not to blame.
-            let blame = if index == 0 { blame } else { Blame::Nobody };
-            match job {
-                Job::Request(number) => match ending.at.filter(|at| at.request == number) {
-                    Some(at) => self.fail_at(number, at, ending, now),
-                    None if self.is_block(number) => {
-                        self.fail_request(number, &ending.reason, Blame::Nobody, now);
-                    }
-                    None => self.fail_request(number, &ending.reason, blame, now),
-                },
-                Job::Episode(hash) => self.fail_episode(&hash, &ending.reason, blame, now),
-            }
-        }
-        self.dispatch(now);
-    }
-
-    fn is_block(&self, request: u64) -> bool {
-        let request = self.in_flight.request(request);
-        request.is_some_and(|request| request.batch.is_none())
-    }
-
-    /// A server's process ended at a part of a block.
-    fn fail_at(&mut self, number: u64, at: At, ending: &Ending, now: Instant) {
-        let Some(request) = self.in_flight.take_request(number) else {
-            return;
-        };
-        let whole = request.piece.clone();
-        let columns = self.ledger.extent(&whole).1.len();
-        let offset = at.first * columns + at.episode.unwrap_or(0);
-        let length = if at.episode.is_some() {
-            1
-        } else {
-            at.candidates * columns
-        };
-        let start = (whole.first() + offset).min(whole.evaluations.end);
-        let end = (start + length).min(whole.evaluations.end);
-        let mut parts: Vec<Piece> = Vec::new();
-        for rest in [whole.first()..start, end..whole.evaluations.end] {
-            if !rest.is_empty() {
-                parts.push(whole.part(rest));
-            }
-        }
-        let reason = &ending.reason;
-        if !parts.is_empty() {
-            let words = format!("not finished: {reason}");
-            self.record_request(&request, Some(words), now);
-        }
-        for part in parts.into_iter().rev() {
-            self.retry(part, ending.server, reason, Blame::Nobody, now);
-        }
-        if start == end {
-            return;
-        }
-        let culprit = whole.part(start..end);
-        let attempt = Attempt {
-            mode: crate::mode::Mode::Offloaded.name(),
-            server: ending.server,
-            error: Some(reason.clone()),
-            stack: self.outbox.stack_once(reason, ending.stack.clone()),
-            ..Attempt::default()
-        };
-        self.record(attempt, &culprit, request.started, now);
-        self.retry(culprit, ending.server, reason, ending.blame(), now);
     }
 }

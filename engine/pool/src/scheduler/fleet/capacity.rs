@@ -1,15 +1,20 @@
 //! All servers that may get work, summed up once, so that a thousand of them are not looked at for each of a thousand.
 
-use std::time::Instant;
-
-use crate::scheduler::Scheduler;
-use crate::scheduler::dispatch::number;
+use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::slot::Slot;
 
 /// Of more servers than these it is not worked out how they would share what is left.
 const MOST: usize = 256;
 /// Halvings of the time in which that is looked for.
 const HALVINGS: usize = 24;
+
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "far fewer than 2^53 evaluations"
+)]
+pub(crate) fn number(count: usize) -> f64 {
+    count as f64
+}
 
 /// What does not change while work is given away.
 #[derive(Default)]
@@ -28,10 +33,13 @@ pub(crate) struct Crowd {
     busy: Vec<Busy>,
 }
 
-struct Busy {
+/// A server whose speed is known.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Busy {
     server: u64,
-    rate: f64,
-    until: f64,
+    pub rate: f64,
+    /// Seconds until what it has is done.
+    pub until: f64,
 }
 
 /// The others, as one of the servers sees them.
@@ -43,6 +51,17 @@ pub(crate) struct Others {
 }
 
 impl Crowd {
+    pub fn of(fleet: &Fleet) -> Self {
+        let mut crowd = Self {
+            servers: fleet.servers(),
+            ..Self::default()
+        };
+        for (_, slot) in fleet.usable() {
+            crowd.add(slot);
+        }
+        crowd
+    }
+
     fn add(&mut self, slot: &Slot) {
         self.usable += 1;
         let Some(rate) = slot.rate else { return };
@@ -87,8 +106,35 @@ impl Crowd {
         }
     }
 
+    /// A server whose speed is known; none where that is not worked out. `busy`: seconds that what a server has will
+    /// still take it at a speed.
+    pub fn until(
+        &mut self,
+        server: u64,
+        fleet: &Fleet,
+        busy: impl Fn(&Slot, f64) -> f64,
+    ) -> Option<Busy> {
+        if self.busy.is_empty() {
+            if self.measured > MOST {
+                return None;
+            }
+            self.busy = fleet
+                .usable()
+                .filter_map(|(id, slot)| {
+                    Some(Busy {
+                        server: id,
+                        rate: slot.rate?,
+                        until: busy(slot, slot.rate?),
+                    })
+                })
+                .collect();
+        }
+        let mut busy = self.busy.iter();
+        busy.find(|busy| busy.server == server).copied()
+    }
+
     /// In how many seconds all but one can have done so many evaluations more: whole ones, each on one server.
-    fn done_without(&self, server: u64, evaluations: usize) -> f64 {
+    pub fn done_without(&self, server: u64, evaluations: usize) -> f64 {
         let others = || self.busy.iter().filter(|busy| busy.server != server);
         let wanted = number(evaluations);
         let done = |by: f64| {
@@ -106,65 +152,5 @@ impl Crowd {
             }
         }
         late
-    }
-}
-
-impl Scheduler {
-    /// In how many seconds a server would have done so many evaluations more, and in how many the others those that are
-    /// queued; none where that is not worked out.
-    pub(crate) fn ends(
-        &self,
-        server: u64,
-        most: usize,
-        crowd: &mut Crowd,
-        now: Instant,
-    ) -> Option<(f64, f64)> {
-        if crowd.busy.is_empty() {
-            if crowd.measured > MOST {
-                return None;
-            }
-            let usable = self.fleet.usable();
-            crowd.busy = usable
-                .filter_map(|(id, slot)| {
-                    Some(Busy {
-                        server: id,
-                        rate: slot.rate?,
-                        until: self.busy_for(slot, slot.rate?, now),
-                    })
-                })
-                .collect();
-        }
-        let own = crowd.busy.iter().find(|busy| busy.server == server)?;
-        let ends = own.until + number(most) / own.rate;
-        Some((ends, crowd.done_without(server, self.ledger.queued())))
-    }
-
-    /// Seconds that what a server has will still take it.
-    fn busy_for(&self, slot: &Slot, rate: f64, now: Instant) -> f64 {
-        let jobs = slot
-            .jobs
-            .iter()
-            .filter_map(|job| self.in_flight.piece_of(job));
-        jobs.enumerate()
-            .map(|(place, (piece, since))| {
-                let takes = number(piece.len()) / rate;
-                // Of the first one a part is done; those behind it wait.
-                match place {
-                    0 => (takes - now.saturating_duration_since(since).as_secs_f64()).max(0.0),
-                    _ => takes,
-                }
-            })
-            .sum()
-    }
-
-    pub(crate) fn crowd(&self) -> Crowd {
-        let mut crowd = Crowd {
-            servers: self.fleet.servers(),
-            ..Crowd::default()
-        };
-        for (_, slot) in self.fleet.usable() {
-            crowd.add(slot);
-        }
-        crowd
     }
 }

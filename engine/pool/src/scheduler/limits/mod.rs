@@ -11,8 +11,7 @@ use std::time::{Duration, Instant};
 use limit::Limit;
 
 use crate::mode::Way;
-use crate::scheduler::Scheduler;
-use crate::scheduler::job::Job;
+use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::modes::request::Request;
 
 /// Messages of so many bytes are taken by every broker.
@@ -51,6 +50,10 @@ struct Suspect {
 /// What is known of how much the broker takes.
 #[derive(Debug, Default)]
 pub(crate) struct Limits {
+    /// Bytes of the largest packet that the broker takes, if it says so.
+    announced: Option<usize>,
+    /// Bytes of a request for blocks of the work beside genomes and seeds.
+    beside: usize,
     /// Bytes of this tool's packets.
     packet: Limit,
     /// Episodes of a batch.
@@ -68,8 +71,9 @@ pub(crate) struct Limits {
 }
 
 impl Limits {
-    /// Other work begins.
-    pub fn begin(&mut self) {
+    /// Other work begins. `beside`: bytes of a request for a block of it beside genomes and seeds.
+    pub fn begin(&mut self, beside: usize) {
+        self.beside = beside;
         self.whole = 0;
         self.hopeless = None;
     }
@@ -150,46 +154,75 @@ fn hopeless(what: &str, taken: usize) -> String {
     )
 }
 
-impl Scheduler {
+/// This tool's packets.
+impl Limits {
+    /// The broker says that it takes no larger packets.
+    pub fn set_packet(&mut self, bytes: usize) {
+        self.announced = Some(bytes);
+    }
+
+    /// Bytes of the largest packet that the broker takes, as far as it says so.
+    pub fn packet(&self) -> usize {
+        self.announced.unwrap_or(usize::MAX)
+    }
+
+    /// Bytes that a packet of this tool should not exceed.
+    pub fn room(&self) -> usize {
+        let advice = self.packet.advice();
+        advice.map_or(self.packet(), |advice| advice.min(self.packet()))
+    }
+
+    /// Bytes of a request for blocks of the work beside genomes and seeds.
+    pub fn beside(&self) -> usize {
+        self.beside
+    }
+
     /// The broker has read a packet of so many bytes.
     pub fn was_read(&mut self, bytes: usize) {
-        self.limits.packet.took(bytes);
+        self.packet.took(bytes);
     }
 
     /// This tool's connection ended, with a packet of so many bytes sent of which it is not known whether the broker read
-    /// it; see [`disconnected`](Self::disconnected) for the rest.
+    /// it.
     pub fn ended_on(&mut self, bytes: usize, now: Instant) {
-        let limits = &mut self.limits;
-        let whole = bytes <= limits.whole.saturating_add(HEADER);
-        limits.packet.ended(bytes, whole, now);
-        if limits.packet.is_hopeless() {
+        let whole = bytes <= self.whole.saturating_add(HEADER);
+        self.packet.ended(bytes, whole, now);
+        if self.packet.is_hopeless() {
             let what = format!("the connection of this tool on every packet of {bytes} bytes");
-            limits.hopeless = Some(hopeless(&what, limits.packet.taken()));
+            self.hopeless = Some(hopeless(&what, self.packet.taken()));
         }
     }
 
     /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
-    #[must_use]
     pub fn hopeless(&self) -> Option<&str> {
-        self.limits.hopeless.as_deref()
+        self.hopeless.as_deref()
     }
 
-    /// Bytes that a packet of this tool should not exceed.
-    pub(crate) fn room(&self) -> usize {
-        let advice = self.limits.packet.advice();
-        advice.map_or(self.packet, |advice| advice.min(self.packet))
+    /// What was learnt, once, when it stands for a while, or the work is done.
+    pub fn take_news(&mut self, done: bool) -> Option<String> {
+        if self.told || !(self.are_settled() || done) {
+            return None;
+        }
+        let text = self.news()?;
+        self.told = true;
+        Some(text)
     }
+}
 
-    /// A server's connection has ended: perhaps on what it had just sent.
-    pub(crate) fn suspect(&mut self, server: u64, instance: Option<&str>, now: Instant) {
-        self.limits.suspects.remove(&server);
-        let (Some(slot), Some(instance)) = (self.fleet.slot(server), instance) else {
-            return;
-        };
-        let Some(Job::Request(number)) = slot.jobs.first() else {
-            return;
-        };
-        let Some(request) = self.in_flight.request(*number) else {
+/// Servers' messages.
+impl Limits {
+    /// A server's connection has ended: perhaps on what it had just sent. `at`: the request that it was at; `results`:
+    /// numbers that each evaluation has.
+    pub fn suspect(
+        &mut self,
+        server: u64,
+        instance: Option<&str>,
+        at: Option<(&Slot, &Request)>,
+        results: usize,
+        now: Instant,
+    ) {
+        self.suspects.remove(&server);
+        let (Some((slot, request)), Some(instance)) = (at, instance) else {
             return;
         };
         if slot.instance.as_deref() != Some(instance)
@@ -198,7 +231,7 @@ impl Scheduler {
             return;
         }
         let size = request.piece.len();
-        let (kind, bytes) = self.due(request);
+        let (kind, bytes) = due(request, results);
         // What is not known may be large; of what cannot be smaller it must be known.
         if bytes.map_or(size > 1, |bytes| bytes > SMALL) {
             let suspect = Suspect {
@@ -208,61 +241,48 @@ impl Scheduler {
                 bytes,
                 at: now,
             };
-            self.limits.suspects.insert(server, suspect);
+            self.suspects.insert(server, suspect);
         }
     }
 
-    /// Bytes of the message that a server is to send next, about; none where that is not known.
-    fn due(&self, request: &Request) -> (Kind, Option<usize>) {
-        let results = 1 + self.config.demand.metrics.len();
-        let size = request.piece.len();
-        let Some(batch) = &request.batch else {
-            return (Kind::Block, Some(8 * results * size));
-        };
-        (Kind::Batch, batch.due(results))
-    }
-
-    /// A server is there. If it is the one whose connection had ended, its process lives: the server is not to blame.
-    pub(crate) fn came_back(&mut self, server: u64, instance: Option<&str>, now: Instant) {
-        let Some(suspect) = self.limits.suspects.remove(&server) else {
-            return;
+    /// A server is there. If it is the one whose connection had ended, its process lives. Whether it was not to blame.
+    pub fn came_back(&mut self, server: u64, instance: Option<&str>, now: Instant) -> bool {
+        let Some(suspect) = self.suspects.remove(&server) else {
+            return false;
         };
         if instance != Some(&*suspect.instance) || now.saturating_duration_since(suspect.at) > BACK
         {
-            return;
+            return false;
         }
-        let limit = self.limits.of(suspect.kind);
-        if suspect.size > limit.taken() {
-            self.fleet.forgive(server);
-        }
+        let limit = self.of(suspect.kind);
+        let excused = suspect.size > limit.taken();
         limit.ended(suspect.size, suspect.size == 1, now);
         let is_hopeless = limit.is_hopeless();
-        self.limits.bytes = suspect.bytes;
+        self.bytes = suspect.bytes;
         if is_hopeless {
             let bytes = suspect.bytes.unwrap_or_default();
             let what = format!("servers' connections on every message of some {bytes} bytes");
-            self.limits.hopeless = Some(hopeless(&what, 0));
+            self.hopeless = Some(hopeless(&what, 0));
         }
+        excused
     }
 
     /// All of a request went through.
-    pub(crate) fn went_through(&mut self, request: &Request) {
+    pub fn went_through(&mut self, request: &Request) {
         let kind = if request.batch.is_some() {
             Kind::Batch
         } else {
             Kind::Block
         };
-        self.limits.of(kind).took(request.piece.len());
+        self.of(kind).took(request.piece.len());
     }
+}
 
-    /// Tells the user once what was learnt, when it stands for a while, or the work is done.
-    pub(crate) fn tell_of_limits(&mut self) {
-        if !self.limits.told
-            && (self.limits.are_settled() || self.finished())
-            && let Some(text) = self.limits.news()
-        {
-            self.limits.told = true;
-            self.outbox.warn(text);
-        }
-    }
+/// Bytes of the message that a server is to send next, about; none where that is not known.
+fn due(request: &Request, results: usize) -> (Kind, Option<usize>) {
+    let size = request.piece.len();
+    let Some(batch) = &request.batch else {
+        return (Kind::Block, Some(8 * results * size));
+    };
+    (Kind::Batch, batch.due(results))
 }

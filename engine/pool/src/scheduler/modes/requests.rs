@@ -12,9 +12,9 @@ use crate::metrics::needed;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::modes::request::Request;
+use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::retry::Blame;
-use crate::scheduler::speculation::Found;
+use crate::scheduler::queue::results::Found;
 use crate::scheduler::{Action, Scheduler};
 use crate::work::Work;
 
@@ -46,7 +46,7 @@ impl Scheduler {
 
     pub(crate) fn send_block(&mut self, piece: Piece, server: u64, now: Instant) {
         let (candidates, episodes) = self.ledger.extent(&piece);
-        let Some(work) = &self.ledger.work else {
+        let Some(work) = self.ledger.work() else {
             return;
         };
         let rate = self.fleet.slot(server).and_then(|slot| slot.rate);
@@ -83,7 +83,7 @@ impl Scheduler {
     }
 
     pub(crate) fn start_batch(&mut self, piece: Piece, server: u64, now: Instant) {
-        let Some(work) = &self.ledger.work else {
+        let Some(work) = self.ledger.work() else {
             return;
         };
         let episodes = work.episodes();
@@ -278,7 +278,7 @@ impl Scheduler {
             }
         }
         self.record_request(&request, None, now);
-        self.went_through(&request);
+        self.limits.went_through(&request);
         // What succeeded shows that the server is sound, so it comes last.
         let columns = self.ledger.extent(&request.piece).1.len();
         for failure in message.failed {
@@ -356,7 +356,7 @@ impl Scheduler {
             self.fleet.did_well(server, count, seconds.as_secs_f64());
         }
         self.record_request(&request, None, now);
-        self.went_through(&request);
+        self.limits.went_through(&request);
     }
 
     /// One evaluation of a request failed on a server that goes on.
@@ -391,7 +391,7 @@ impl Scheduler {
             }
             RefusalKind::Taken => self.fleet.remove(server),
             RefusalKind::Invalid => {
-                self.refused_at = Some(now);
+                self.outlook.refused(now);
                 self.outbox
                     .warn(format!("server {server} refuses the work: {reason}"));
                 self.fleet.refuse(server, reason)

@@ -12,9 +12,9 @@ use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
+use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::piece::Piece;
-use crate::scheduler::retry::Blame;
-use crate::scheduler::speculation::Found;
+use crate::scheduler::queue::results::Found;
 use crate::scheduler::{Action, Scheduler};
 
 /// By how much a message may come later than one that was published after it, on another topic.
@@ -31,7 +31,7 @@ const MOST_BEATEN: u32 = 5;
 impl Scheduler {
     pub(crate) fn start_episode(&mut self, piece: Piece, server: u64, now: Instant) {
         let (candidates, episodes) = self.ledger.extent(&piece);
-        let Some(work) = &self.ledger.work else {
+        let Some(work) = self.ledger.work() else {
             return;
         };
         let prototype = match work.controller(candidates.start) {
@@ -148,7 +148,7 @@ impl Scheduler {
 
     /// The work cannot be done by a server, however often it is tried; others may be able to.
     pub(crate) fn not_for(&mut self, server: u64, reason: &str, now: Instant) {
-        self.refused_at = Some(now);
+        self.outlook.refused(now);
         self.outbox
             .warn(format!("server {server} is not used: {reason}"));
         let jobs = self.fleet.refuse(server, reason);
@@ -225,7 +225,7 @@ impl Scheduler {
     /// Why a message of so many bytes cannot be sent to a server, if it cannot.
     fn too_large(&self, topic: Topic, bytes: usize) -> Option<String> {
         let beside = self.config.topics.name(topic).len() + HEADER;
-        let (name, takes) = (topic.name(), self.packet.saturating_sub(beside));
+        let (name, takes) = (topic.name(), self.limits.packet().saturating_sub(beside));
         if bytes > MAX_PAYLOAD {
             Some(format!(
                 "a {name} message of {bytes} bytes is larger than the {MAX_PAYLOAD} that one may have"

@@ -24,6 +24,27 @@ const TOGETHER: Duration = Duration::from_secs(5);
 const MOST_LOST: u32 = 4;
 const LONG: Duration = Duration::from_secs(60);
 
+/// Whose fault it is that work brought no result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Blame {
+    /// The server had other work.
+    Nobody,
+    /// The connection broke; perhaps it was more than the broker takes.
+    Broker,
+    /// The server says that it failed.
+    Evaluation,
+    /// The server sent what cannot be used.
+    Answer,
+    /// The tool's own server went down at it.
+    Crash,
+    /// The server went down while it was at it, or gave it up, nobody knows why.
+    Gone,
+    /// The server went down and had not begun.
+    Lost,
+    /// The server said nothing for too long, or is only slow. `others`: whether anyone spoke meanwhile.
+    Silent { others: bool },
+}
+
 /// How an evaluation failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum How {

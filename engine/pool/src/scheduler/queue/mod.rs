@@ -3,3 +3,4 @@
 pub(crate) mod blame;
 pub(crate) mod ledger;
 pub(crate) mod piece;
+pub(crate) mod results;

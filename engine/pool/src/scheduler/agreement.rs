@@ -1,0 +1,181 @@
+//! What becomes of evaluations that are audited, and of servers that are wrong; see [`audit`](super::audit).
+
+use std::time::Instant;
+
+use crate::scheduler::Scheduler;
+use crate::scheduler::audit::Compared;
+use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::piece::Piece;
+use crate::scheduler::queue::results::Found;
+
+impl Scheduler {
+    pub(crate) fn is_to_be_audited(&self, evaluation: usize, server: u64) -> bool {
+        let share = self.config.faults.audit;
+        let seed = self.config.first_instance ^ self.work_number;
+        let fleet = &self.fleet;
+        self.audits.draws(share, seed, evaluation, server, fleet)
+    }
+
+    /// Has an evaluation repeated before its result counts.
+    pub(crate) fn audit(&mut self, evaluation: usize, first: Found) {
+        let Some(never) = self.fleet.auditors_but(&[first.server]) else {
+            return;
+        };
+        self.counts.audits += 1;
+        self.ledger.queue(Piece::audit(evaluation, never));
+        self.audits.wait(evaluation, first, None);
+    }
+
+    /// What another server found where a result waits for that.
+    pub(crate) fn audited(&mut self, evaluation: usize, found: Found, now: Instant) {
+        match self.audits.compare(evaluation, found, &self.fleet) {
+            Compared::Late => self.counts.late += 1,
+            Compared::Double => self.counts.double += 1,
+            Compared::Agreed(found) => self.confirm(evaluation, &found, now),
+            Compared::Differ(first, second) => {
+                self.counts.disagreements += 1;
+                self.doubtful(evaluation, first, second, now);
+            }
+            Compared::Wrong { right, wrong } => {
+                self.confirm(evaluation, &right[0], now);
+                self.convict(evaluation, &wrong, &right, now);
+            }
+            Compared::AllDiffer(found) => self.disagree(evaluation, &found),
+        }
+    }
+
+    fn confirm(&mut self, evaluation: usize, found: &Found, now: Instant) {
+        self.ledger.unqueue(evaluation);
+        self.count(evaluation, found, now);
+    }
+
+    /// Two servers do not agree: a third one is asked, if there is one.
+    fn doubtful(&mut self, evaluation: usize, first: Found, second: Found, now: Instant) {
+        let told = self.told(evaluation, &[first.clone(), second.clone()]);
+        let asked = [first.server, second.server];
+        let Some(never) = self.fleet.auditors_but(&asked) else {
+            return self.disagree(evaluation, &[first, second]);
+        };
+        self.outbox.warn(format!("{told}; a third server decides"));
+        // At once: until then the one that is wrong gets more to do.
+        self.ledger.queue_first(Piece::audit(evaluation, never));
+        self.audits.wait(evaluation, first, Some(second));
+        self.dispatch(now);
+    }
+
+    /// Nobody can tell who is wrong.
+    fn disagree(&mut self, evaluation: usize, found: &[Found]) {
+        let told = self.told(evaluation, found);
+        self.outlook.disagree(format!(
+            "{told}; which one is right cannot be told without more servers that agree"
+        ));
+    }
+
+    /// Who found what, in words.
+    fn told(&self, evaluation: usize, found: &[Found]) -> String {
+        let episodes = self.ledger.episodes();
+        let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
+        let each: Vec<String> = found
+            .iter()
+            .map(|one| format!("{} on server {}", one.fitness, one.server))
+            .collect();
+        format!(
+            "candidate {candidate} in episode {episode} has the fitness {}",
+            each.join(", ")
+        )
+    }
+
+    /// A server is wrong, as two others say: it is not used any more, and what it did is done again.
+    fn convict(&mut self, evaluation: usize, wrong: &Found, right: &[Found], now: Instant) {
+        let server = wrong.server;
+        let mut found = right.to_vec();
+        found.push(wrong.clone());
+        let reason = format!(
+            "server {server} gives wrong results and is not used any more: {}",
+            self.told(evaluation, &found)
+        );
+        self.let_go(server);
+        let jobs = self.fleet.distrust(server, &reason);
+        let (reopened, lost) = self.redo(server, now);
+        let handed = match lost {
+            0 => String::new(),
+            _ => format!("; {lost} evaluations of it had been used before and stay as they are"),
+        };
+        self.outbox.warn(format!(
+            "{reason}; {reopened} evaluations of it are done again{handed}"
+        ));
+        self.fail_jobs(jobs, &reason, Blame::Nobody, now);
+    }
+
+    /// What a server did, which is not used any more, is done again. Returns how many evaluations are, and how many
+    /// cannot be, since they have been handed out.
+    pub(crate) fn redo(&mut self, server: u64, now: Instant) -> (usize, usize) {
+        let (reopened, lost) = self.ledger.reopen(server);
+        self.counts.recomputed += reopened as u64;
+        for (evaluation, mut kept) in self.audits.take_all() {
+            kept.retain(|found| found.server != server);
+            match <[Found; 1]>::try_from(kept) {
+                Ok([first]) => {
+                    self.ledger.unqueue(evaluation);
+                    self.audit(evaluation, first.clone());
+                    if !self.audits.has(evaluation) {
+                        self.confirm(evaluation, &first, now);
+                    }
+                }
+                Err(kept) if kept.is_empty() => {
+                    self.ledger.unqueue(evaluation);
+                    self.ledger.put_back(&Piece::again(evaluation));
+                }
+                Err(mut both) => {
+                    let second = both.pop();
+                    if let Some(first) = both.pop() {
+                        self.audits.wait(evaluation, first, second);
+                    }
+                }
+            }
+        }
+        (reopened, lost)
+    }
+
+    /// An audit brought no result: it is tried again, or left out.
+    pub(crate) fn retry_audit(
+        &mut self,
+        piece: Piece,
+        server: u64,
+        reason: &str,
+        blame: Blame,
+        now: Instant,
+    ) {
+        let evaluation = piece.first();
+        if !self.audits.has(evaluation) {
+            return;
+        }
+        if matches!(blame, Blame::Nobody | Blame::Broker) {
+            return self.ledger.put_back(&piece);
+        }
+        if piece.tries + 1 < self.config.faults.attempts {
+            self.counts.retries += 1;
+            return self.ledger.put_back(&piece.failed(server));
+        }
+        self.outbox.warn_counted(format!(
+            "an audit failed after {} attempts: {reason}",
+            piece.tries + 1
+        ));
+        self.let_pass(evaluation, now);
+    }
+
+    /// Results for which there is no second server any more count without.
+    pub(crate) fn settle_unchecked(&mut self, now: Instant) {
+        for evaluation in self.audits.unchecked(&self.fleet, &self.in_flight) {
+            self.let_pass(evaluation, now);
+        }
+    }
+
+    fn let_pass(&mut self, evaluation: usize, now: Instant) {
+        match self.audits.end(evaluation) {
+            Some((first, None)) => self.confirm(evaluation, &first, now),
+            Some((first, Some(second))) => self.disagree(evaluation, &[first, second]),
+            None => {}
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Results that come in: which count, and what ends with them.
+
+use std::time::Instant;
+
+use crate::scheduler::Scheduler;
+use crate::scheduler::modes::in_flight::Dropped;
+use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::piece::{Piece, Purpose};
+use crate::scheduler::queue::results::Found;
+
+impl Scheduler {
+    /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
+    pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
+        self.vouch(found.server);
+        if piece.purpose == Purpose::Probe {
+            return;
+        }
+        if piece.purpose == Purpose::Audit || self.audits.has(evaluation) {
+            return self.audited(evaluation, found, now);
+        }
+        if self.ledger.has_ended(evaluation) {
+            self.counts.double += 1;
+            return;
+        }
+        if self.is_to_be_audited(evaluation, found.server) {
+            return self.audit(evaluation, found);
+        }
+        self.count(evaluation, &found, now);
+    }
+
+    /// A result counts: copies of its evaluation are not needed any more.
+    pub(crate) fn count(&mut self, evaluation: usize, found: &Found, now: Instant) {
+        let shared = self.ledger.is_shared(evaluation);
+        self.ledger
+            .settle(evaluation, found.server, found.fitness, &found.metrics);
+        if shared {
+            let reason = format!("server {} was faster", found.server);
+            self.drop_copies(evaluation, &reason, now);
+        }
+    }
+
+    /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
+    pub(crate) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
+        self.drop_all(
+            |scheduler, piece| scheduler.is_over(piece, evaluation),
+            reason,
+            now,
+        );
+    }
+
+    /// Whether nothing of a piece is waited for any more, since this evaluation has ended.
+    fn is_over(&self, piece: &Piece, evaluation: usize) -> bool {
+        !matches!(piece.purpose, Purpose::Audit | Purpose::Probe)
+            && piece.evaluations.contains(&evaluation)
+            && piece
+                .evaluations
+                .clone()
+                .all(|one| self.ledger.has_ended(one))
+    }
+
+    /// Ends the probes that are under way: there is nothing more to tell, nor to record.
+    pub(crate) fn drop_probes(&mut self, now: Instant) {
+        let reason = "all work is done";
+        self.drop_all(|_, piece| piece.purpose == Purpose::Probe, reason, now);
+    }
+
+    fn drop_all(&mut self, over: impl Fn(&Self, &Piece) -> bool, reason: &str, now: Instant) {
+        for (server, job) in self.in_flight.jobs_of(|piece| over(self, piece)) {
+            self.fleet.finished(server, &job);
+            match self.in_flight.drop_job(job) {
+                Some(Dropped::Episode(hash, episode)) => {
+                    if episode.piece.purpose != Purpose::Probe {
+                        self.record_run(&episode, Some(reason.to_owned()), None, now);
+                    }
+                    self.end_run(server, &hash);
+                }
+                Some(Dropped::Request(number, request)) => {
+                    if request.piece.purpose != Purpose::Probe {
+                        self.record_request(&request, Some(reason.to_owned()), now);
+                    }
+                    if let Some(batch) = &request.batch {
+                        // On its own topic: what is said of control, all servers hear.
+                        let step = batch.steps().saturating_sub(1);
+                        self.end_batch(server, number, step);
+                        continue;
+                    }
+                    // There is no way to end one of two requests.
+                    let others = self.fleet.take_jobs(server);
+                    self.let_go(server);
+                    self.fail_each(others, reason, Blame::Nobody, now);
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// A fitness for no episode under way.
+    pub(crate) fn unwanted(&mut self, hash: &str) {
+        match self.in_flight.ended(hash) {
+            Some((_, true)) => self.counts.double += 1,
+            Some(_) => self.counts.late += 1,
+            None => {}
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! What is known, to decide by.
+
+use crate::config::Config;
+use crate::scheduler::fleet::Fleet;
+use crate::scheduler::limits::Limits;
+use crate::scheduler::modes::in_flight::InFlight;
+use crate::scheduler::queue::ledger::Ledger;
+
+/// The parts of a scheduler, to be read only: decisions that need several of them are made on this.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'a> {
+    pub config: &'a Config,
+    pub fleet: &'a Fleet,
+    pub ledger: &'a Ledger,
+    pub in_flight: &'a InFlight,
+    pub limits: &'a Limits,
+    /// The number of agents, if the parameters tell.
+    pub agents: Option<u64>,
+}
+
+impl View<'_> {
+    /// Sensors and actuators that a fitting server announces, or that the experiment says.
+    pub fn sizes(&self) -> Option<(usize, usize)> {
+        match (self.config.demand.sensors, self.config.demand.actuators) {
+            (Some(sensors), Some(actuators)) => Some((sensors, actuators)),
+            _ => self.fleet.sizes(),
+        }
+    }
+}
