@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use swarmwright_pool::{Action, Attempt, Config, Demand, Faults, Scheduler, Mode, WorkError};
+use swarmwright_pool::{Action, Attempt, Config, Demand, Faults, Mode, Scheduler, WorkError};
 use swarmwright_protocol::{Requirements, Topic, Topics};
 
 use crate::network::Filter;

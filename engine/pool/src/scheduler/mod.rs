@@ -10,6 +10,7 @@ mod audit;
 mod backup;
 mod dispatch;
 mod duplicates;
+mod events;
 pub(crate) mod fleet;
 pub(crate) mod holdings;
 mod job;
@@ -31,7 +32,7 @@ mod view;
 
 use std::time::Instant;
 
-use swarmwright_protocol::{Control, Message, SensorReading, ToTool, Topic};
+use swarmwright_protocol::{Control, Topic};
 
 use crate::config::Config;
 use crate::counts::Counts;
@@ -45,7 +46,6 @@ use crate::scheduler::job::Job;
 use crate::scheduler::limits::Limits;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::modes::request::Request;
-use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::ledger::Ledger;
 use crate::scheduler::queue::results::{Results, Settled};
 use crate::work::{Work, WorkError};
@@ -240,72 +240,6 @@ impl Scheduler {
             .control(&self.config, server, instance, hash, run)
     }
 
-    /// A message came in. Retained messages are leftovers of somebody's past, except presence.
-    pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
-        let Some(kind) = self.config.topics.parse(topic) else {
-            return;
-        };
-        if retained && kind != Topic::Presence {
-            return self.outbox.warn_once(format!(
-                "ignoring a retained message on {topic}; remove it with: mosquitto_pub -r -n -t {topic}"
-            ));
-        }
-        if kind == Topic::Presence && payload.is_empty() {
-            let id = topic
-                .rsplit('/')
-                .next()
-                .and_then(|id| id.parse().ok())
-                .unwrap_or(u64::MAX);
-            let jobs = self.fleet.left(id);
-            return self.fail_jobs(jobs, &format!("server {id} left"), Blame::Nobody, now);
-        }
-        if kind == Topic::Sensor {
-            match SensorReading::decode(payload) {
-                Ok(sensor) => self.sensor(&sensor, now),
-                Err(error) => self.undecodable(topic, payload, &error, now),
-            }
-            return;
-        }
-        if kind == Topic::ToTool {
-            if !topic.ends_with(self.messages.reply()) {
-                return;
-            }
-            match ToTool::decode(payload) {
-                Ok(message) => self.answered(message, now),
-                Err(error) => self
-                    .outbox
-                    .warn_once(format!("refusing an answer to this tool: {error}")),
-            }
-            return;
-        }
-        match Message::decode(kind, payload) {
-            Ok(Message::Fitness(fitness)) => self.fitness(&fitness, now),
-            Ok(Message::Server(message)) => self.server(message, now),
-            Ok(Message::Presence(presence)) => self.presence(presence, now),
-            Ok(_) => {}
-            Err(error) => self.undecodable(topic, payload, &error, now),
-        }
-    }
-
-    /// The answer to [`Action::AskBroker`]: whether the broker at `address` holds small packets back, or why that could
-    /// not be found out.
-    pub fn broker_holds_back(&mut self, found: Result<bool, String>, address: &str) {
-        if let Some(text) = self.fleet.lag().told(found, address) {
-            self.outbox.warn(text);
-        }
-    }
-
-    /// The broker has read a packet of so many bytes.
-    pub fn was_read(&mut self, bytes: usize) {
-        self.limits.was_read(bytes);
-    }
-
-    /// This tool's connection ended, with a packet of so many bytes sent of which it is not known whether the broker read
-    /// it; see [`disconnected`](Self::disconnected) for the rest.
-    pub fn ended_on(&mut self, bytes: usize, now: Instant) {
-        self.limits.ended_on(bytes, now);
-    }
-
     /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
     #[must_use]
     pub fn hopeless(&self) -> Option<&str> {
@@ -353,62 +287,5 @@ impl Scheduler {
     #[must_use]
     pub fn disagreement(&self) -> Option<&str> {
         self.outlook.disagreement()
-    }
-
-    /// The next time at which `tick` is needed, if no message comes first.
-    #[must_use]
-    pub fn next_tick(&self) -> Instant {
-        let deadline = self.in_flight.next_deadline(&self.config);
-        let doubt = self.view().next_doubt();
-        [
-            deadline,
-            doubt,
-            self.recheck.at(),
-            self.fleet.next_unbench(),
-        ]
-        .into_iter()
-        .flatten()
-        .fold(self.discovery.next(), Instant::min)
-    }
-
-    /// Time has passed.
-    pub fn tick(&mut self, now: Instant) {
-        self.late_episodes(now);
-        self.late_requests(now);
-        self.doubt(now);
-        self.fleet.unbench(now);
-        self.settle_unchecked(now);
-        self.limits.tick(now);
-        if self.discovery.next() <= now {
-            if self.wants_servers() {
-                self.discover(now);
-            } else {
-                self.discovery.postpone(now);
-            }
-        }
-        self.dispatch(now);
-        let lonely = !self.finished() && self.in_flight.is_empty();
-        self.outlook.unserved(lonely, now);
-    }
-
-    /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
-    /// question for a wish.
-    fn wants_servers(&self) -> bool {
-        let looking = self.work_number == 0 || !self.finished();
-        let few = self.fleet.is_empty() || self.fleet.slots().any(|(_, slot)| !slot.usable());
-        // Another tool may have been faster on its server; see `beaten`.
-        let waiting = self.in_flight.episodes().any(|one| !one.begun());
-        // Whether others are silent, too, tells what to think of one that is lost.
-        let suspects = self.ledger.suspicions().has_suspects();
-        self.ledger.queued() > 0 || waiting || suspects || (looking && few)
-    }
-
-    /// The connection broke: the work under way on it is lost, and nobody's fault.
-    pub fn disconnected(&mut self, now: Instant) {
-        self.counts.broker_losses += 1;
-        self.fleet.clear();
-        let jobs = self.in_flight.jobs();
-        let reason = "the connection to the broker broke";
-        self.fail_jobs(jobs, reason, Blame::Broker, now);
     }
 }

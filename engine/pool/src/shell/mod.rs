@@ -1,5 +1,7 @@
 //! Input and output: the connection, threads, the clock.
 
+pub(crate) mod error;
+pub(crate) mod options;
 pub(crate) mod pool;
 pub(crate) mod probe;
 pub(crate) mod report;

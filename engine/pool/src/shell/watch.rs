@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use swarmwright_mqtt::{Connection, Event, QoS, Settings, Subscription};
 use swarmwright_protocol::{Message, Presence, Status, Topic, Topics};
 
-use crate::shell::pool::PoolError;
+use crate::shell::error::PoolError;
 
 /// Something that a watcher heard.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,11 +1,13 @@
 //! Work under way on servers, by mode of evaluation.
 
 pub(crate) mod batch;
+mod batched;
 pub(crate) mod episode;
 pub(crate) mod in_flight;
+mod offloaded;
 pub(crate) mod request;
-pub(crate) mod requests;
-pub(crate) mod stepwise;
+mod requests;
+mod stepwise;
 
 use std::time::Duration;
 

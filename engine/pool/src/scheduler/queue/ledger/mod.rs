@@ -1,11 +1,13 @@
 //! What of the work is queued and what is done. Evaluations are numbered candidate by candidate, episode by episode.
 
+mod queue;
+
 use std::collections::{HashSet, VecDeque};
 use std::ops::Range;
 
 use crate::scheduler::queue::blame::Suspicions;
 use crate::scheduler::queue::piece::{Piece, Purpose};
-use crate::scheduler::queue::results::{Results, Settled, rectangle};
+use crate::scheduler::queue::results::{Results, Settled};
 use crate::work::{Work, WorkError};
 
 /// Fewer evaluations than these are not worth forgetting.
@@ -179,140 +181,9 @@ impl Ledger {
         self.done == self.forgotten + self.settled.len()
     }
 
-    /// Which piece is next for a server: one that it may have and has not failed, or which all of `servers` have.
-    fn position(&self, server: u64, servers: &[u64]) -> Option<usize> {
-        let found = self.queue.iter().position(|piece| {
-            !self.needs_proof(piece, server) && self.may_have(piece, server, servers)
-        });
-        // A server that can be proven otherwise does not get what others were lost with, nor again what it failed.
-        found.or_else(|| match self.good {
-            Some(_) => None,
-            None => self.barred(server, servers),
-        })
-    }
-
-    /// Whether a server has to succeed with something else first: after others were lost with a piece, and after it
-    /// failed it itself.
-    fn needs_proof(&self, piece: &Piece, server: u64) -> bool {
-        let suspicions = &self.suspicions;
-        let evaluation = piece.first();
-        (suspicions.is_suspect(evaluation) && !suspicions.is_proven(server))
-            || suspicions.is_open(evaluation, server)
-    }
-
-    /// What a server could have if it had succeeded with something.
-    fn barred(&self, server: u64, servers: &[u64]) -> Option<usize> {
-        if self.suspicions.is_empty() {
-            return None;
-        }
-        let mut queue = self.queue.iter();
-        queue.position(|piece| self.may_have(piece, server, servers))
-    }
-
-    fn may_have(&self, piece: &Piece, server: u64, servers: &[u64]) -> bool {
-        let free = !piece.is_kept_from(server) || !self.is_elsewhere(piece);
-        let failed = |server: &u64| piece.has_failed_on(*server);
-        let waits = self.suspicions.must_wait(piece.first());
-        free && !waits && (!failed(&server) || servers.iter().all(failed))
-    }
-
-    /// Whether nothing waits for a server but what it may have only once it has succeeded with something.
-    pub fn waits_for_proof(&self, server: u64, servers: &[u64]) -> bool {
-        self.position(server, servers).is_none() && self.barred(server, servers).is_some()
-    }
-
     /// The last evaluation that has succeeded.
     pub fn good(&self) -> Option<usize> {
         self.good
-    }
-
-    /// Whether [`take`](Self::take) would give a server something.
-    pub fn has_for(&self, server: u64, servers: &[u64]) -> bool {
-        self.position(server, servers).is_some()
-    }
-
-    /// A rectangle of at most `most` evaluations that this server may have and has not failed, or which all of `servers`
-    /// have.
-    pub fn take(&mut self, server: u64, servers: &[u64], most: usize) -> Option<Piece> {
-        let position = self.position(server, servers)?;
-        let episodes = self.episodes();
-        let piece = &mut self.queue[position];
-        let count = rectangle(&piece.evaluations, episodes, most.min(piece.largest()));
-        let taken = piece.part(piece.first()..piece.first() + count);
-        piece.evaluations.start += count;
-        if piece.evaluations.is_empty() {
-            self.queue.remove(position);
-        }
-        self.queued -= count;
-        Some(taken)
-    }
-
-    /// Whether a server that must not have a piece is to be left out indeed: an audit always; a copy only as long as
-    /// somebody else is at all of it.
-    fn is_elsewhere(&self, piece: &Piece) -> bool {
-        let shared = |evaluation| {
-            self.place(evaluation)
-                .is_none_or(|place| self.holders[place] > 1)
-        };
-        piece.purpose == Purpose::Audit || piece.evaluations.clone().all(shared)
-    }
-
-    /// What of a piece is not settled waits for a server again, before all else, unless another server has it.
-    pub fn put_back(&mut self, piece: &Piece) {
-        if piece.purpose == Purpose::Audit {
-            self.queued += piece.len();
-            return self.queue.push_back(piece.clone());
-        }
-        let mut waits = Vec::with_capacity(piece.len());
-        for evaluation in piece.evaluations.clone() {
-            waits.push(self.let_go(evaluation) == Some(0));
-            if waits.last() == Some(&true)
-                && let Some(place) = self.place(evaluation)
-            {
-                self.holders[place] = 1;
-            }
-        }
-        // From the end on, so that the first comes first.
-        let mut end = waits.len();
-        while let Some(last) = waits[..end].iter().rposition(|waits| *waits) {
-            let before = waits[..last].iter().rposition(|waits| !waits);
-            let first = before.map_or(0, |index| index + 1);
-            self.queued += last + 1 - first;
-            let part = piece.first() + first..piece.first() + last + 1;
-            self.queue.push_front(piece.work_again(part));
-            end = first;
-        }
-    }
-
-    /// Somebody does not have an evaluation any more. In how many other places it is; none if it has ended.
-    fn let_go(&mut self, evaluation: usize) -> Option<u8> {
-        let place = self.place(evaluation)?;
-        self.holders[place] = self.holders[place].saturating_sub(1);
-        Some(self.holders[place])
-    }
-
-    /// Notes that what of a piece has not ended will be in one more place.
-    pub fn hold(&mut self, piece: &Piece) {
-        for evaluation in piece.evaluations.clone() {
-            if let Some(place) = self.place(evaluation) {
-                self.holders[place] = self.holders[place].saturating_add(1);
-            }
-        }
-    }
-
-    /// A copy of work under way, or an audit, waits for a server: copies before all else.
-    pub fn queue(&mut self, piece: Piece) {
-        if piece.purpose == Purpose::Backup {
-            return self.queue_first(piece);
-        }
-        self.queued += piece.len();
-        self.queue.push_back(piece);
-    }
-
-    /// As [`queue`](Self::queue), before all else.
-    pub fn queue_first(&mut self, piece: Piece) {
-        self.queued += piece.len();
-        self.queue.push_front(piece);
     }
 
     /// Whether an evaluation is in more than one place.
@@ -337,23 +208,6 @@ impl Ledger {
     fn place(&self, evaluation: usize) -> Option<usize> {
         let place = evaluation.checked_sub(self.forgotten)?;
         (!self.settled[place]).then_some(place)
-    }
-
-    /// What is left of an evaluation waits until its servers are vouched for, unless another one has it.
-    pub fn put_aside(&mut self, piece: Piece) {
-        self.unqueue(piece.first());
-        if self.let_go(piece.first()) == Some(0) {
-            self.suspicions.put_aside(piece);
-        }
-    }
-
-    /// Takes an evaluation that was put aside and that a server has not failed.
-    pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
-        let piece = self.suspicions.take_aside_for(server)?;
-        if let Some(place) = self.place(piece.first()) {
-            self.holders[place] = 1;
-        }
-        Some(piece)
     }
 
     /// An evaluation has ended with the result of a server. Whether that is news: what comes later is not heard.
@@ -390,27 +244,6 @@ impl Ledger {
             self.end(place);
         }
         true
-    }
-
-    /// Takes an evaluation out of the queue, where a copy of it may wait, or its audit.
-    pub fn unqueue(&mut self, evaluation: usize) {
-        let holds = |piece: &Piece| piece.evaluations.contains(&evaluation);
-        while let Some(position) = self.queue.iter().position(holds) {
-            let Some(piece) = self.queue.remove(position) else {
-                return;
-            };
-            let parts = [
-                piece.first()..evaluation,
-                evaluation + 1..piece.evaluations.end,
-            ];
-            self.queued -= 1;
-            if piece.purpose != Purpose::Audit {
-                self.let_go(evaluation);
-            }
-            for part in parts.into_iter().rev().filter(|part| !part.is_empty()) {
-                self.queue.insert(position, piece.part(part));
-            }
-        }
     }
 
     fn end(&mut self, place: usize) {

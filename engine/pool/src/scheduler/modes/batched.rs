@@ -1,0 +1,136 @@
+//! Batched evaluation: controllers stay here, one message carries a step of all agents of many episodes.
+
+use std::time::Instant;
+
+use swarmwright_protocol::{
+    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, ToServer, U64s,
+};
+
+use crate::scheduler::Scheduler;
+use crate::scheduler::job::Job;
+use crate::scheduler::modes::batch::Batch;
+use crate::scheduler::queue::piece::Piece;
+use crate::scheduler::queue::results::Found;
+
+impl Scheduler {
+    pub(crate) fn start_batch(&mut self, piece: Piece, server: u64, now: Instant) {
+        let Some(work) = self.ledger.work() else {
+            return;
+        };
+        let episodes = work.episodes();
+        let controllers: Result<Vec<_>, _> = piece
+            .evaluations
+            .clone()
+            .map(|evaluation| work.controller(evaluation / episodes))
+            .collect();
+        let controllers = match controllers {
+            Ok(controllers) => controllers,
+            Err(_) => return self.give_up(&piece, true, now),
+        };
+        let seeds = piece.evaluations.clone();
+        let message = ToServer::Start(BatchStart {
+            version: EXTENSION_VERSION,
+            request: self.in_flight.next_request(),
+            tool: self.config.tool.clone(),
+            reply: self.messages.reply().to_owned(),
+            simulation: self.config.demand.simulation.clone(),
+            // Of a parameter set all episodes of a batch have the same values, see `most`.
+            parameters: match controllers.first() {
+                Some(controller) => controller.merged(&self.config.parameters).into_owned(),
+                None => self.config.parameters.clone(),
+            },
+            seeds: U64s(
+                seeds
+                    .map(|evaluation| work.seeds()[evaluation % episodes])
+                    .collect(),
+            ),
+            metrics: self.config.demand.metrics.clone(),
+            instance: self.fleet.instance(server),
+        });
+        let metrics = self.config.demand.metrics.clone();
+        // Agents that steer themselves are not heard of before all episodes are over.
+        let episodes = if work.architecture().steers() {
+            1
+        } else {
+            u32::try_from(piece.len()).unwrap_or(u32::MAX)
+        };
+        let patience = self.config.step_timeout.saturating_mul(episodes);
+        let batch = Batch::new(controllers, self.messages.agents(), metrics);
+        self.request(&message, piece, server, patience, Some(batch), now);
+    }
+
+    /// A server steps a batch that nobody waits for: its start came late or twice.
+    pub(super) fn end_ghost(&mut self, message: &BatchSensors) {
+        if !message.episodes.0.is_empty() {
+            self.end_batch(message.server, message.request, message.step);
+        }
+    }
+
+    /// Ends a batch: there are no actuators for its `step`.
+    pub(crate) fn end_batch(&mut self, server: u64, request: u64, step: u64) {
+        let end = ToServer::Actuators(BatchActuators {
+            version: EXTENSION_VERSION,
+            request,
+            step,
+            actuators: F32s(Vec::new()),
+        });
+        self.ask(server, request, &end);
+    }
+
+    pub(super) fn stepped(&mut self, number: u64, message: BatchSensors, now: Instant) {
+        let Some(mut request) = self.in_flight.take_request(number) else {
+            return;
+        };
+        let server = request.server;
+        let Some(batch) = &mut request.batch else {
+            return;
+        };
+        let progress = match batch.step(message) {
+            Ok(Some(progress)) => progress,
+            Ok(None) => {
+                self.in_flight.put_back_request(number, request);
+                return;
+            }
+            Err(reason) if !batch.steers() => {
+                self.in_flight.put_back_request(number, request);
+                self.let_go(server);
+                return self.not_for(server, &reason, now);
+            }
+            Err(reason) => {
+                self.in_flight.put_back_request(number, request);
+                return self.misbehaved(server, &reason, now);
+            }
+        };
+        let since = now.saturating_duration_since(request.heard);
+        self.fleet.measured_step(server, since);
+        request.heard = now;
+        for (index, reason, stack) in progress.failed {
+            self.fail_one(&request, index, reason, stack, now);
+            request.apart.push(request.piece.first() + index);
+        }
+        for (index, fitness, metrics) in progress.ended {
+            let evaluation = request.piece.first() + index;
+            let found = Found::new(server, fitness, metrics);
+            self.settle(&request.piece, evaluation, found, now);
+        }
+        if let Some((step, actuators)) = progress.answer {
+            let answer = ToServer::Actuators(BatchActuators {
+                version: EXTENSION_VERSION,
+                request: number,
+                step,
+                actuators: F32s(actuators),
+            });
+            self.in_flight.put_back_request(number, request);
+            self.ask(server, number, &answer);
+            return;
+        }
+        self.fleet.finished(server, &Job::Request(number));
+        let seconds = now.saturating_duration_since(request.started);
+        let count = request.piece.len();
+        if request.apart.len() < count {
+            self.fleet.did_well(server, count, seconds.as_secs_f64());
+        }
+        self.record_request(&request, None, now);
+        self.limits.went_through(&request);
+    }
+}

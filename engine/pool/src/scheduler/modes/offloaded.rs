@@ -1,0 +1,172 @@
+//! Offloaded evaluation: a block of controllers goes to a server, their results come back.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_protocol::{EXTENSION_VERSION, Evaluate, Evaluated, F32s, ToServer, U64s};
+
+use crate::metrics::needed;
+use crate::scheduler::Scheduler;
+use crate::scheduler::job::Job;
+use crate::scheduler::queue::piece::Piece;
+use crate::scheduler::queue::results::Found;
+use crate::work::Work;
+
+/// A block is given to somebody else when it takes this many times as long as expected.
+const LEASE: f64 = 10.0;
+/// How often a block is given more time since it was not answered in time.
+const MOST_LATE: u32 = 3;
+
+impl Scheduler {
+    /// Bytes of a request for a block of the work without genomes and seeds.
+    pub(crate) fn beside(&self, work: &Work) -> usize {
+        let nothing = Evaluate {
+            version: EXTENSION_VERSION,
+            request: u64::MAX,
+            tool: self.config.tool.clone(),
+            reply: self.messages.reply().to_owned(),
+            simulation: self.config.demand.simulation.clone(),
+            parameters: self.config.parameters.clone(),
+            controller: work.specification().clone(),
+            genomes: F32s::default(),
+            seeds: U64s::default(),
+            metrics: self.config.demand.metrics.clone(),
+            attempt: u32::MAX,
+            lease: 0.5,
+            instance: None,
+        };
+        ToServer::Evaluate(nothing).encode().len()
+    }
+
+    pub(crate) fn send_block(&mut self, piece: Piece, server: u64, now: Instant) {
+        let (candidates, episodes) = self.ledger.extent(&piece);
+        let Some(work) = self.ledger.work() else {
+            return;
+        };
+        let rate = self.fleet.slot(server).and_then(|slot| slot.rate);
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "far fewer than 2^53 evaluations"
+        )]
+        let expected = rate.map_or(0.0, |rate| LEASE * piece.len() as f64 / rate);
+        // A server may have become slower than it was when it was measured.
+        let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
+        let lease = self.config.step_timeout.as_secs_f64().max(expected) * more;
+        let message = ToServer::Evaluate(Evaluate {
+            version: EXTENSION_VERSION,
+            request: self.in_flight.next_request(),
+            tool: self.config.tool.clone(),
+            reply: self.messages.reply().to_owned(),
+            simulation: self.config.demand.simulation.clone(),
+            parameters: self.config.parameters.clone(),
+            controller: work.specification().clone(),
+            genomes: F32s(work.genomes_of(candidates).to_vec()),
+            seeds: U64s(work.seeds()[episodes].to_vec()),
+            metrics: self.config.demand.metrics.clone(),
+            attempt: piece.tries + 1,
+            // What was sent before this one is computed first. Who is watched is ended where it takes too long.
+            lease: if self.processes.are_watched(server) {
+                0.0
+            } else {
+                lease * 2.0
+            },
+            instance: self.fleet.instance(server),
+        });
+        let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.step_timeout);
+        self.request(&message, piece, server, lease, None, now);
+    }
+
+    pub(super) fn evaluated(&mut self, number: u64, message: Evaluated, now: Instant) {
+        let Some(request) = self.in_flight.take_request(number) else {
+            return;
+        };
+        let metrics = self.config.demand.metrics.clone();
+        let reason = misfit(&message, &request.piece, self.ledger.episodes());
+        if let Some(reason) = reason.or_else(|| without(&message, &metrics)) {
+            let server = request.server;
+            self.in_flight.put_back_request(number, request);
+            return self.misbehaved(server, &reason, now);
+        }
+        self.fleet.finished(request.server, &Job::Request(number));
+        let (count, since) = (
+            request.piece.len(),
+            now.saturating_duration_since(request.heard),
+        );
+        // A server's own word for it, as far as it can be true.
+        let told = message.seconds.is_finite() && message.seconds > 0.0;
+        // Not since the reply before: where two are read at once, that is no time at all.
+        let most = now.saturating_duration_since(request.started);
+        let seconds = if told {
+            message.seconds.min(most.as_secs_f64())
+        } else {
+            since.as_secs_f64()
+        };
+        // How fast a server fails tells nothing of how fast it is.
+        if message.failed.len() < count {
+            self.fleet.did_well(request.server, count, seconds);
+        }
+        if let Some(slot) = self.fleet.slot(request.server) {
+            for job in &slot.jobs {
+                if let Job::Request(next) = job
+                    && let Some(next) = self.in_flight.request_mut(*next)
+                {
+                    next.heard = now;
+                }
+            }
+        }
+        self.record_request(&request, None, now);
+        self.limits.went_through(&request);
+        // What succeeded shows that the server is sound, so it comes last.
+        let columns = self.ledger.extent(&request.piece).1.len();
+        for failure in message.failed {
+            let offset = usize::try_from(failure.candidate * columns as u64 + failure.episode);
+            let offset = offset.unwrap_or(usize::MAX);
+            self.fail_one(&request, offset, failure.reason, failure.stack, now);
+        }
+        for (offset, &fitness) in message.fitness.0.iter().enumerate() {
+            if !fitness.is_finite() {
+                continue;
+            }
+            let value = |name: &str| message.metrics.get(name)?.0.get(offset).copied();
+            match needed(&metrics, value) {
+                Ok(values) => {
+                    let evaluation = request.piece.first() + offset;
+                    let found = Found::new(request.server, fitness, values);
+                    self.settle(&request.piece, evaluation, found, now);
+                }
+                Err(reason) => self.fail_one(&request, offset, reason, None, now),
+            }
+        }
+    }
+}
+
+/// Why a result is not enough: a metric that is needed is not in it.
+fn without(message: &Evaluated, metrics: &[String]) -> Option<String> {
+    let missing = metrics
+        .iter()
+        .find(|name| !message.metrics.contains_key(*name))?;
+    Some(format!("the metric {missing} is missing from the result"))
+}
+
+/// Why a result is none of this piece.
+fn misfit(message: &Evaluated, piece: &Piece, episodes: usize) -> Option<String> {
+    let (found, expected) = (message.fitness.0.len(), piece.len());
+    if found != expected {
+        return Some(format!("{found} fitness values came, expected {expected}"));
+    }
+    let columns = piece.len().min(episodes) as u64;
+    let is_failed = |candidate: u64, episode: u64| {
+        let offset = candidate.checked_mul(columns)?.checked_add(episode)?;
+        let value = message.fitness.0.get(usize::try_from(offset).ok()?)?;
+        (episode < columns && !value.is_finite()).then_some(offset)
+    };
+    let failed: Option<std::collections::BTreeSet<u64>> = message
+        .failed
+        .iter()
+        .map(|failure| is_failed(failure.candidate, failure.episode))
+        .collect();
+    // As many failures as fitness values that are none: that was seen to when the message was read.
+    match failed {
+        Some(failed) if failed.len() == message.failed.len() => None,
+        _ => Some("the failed evaluations are not those without fitness".to_owned()),
+    }
+}

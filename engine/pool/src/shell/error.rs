@@ -1,0 +1,55 @@
+//! Why a pool cannot do its work.
+
+use swarmwright_mqtt::{ConnectError, SettingsError};
+use swarmwright_protocol::TopicError;
+
+use crate::work::WorkError;
+
+/// Why the pool cannot do its work.
+#[derive(Debug, thiserror::Error)]
+pub enum PoolError {
+    /// No connection to the broker.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The URL or the credentials cannot be used.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A prefix that cannot stand before a topic.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// No server fits, or all have gone.
+    #[error("no server fits on {url} after {seconds:.0} s; {description}")]
+    NoServer {
+        /// The broker.
+        url: String,
+        /// How long was waited.
+        seconds: f64,
+        /// What was required and what was found.
+        description: String,
+        /// Titles that servers offer.
+        titles: Vec<String>,
+    },
+    /// The servers do not say how many sensors and actuators there are.
+    #[error(
+        "the servers do not announce their numbers of sensors and actuators; add `sensors:` and `actuators:` to the experiment"
+    )]
+    NoSizes,
+    /// Every server refuses the work.
+    #[error("no server can do this work: {0}")]
+    Rejected(String),
+    /// Genomes that do not fit.
+    #[error(transparent)]
+    Work(#[from] WorkError),
+    /// A part of the work is larger than the broker takes.
+    #[error("{0}")]
+    TooLarge(String),
+    /// Two servers do not find the same, and nobody can tell which one is wrong.
+    #[error("servers disagree: {0}")]
+    Disagreement(String),
+    /// Nobody can tell whether candidates or servers are to blame, or all servers are broken.
+    #[error("{0}")]
+    Hopeless(String),
+    /// The caller wants to stop.
+    #[error("interrupted")]
+    Interrupted,
+}

@@ -1,0 +1,49 @@
+//! How a pool is to work.
+
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+use swarmwright_mqtt::Settings;
+
+use crate::config::Faults;
+use crate::demand::Demand;
+
+/// What the work is for, as those who watch are told.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct About {
+    /// Name of the run.
+    pub run: Option<String>,
+    /// The generation under way, from 0.
+    pub generation: Option<u64>,
+    /// Generations of the whole run.
+    pub generations: Option<u64>,
+    /// In steady state: how many evaluations had been done before the work, and how many the whole run has.
+    pub evaluations: Option<(u64, u64)>,
+}
+
+/// How a pool is to work.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Where the broker is.
+    pub settings: Settings,
+    /// Topic prefix, empty for none.
+    pub prefix: String,
+    /// Name of the tool for people to read; host, process and a random number are added.
+    pub tool: String,
+    /// What a server must offer.
+    pub demand: Demand,
+    /// Parameters of the simulation.
+    pub parameters: Map<String, Value>,
+    /// Whether servers are to show their runs, which are stepwise then, whatever the demand says.
+    pub visual: bool,
+    /// How long to look for a first server.
+    pub discovery_timeout: Duration,
+    /// How long a server may be silent in an episode, and how long work may wait for any server.
+    pub step_timeout: Duration,
+    /// What is done about servers and evaluations that fail, are slow, or wrong.
+    pub faults: Faults,
+    /// Most evaluations in one request.
+    pub largest: usize,
+    /// Whether all servers on the broker are the tool's own, so that no two of them have one id.
+    pub alone: bool,
+}

@@ -1,0 +1,134 @@
+//! Evaluates work, until all has ended or there is no way on.
+
+use std::time::{Duration, Instant};
+
+use super::{ASK, Pool};
+use crate::journal::Attempt;
+use crate::scheduler::queue::results::{Results, Settled};
+use crate::shell::error::PoolError;
+use crate::shell::report::Report;
+use crate::work::Work;
+
+impl Pool {
+    pub(super) fn no_server(&self, waited: Duration) -> PoolError {
+        PoolError::NoServer {
+            url: self.connection.url(),
+            seconds: waited.as_secs_f64(),
+            description: self.scheduler.describe(),
+            titles: self.scheduler.titles(),
+        }
+    }
+
+    /// Evaluates every candidate in every episode. `on_progress(done, waiting_for)` is called ten times a second and at
+    /// the end, and may stop the work.
+    ///
+    /// # Errors
+    /// No server for longer than the time-outs allow; all servers refuse the work; stopped. What is under way is ended
+    /// then.
+    pub fn evaluate(
+        &mut self,
+        work: Work,
+        mut on_progress: impl FnMut(usize, &str) -> bool,
+    ) -> Result<Results, PoolError> {
+        self.drive(
+            work,
+            |_| Ok(true),
+            |_, done, waiting_for| on_progress(done, waiting_for),
+        )?;
+        Ok(self.scheduler.take_results())
+    }
+
+    /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended (none when there is only
+    /// something to warn of) and how that went, and returns the genomes of further ones, (candidates, weights) row-major, or none to stop. The end is reached when all
+    /// have ended and `feed` had no more. `on_progress(done, total, waiting_for)` as for [`evaluate`](Self::evaluate).
+    ///
+    /// # Errors
+    /// As [`evaluate`](Self::evaluate); genomes that do not fit.
+    pub fn stream(
+        &mut self,
+        work: Work,
+        mut feed: impl FnMut(Settled, Vec<Attempt>, Vec<String>) -> Option<Vec<f32>>,
+        mut on_progress: impl FnMut(usize, usize, &str) -> bool,
+    ) -> Result<(), PoolError> {
+        let take = |pool: &mut Self| {
+            let settled = pool.scheduler.take_settled();
+            if settled.candidates.is_empty() && pool.warnings.is_empty() {
+                return Ok(true);
+            }
+            let Some(genomes) = feed(settled, pool.take_journal(), pool.take_warnings()) else {
+                return Ok(false);
+            };
+            pool.scheduler.extend(&genomes, Instant::now())?;
+            pool.act();
+            Ok(true)
+        };
+        self.drive(work, take, |pool, done, waiting_for| {
+            on_progress(done, pool.scheduler.total(), waiting_for)
+        })
+    }
+
+    /// Works until all has ended, or `step`, called whenever something may have come, says no.
+    fn drive(
+        &mut self,
+        work: Work,
+        mut step: impl FnMut(&mut Self) -> Result<bool, PoolError>,
+        mut on_progress: impl FnMut(&Self, usize, &str) -> bool,
+    ) -> Result<(), PoolError> {
+        self.scheduler.submit(work, Instant::now());
+        let mut asked = Instant::now();
+        let patience = self.discovery_timeout.max(self.step_timeout);
+        let mut free_since = asked;
+        let result = loop {
+            self.poll(asked + ASK);
+            // What ends during the step is taken by the next one.
+            let all = self.scheduler.finished();
+            match step(self) {
+                Ok(true) => {}
+                Ok(false) => break Ok(()),
+                Err(error) => break Err(error),
+            }
+            let now = Instant::now();
+            if all && self.scheduler.finished() {
+                on_progress(self, self.scheduler.done(), "");
+                let status = self.stand(now);
+                self.reporter.tell(&Report::Status(
+                    &status,
+                    self.connection.traffic(),
+                    *self.scheduler.counts(),
+                ));
+                return Ok(());
+            }
+            if now.duration_since(asked) >= ASK {
+                asked = now;
+                if let Some(told) = self.scheduler.disagreement() {
+                    break Err(PoolError::Disagreement(told.to_owned()));
+                }
+                if let Some(told) = self.scheduler.hopeless() {
+                    break Err(PoolError::TooLarge(told.to_owned()));
+                }
+                if let Some(told) = self.scheduler.undecided(self.discovery_timeout, now) {
+                    break Err(PoolError::Hopeless(told));
+                }
+                if let Some(reason) = self.scheduler.rejected(now) {
+                    break Err(PoolError::Rejected(reason));
+                }
+                let lonely = self.scheduler.lonely(now);
+                if self.scheduler.busy_elsewhere().is_some() || self.supervision.are_starting() {
+                    free_since = now;
+                } else if lonely.min(now.duration_since(free_since)) >= patience {
+                    break Err(self.no_server(lonely));
+                }
+                if !on_progress(
+                    self,
+                    self.scheduler.done(),
+                    &self.scheduler.waiting_for(now),
+                ) {
+                    break Err(PoolError::Interrupted);
+                }
+            }
+        };
+        self.scheduler.cancel();
+        self.poll(Instant::now());
+        result
+    }
+}

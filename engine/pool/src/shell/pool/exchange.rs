@@ -1,0 +1,167 @@
+//! What goes out and what comes in: the scheduler's actions carried out, messages and time handed to it.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_mqtt::{Event, PublishOptions, QoS, TooLarge};
+
+use super::Pool;
+use crate::scheduler::Action;
+use crate::shell::report::Report;
+
+/// How often the scheduler is asked when it needs a tick, for each of its servers: it looks at all of them.
+const ASK_TICK: Duration = Duration::from_micros(5);
+
+/// After such a time without a look, what came meanwhile is read before anybody is thought to be late.
+const AWAY: Duration = Duration::from_millis(300);
+
+impl Pool {
+    /// Sends what is to be sent and handles what came, until `until` at the latest.
+    pub(super) fn poll(&mut self, until: Instant) {
+        let now = Instant::now();
+        // This process was stopped, or the machine slept: the others were not silent, their words are still unread.
+        let away = now.duration_since(self.looked) >= AWAY;
+        let deadline = now + AWAY;
+        while away && self.hear(now) && self.looked < deadline {}
+        let mut wake = until;
+        if now < self.ask_at {
+            wake = wake.min(self.ask_at);
+        } else {
+            self.ask_tick(now);
+        }
+        if self.tick_at <= now {
+            self.scheduler.tick(now);
+            self.ask_tick(now);
+        }
+        if self.tell_at <= now {
+            self.tell(false, now);
+        }
+        if self.count_at <= now {
+            self.count_alike(now);
+        }
+        self.heed(now);
+        self.act();
+        self.hear(wake.min(self.tick_at));
+        self.heed(Instant::now());
+        self.act();
+        self.reporter.look(&self.scheduler, self.looked);
+    }
+
+    /// What whoever watches processes has said, or the broker, which was asked.
+    fn heed(&mut self, now: Instant) {
+        let (endings, alive) = self.supervision.take();
+        for server in alive {
+            self.scheduler.is_alive(server, now);
+        }
+        for ending in endings {
+            self.scheduler.ended(&ending, now);
+        }
+        if let Some(found) = self.probe.take() {
+            self.scheduler
+                .broker_holds_back(found, &self.connection.url());
+        }
+    }
+
+    fn ask_tick(&mut self, now: Instant) {
+        self.tick_at = self.scheduler.next_tick();
+        let servers = u32::try_from(self.scheduler.holdings().servers).unwrap_or(u32::MAX);
+        self.ask_at = now + ASK_TICK * servers;
+    }
+
+    /// Handles what comes until `until`, or a part of it. Whether anything came.
+    fn hear(&mut self, until: Instant) -> bool {
+        self.connection.poll(until, &mut self.events);
+        let now = Instant::now();
+        self.looked = now;
+        let came = !self.events.is_empty();
+        let read = self.connection.largest_read();
+        if std::mem::replace(&mut self.read, read) < read {
+            self.scheduler.was_read(read);
+        }
+        let unread = |event: &Event| match event {
+            Event::Disconnected { unread, .. } => Some(*unread),
+            _ => None,
+        };
+        if let Some(unread) = self.events.iter().find_map(unread) {
+            self.suspect(unread, now);
+        }
+        for event in self.events.drain(..) {
+            match event {
+                Event::Message(message) => {
+                    self.reporter
+                        .heard(&self.scheduler, message.topic(), message.payload());
+                    self.scheduler.receive(
+                        message.topic(),
+                        message.payload(),
+                        message.retained(),
+                        now,
+                    );
+                }
+                Event::Connected => {
+                    self.warnings.push("the broker is back".to_owned());
+                    self.reporter.tell(&Report::BrokerBack);
+                    self.scheduler
+                        .set_largest_packet(self.connection.largest_packet());
+                    self.scheduler.connected(now);
+                }
+                Event::Disconnected { reason, .. } => {
+                    self.reporter.tell(&Report::BrokerLost(&reason));
+                    self.warnings
+                        .push(format!("lost the broker ({reason}); trying again"));
+                    self.scheduler.disconnected(now);
+                }
+            }
+        }
+        came
+    }
+
+    pub(super) fn act(&mut self) {
+        let mut unsent = Vec::new();
+        let mut sent = Vec::new();
+        for action in self.scheduler.actions() {
+            match action {
+                Action::Publish(topic, payload) => {
+                    self.connection.publish(
+                        &self.topics.name(topic),
+                        &payload,
+                        QoS::AtMostOnce,
+                        false,
+                        None,
+                    );
+                }
+                Action::Request {
+                    server,
+                    request,
+                    payload,
+                } => {
+                    let options = PublishOptions {
+                        content_type: Some("application/msgpack"),
+                        response_topic: Some(&self.reply),
+                        correlation: Some(&request.to_be_bytes()),
+                        ..PublishOptions::default()
+                    };
+                    let topic = self.topics.to_server(server);
+                    sent.push(request);
+                    if let Err(TooLarge { bytes, most }) =
+                        self.connection.publish_with(&topic, &payload, &options)
+                    {
+                        unsent.push((request, format!("a request of {bytes} bytes is larger than the {most} that the broker takes")));
+                    }
+                }
+                Action::Warn(text) => {
+                    self.reporter.tell(&Report::Warning(&text));
+                    self.warnings.push(text);
+                }
+                Action::Overdue(server) => self.supervision.is_overdue(server),
+                Action::AskBroker => self.probe.ask(),
+            }
+        }
+        for request in sent {
+            if let Some((candidate, episode)) = self.scheduler.place(request) {
+                self.supervision.sent(request, candidate, episode);
+            }
+        }
+        for (request, reason) in unsent {
+            self.scheduler.unsent(request, &reason, Instant::now());
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! The pool's shell: connection, clock, the scheduler's actions carried out.
+
+mod evaluate;
+mod exchange;
+mod telling;
+
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use swarmwright_mqtt::{Connection, Event, QoS, Subscription};
+use swarmwright_protocol::{Topic, Topics};
+
+use crate::config::Config;
+use crate::counts::Counts;
+use crate::journal::Attempt;
+use crate::mode::Mode;
+use crate::scheduler::Scheduler;
+use crate::scheduler::fleet::discovery::PROBATION;
+use crate::shell::error::PoolError;
+use crate::shell::options::{About, Options};
+use crate::shell::probe::Probe;
+use crate::shell::report::{Listener, Reporter};
+use crate::shell::supervision::Supervision;
+
+/// How often the caller is asked whether to go on.
+const ASK: Duration = Duration::from_millis(100);
+
+/// How often it is told how many warnings were like those before.
+const COUNT: Duration = Duration::from_secs(10);
+
+/// The optimization tool's connection to its servers.
+pub struct Pool {
+    scheduler: Scheduler,
+    connection: Connection,
+    topics: Topics,
+    /// The topic on which requests are answered.
+    reply: String,
+    /// The topic on which those who watch are told how it stands.
+    status: String,
+    about: About,
+    tell_at: Instant,
+    /// When they were told last, and how often in a row the connection ended right after it.
+    told_at: Option<Instant>,
+    /// Bytes of the largest packet that the broker has read of this connection.
+    read: usize,
+    ended_at_once: u32,
+    /// When the scheduler needs a tick, as it said when it was asked last, and when to ask again.
+    tick_at: Instant,
+    ask_at: Instant,
+    /// When to tell how many warnings were like those before.
+    count_at: Instant,
+    /// When it was last looked what came.
+    looked: Instant,
+    discovery_timeout: Duration,
+    step_timeout: Duration,
+    probation: Duration,
+    events: Vec<Event>,
+    warnings: Vec<String>,
+    reporter: Reporter,
+    supervision: Supervision,
+    probe: Probe,
+    wall: (Instant, f64),
+}
+
+impl Pool {
+    /// Connects; servers are looked for from the first `poll` on.
+    ///
+    /// # Errors
+    /// No broker, credentials refused, a prefix that cannot be.
+    pub fn connect(options: Options) -> Result<Self, PoolError> {
+        let topics = Topics::new(&options.prefix)?;
+        let token = format!("{:016x}", fastrand::u64(..));
+        let mut demand = options.demand;
+        if options.visual {
+            demand.mode = Mode::Stepwise;
+        }
+        let at = |topic| Subscription {
+            filter: topics.name(topic),
+            qos: QoS::AtMostOnce,
+        };
+        let subscriptions = vec![
+            at(Topic::Server),
+            at(Topic::Sensor),
+            at(Topic::Fitness),
+            Subscription {
+                filter: topics.to_tool(&token),
+                qos: QoS::AtMostOnce,
+            },
+            Subscription {
+                filter: topics.presence_filter(),
+                qos: QoS::AtLeastOnce,
+            },
+        ];
+        let connection = Connection::open(options.settings.clone(), subscriptions)?;
+        let probation = if options.alone {
+            Duration::ZERO
+        } else {
+            PROBATION
+        };
+        let host = gethostname::gethostname().to_string_lossy().into_owned();
+        let config = Config {
+            demand,
+            token: token.clone(),
+            parameters: options.parameters,
+            tool: format!(
+                "{}@{host}/{}/{:04x}",
+                options.tool,
+                std::process::id(),
+                fastrand::u16(..)
+            ),
+            topics: topics.clone(),
+            visual: options.visual,
+            step_timeout: options.step_timeout,
+            faults: options.faults,
+            largest: options.largest.max(1),
+            probation,
+            // Leaves room for 2^52 episodes below the 2^53 at which JSON's integers end.
+            first_instance: fastrand::u64(..1 << 52),
+        };
+        let now = Instant::now();
+        let since_1970 = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .unwrap_or_default()
+            .as_secs_f64();
+        let mut scheduler = Scheduler::new(config, now);
+        scheduler.set_largest_packet(connection.largest_packet());
+        Ok(Self {
+            scheduler,
+            supervision: Supervision::new(connection.waker()),
+            probe: Probe::new(options.settings, connection.waker()),
+            connection,
+            reply: topics.to_tool(&token),
+            status: topics.status(&token),
+            about: About::default(),
+            tell_at: now,
+            told_at: None,
+            read: 0,
+            ended_at_once: 0,
+            tick_at: now,
+            ask_at: now,
+            count_at: now + COUNT,
+            looked: now,
+            probation,
+            topics,
+            discovery_timeout: options.discovery_timeout,
+            step_timeout: options.step_timeout,
+            events: Vec::new(),
+            warnings: Vec::new(),
+            reporter: Reporter::default(),
+            wall: (now, since_1970),
+        })
+    }
+
+    /// Waits until a fitting server is there and returns its numbers of sensors and actuators, 0 where nobody says them and
+    /// none are `needed`. As long as one that fits serves somebody else, waits on; `on_wait`, called ten times a second,
+    /// hears of it and may stop the wait.
+    ///
+    /// # Errors
+    /// No server fits within the discovery time-out; the servers do not announce sizes; stopped.
+    pub fn wait_for_server(
+        &mut self,
+        needed: bool,
+        mut on_wait: impl FnMut(&str) -> bool,
+    ) -> Result<(usize, usize), PoolError> {
+        let start = Instant::now();
+        // A server that was busy and has just become free still has to answer.
+        let mut free_since = start;
+        loop {
+            self.poll(Instant::now() + ASK);
+            if self.scheduler.has_server() {
+                // Another server with the same id would answer now, and then neither is used.
+                let settled = Instant::now() + self.probation;
+                while Instant::now() < settled {
+                    self.poll(settled);
+                }
+            }
+            if self.scheduler.has_server() {
+                return match self.scheduler.sizes() {
+                    None if needed => Err(PoolError::NoSizes),
+                    sizes => Ok(sizes.unwrap_or_default()),
+                };
+            }
+            let waited = start.elapsed();
+            let busy = self.scheduler.busy_elsewhere();
+            if busy.is_some() {
+                free_since = Instant::now();
+            } else if free_since.elapsed() >= self.discovery_timeout {
+                return Err(self.no_server(waited));
+            }
+            let reason =
+                busy.unwrap_or_else(|| format!("no server for {:.1} s", waited.as_secs_f64()));
+            if !on_wait(&reason) {
+                return Err(PoolError::Interrupted);
+            }
+        }
+    }
+
+    /// What the work that follows is for.
+    pub fn set_about(&mut self, about: About) {
+        self.supervision.set_generation(about.generation);
+        self.about = about;
+    }
+
+    /// The processes of these servers are the tool's own. What is returned is for whoever watches them.
+    #[must_use]
+    pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) -> Supervision {
+        self.scheduler.watch(servers);
+        self.supervision.clone()
+    }
+
+    /// Has somebody told what happens, as it happens.
+    pub fn listen(&mut self, listener: Listener) {
+        self.reporter = Reporter::new(listener);
+    }
+
+    /// Metrics that servers with this simulation announce, sorted.
+    #[must_use]
+    pub fn metrics(&self) -> Vec<String> {
+        self.scheduler.metrics()
+    }
+
+    /// Incidents so far.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        self.scheduler.counts()
+    }
+
+    /// What the user should know, since the last call.
+    pub fn take_warnings(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.warnings)
+    }
+
+    /// The attempts made since the last call.
+    pub fn take_journal(&mut self) -> Vec<Attempt> {
+        let (zero, since_1970) = self.wall;
+        let journal = self.scheduler.take_journal();
+        self.reporter.taken();
+        journal
+            .into_iter()
+            .map(|(mut attempt, started)| {
+                attempt.started =
+                    since_1970 + started.saturating_duration_since(zero).as_secs_f64();
+                attempt
+            })
+            .collect()
+    }
+
+    /// Frees the servers and leaves the broker.
+    pub fn close(mut self) {
+        self.scheduler.release();
+        self.act();
+        self.count_alike(Instant::now());
+        self.tell(true, Instant::now());
+        self.connection.close(Duration::from_secs(1));
+    }
+}

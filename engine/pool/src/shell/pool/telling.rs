@@ -1,0 +1,90 @@
+//! What users and those who watch are told.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_mqtt::QoS;
+use swarmwright_protocol::{Activity, Status};
+
+use super::{COUNT, Pool};
+use crate::shell::report::Report;
+
+/// A connection that ends so soon after a status ended because of it, if it does so again and again: some brokers end
+/// that of a client that publishes where the access rules deny it (Mosquitto 2.0.11).
+const AT_ONCE: Duration = Duration::from_millis(100);
+const AGAIN: u32 = 2;
+
+/// How often those who watch are told how it stands.
+const TELL: Duration = Duration::from_secs(1);
+
+impl Pool {
+    /// How it stands, and with what.
+    pub(super) fn stand(&self, now: Instant) -> Status {
+        let mut status = self.scheduler.status(now);
+        status.run = self.about.run.clone();
+        (status.generation, status.generations) = (self.about.generation, self.about.generations);
+        if let Some((before, total)) = self.about.evaluations {
+            (status.done, status.total) = (status.done + before, total);
+        }
+        status
+    }
+
+    /// Tells those who watch how it stands.
+    pub(super) fn tell(&mut self, left: bool, now: Instant) {
+        self.tell_at = now + TELL;
+        let mut status = self.stand(now);
+        if left {
+            status.state = Activity::Left;
+        }
+        self.reporter.tell(&Report::Status(
+            &status,
+            self.connection.traffic(),
+            *self.scheduler.counts(),
+        ));
+        if self.ended_at_once < AGAIN {
+            self.told_at = Some(now);
+            self.connection
+                .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
+        }
+    }
+
+    /// Tells of the warnings that were like those before.
+    pub(super) fn count_alike(&mut self, now: Instant) {
+        self.count_at = now + COUNT;
+        for text in self.scheduler.take_repeated() {
+            self.reporter.tell(&Report::Warning(&text));
+            self.warnings.push(text);
+        }
+    }
+
+    /// The connection ended: perhaps on the large packet that the broker has not read, or for how this tool stands.
+    pub(super) fn suspect(&mut self, unread: usize, now: Instant) {
+        let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
+        if unread == 0 {
+            self.suspect_status(now);
+        } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= AGAIN {
+            // Otherwise it may be either.
+            self.scheduler.ended_on(unread, now);
+        }
+    }
+
+    /// The connection ended: perhaps since the broker does not let this tool say how it stands.
+    fn suspect_status(&mut self, now: Instant) {
+        let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
+        if !self.told_at.take().is_some_and(at_once) {
+            if self.ended_at_once < AGAIN {
+                self.ended_at_once = 0;
+            }
+            return;
+        }
+        self.ended_at_once += 1;
+        if self.ended_at_once == AGAIN {
+            let text = format!(
+                "the broker ends the connection whenever this tool publishes on {}, so it does not any more: those who \
+                 watch see nothing of it; mend the broker's access rules",
+                self.status
+            );
+            self.reporter.tell(&Report::Warning(&text));
+            self.warnings.push(text);
+        }
+    }
+}
