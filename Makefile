@@ -250,5 +250,5 @@ $(VENV)/.bench: $(VENV)/.dev pyproject.toml
 # The engine, compiled into the package, and the package's dependencies.
 $(VENV)/.engine: $(VENV)/.tools $(ENGINE)
 	@mkdir -p build
-	$(BIN)/maturin develop --release
+	$(BIN)/maturin develop --release --extras conformance,methods
 	touch $@

@@ -3,6 +3,15 @@
 `swarmwright conformance` and `swarmwright.testing.check_server` use this.
 """
 
+from importlib.util import find_spec
+
+from swarmwright.core.errors import InputError
+
+if find_spec("paho") is None or find_spec("msgpack") is None:
+    raise InputError(
+        "the conformance kit needs paho-mqtt and msgpack: pip install 'swarmwright[conformance]'"
+    )
+
 from swarmwright.conformance._check_optimizer import check_optimizer
 from swarmwright.conformance._check_server import check_server
 from swarmwright.conformance._results import Report, Result

@@ -54,6 +54,10 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
         values = _with_controllers(source, _with_files(source, values, report), report)
         checked = _check_values(values, here, report)
+        if ask and checked.get("method") is not None:  # a run can be read without
+            missing = REGISTRIES["method"].get(checked["method"].kind).missing()
+            if missing is not None:
+                report(("method", "kind"), missing)
     if problems:
         broken = {path for path, line, _ in problems if line}
         lines = [

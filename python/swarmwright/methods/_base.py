@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -95,12 +96,17 @@ class Method(SteadyState):
     None: it cannot."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
+    extra: ClassVar[str] = ""
+    """The extra of Swarmwright that installs `libraries`; "" where pip installs them by their names."""
     generational_because: ClassVar[str] = "it learns from whole generations"
     """Why the method cannot work in steady state, when it cannot; the end of a sentence."""
 
     def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:
         for name, reason in self.problems(options, representation).items():
             raise InputError(f"method.{name}: {reason}")
+        missing = self.missing()
+        if missing is not None:
+            raise InputError(f"method.kind: {missing}")
         self.options = options
         self.representation = representation
         self.seed = seed
@@ -137,6 +143,15 @@ class Method(SteadyState):
         if representation is not None and reason is not None:
             found["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
         return found
+
+    @classmethod
+    def missing(cls) -> str | None:
+        """Return what to install before the method can be used; None if nothing is missing."""
+        missing = [library for library in cls.libraries if find_spec(library) is None]
+        if not missing:
+            return None
+        package = f"'swarmwright[{cls.extra}]'" if cls.extra else " ".join(missing)
+        return f"{cls.kind} needs {' and '.join(missing)}, not installed here: pip install {package}"
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:

@@ -44,6 +44,7 @@ class Cma(Method):
     options_model: ClassVar[type[CmaOptions]]
     start_as = "center"
     libraries = ("cma", "scipy")
+    extra = "methods"
     generational_because = "its distribution is learned from the ranks within a generation"
     diagonal: ClassVar[bool]
     """Whether the covariance matrix stays diagonal."""

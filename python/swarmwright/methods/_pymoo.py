@@ -35,6 +35,7 @@ class Pymoo(Method):
     keeps_members = True
     start_as = "members"
     libraries = ("pymoo", "scipy")
+    extra = "methods"
     generational_because = "the library pymoo replaces whole generations"
 
     def __init__(self, options: PymooOptions, representation: Representation, *, seed: int) -> None:

@@ -1,0 +1,87 @@
+"""What is optional may be missing: what needs it says so, and all else works."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXTRAS = (
+    "cma",
+    "pymoo",
+    "threadpoolctl",
+    "paho",
+    "msgpack",
+    "pyarrow",
+    "mlflow",
+    "keyring",
+    "gymnasium",
+    "mujoco",
+)
+PROGRAM = f"""
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {EXTRAS!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, package=None: None if name in {EXTRAS!r} else found(name, package)
+from swarmwright import cli
+sys.exit(cli.run(sys.argv[1:]))
+"""
+
+
+def program(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=50,
+        cwd=folder,
+    )
+
+
+@pytest.mark.parametrize(
+    ("method", "library"), [("cma_es", "cma"), ("sep_cma_es", "cma"), ("de", "pymoo"), ("pso", "pymoo")]
+)
+def test_a_method_without_its_library(method: str, library: str, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(f"simulation: minisim\nmethod:\n  kind: {method}\n")
+    done = program("optimize", "x.yaml", "--servers", "in-process", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"swarmwright: x.yaml:3: method.kind: {method} needs {library}, not installed here: "
+        "pip install 'swarmwright[methods]'\n"
+    )
+
+
+def test_the_conformance_kit_without_its_libraries(tmp_path: Path) -> None:
+    done = program("conformance", "server", "--exec", "true", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "swarmwright: the conformance kit needs paho-mqtt and msgpack: "
+        "pip install 'swarmwright[conformance]'\n"
+    )
+
+
+def test_all_else_works_without_extras(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmethod: {kind: nnga, population: 10, generations: 2}\n"
+    )
+    for command in (
+        ["optimize", "x.yaml", "--out", "run"],
+        ["plot", "run"],
+        ["draw", "run"],
+        ["replay", "run", "--save", "x.gif"],
+        ["runs", "show", "run"],
+    ):
+        done = program(*command, folder=tmp_path)
+        assert (done.returncode, done.stderr) == (0, ""), command
+    done = program("runs", "export", "run", "x.parquet", folder=tmp_path)
+    assert "pip install 'swarmwright[parquet]'" in done.stderr
+    assert json.loads((tmp_path / "run" / "best.json").read_text())["candidate"] < 10
