@@ -21,7 +21,7 @@ pub struct Counts {
     pub quarantined: u64,
     /// Copies of work under way that were given to another server, because the first one was slow or silent.
     pub backups: u64,
-    /// Results that came for something that nobody waited for any more; they were refused.
+    /// Results that came for something that was not waited for any more; they were refused.
     pub late: u64,
     /// Results for evaluations that had one already; they were refused.
     pub double: u64,

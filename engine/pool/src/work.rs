@@ -170,7 +170,7 @@ impl Work {
         Ok(())
     }
 
-    /// Drops the genomes of all candidates before this one, which nobody needs any more.
+    /// Drops the genomes of all candidates before this one, which are not needed any more.
     pub fn forget_before(&mut self, candidate: usize) {
         let weights = self.architecture.weight_count();
         self.genomes.drain(..(candidate - self.forgotten) * weights);

@@ -97,7 +97,7 @@ fn has_ended(net: &mut Net, tool: usize) -> bool {
         || machine.hopeless().is_some()
         || machine.undecided(PATIENCE, now).is_some()
         || machine.rejected(now).is_some()
-        || machine.lonely(now) >= PATIENCE
+        || machine.unserved(now) >= PATIENCE
 }
 
 fn play(mode: Mode, random: u64, messages: &[(String, Vec<u8>, usize)]) {

@@ -76,7 +76,7 @@ impl Simulator<'_> {
         self.plan(self.now, Event::Connect { who, incarnation });
     }
 
-    /// A process ends at once. `power`: so does its computer, and nobody is told.
+    /// A process ends at once. `power`: so does its computer, and no last will is published.
     pub(crate) fn kill(&mut self, who: usize, power: bool, cause: usize) {
         let client = &mut self.clients[who];
         client.alive = false;

@@ -58,7 +58,7 @@ pub fn draw(seed: u64) -> Schedule {
     // Numbers of its own, so that the rest stays what it is for a seed.
     let mut random = Random::new(mix(&[seed, 2]));
     if random.chance(15) {
-        twins(&mut schedule, length, &mut random);
+        takeovers(&mut schedule, length, &mut random);
     }
     let mut random = Random::new(mix(&[seed, 3]));
     if random.chance(8) {
@@ -71,7 +71,7 @@ pub fn draw(seed: u64) -> Schedule {
 }
 
 /// A server is away for so long that the broker gives it up, and another one gets its id meanwhile.
-fn twins(schedule: &mut Schedule, length: Time, random: &mut Random) {
+fn takeovers(schedule: &mut Schedule, length: Time, random: &mut Random) {
     let server = random.index(schedule.servers.len());
     let others = schedule.servers.len() > 1;
     if schedule.servers[server].plain {
@@ -91,7 +91,7 @@ fn twins(schedule: &mut Schedule, length: Time, random: &mut Random) {
         joins: at + random.magnitude(MILLI, 2 * BROKER_PATIENCE),
         twin: Some(Twin {
             id: server as u64 + 1,
-            // Somebody must be left who offers what the tools need.
+            // A server must be left that offers what the tools need.
             foreign: others && random.chance(50),
         }),
         ..schedule.servers[server].clone()

@@ -1,8 +1,9 @@
-//! Schedules of mishaps for the decisions of pools and servers, in virtual time.
+//! Deterministic simulation testing of pools and servers: seeded schedules of faults, in virtual time.
 //!
-//! The machines of [`swarmwright_pool`] and [`swarmwright_wrapper`] know neither sockets nor clocks. Here they are run
-//! with a broker and a clock that are as bad as can be: from one number a [`Schedule`] is drawn that says who takes part
-//! and what goes wrong when, and whatever happens must leave these properties (see `docs/explanation`):
+//! The state machines of [`swarmwright_pool`] and [`swarmwright_wrapper`] know neither sockets nor clocks. Here they are run
+//! with a simulated network, broker and clock: from one number, the seed, a [`Schedule`] is drawn that says who takes part
+//! and which faults are injected when. These properties must hold whatever happens (see
+//! `docs/explanation/simulation-testing.md`):
 //! every candidate is scored exactly once, with the bits of an undisturbed evaluation, or is reported failed where the
 //! schedule explains it; no work waits for ever; no server idles while work waits for it; nothing grows without bound;
 //! and in the end all servers are free and say so.
@@ -11,7 +12,8 @@
 
 mod client;
 mod draw;
-mod mishaps;
+mod faults;
+
 mod network;
 mod random;
 mod schedule;

@@ -304,7 +304,7 @@ impl Schedule {
             .any(|other| self.id(other) == self.id(server))
     }
 
-    /// Whether a sound candidate of a tool may be reported failed: where messages are lost, nobody can tell why a server
+    /// Whether a sound candidate of a tool may be reported failed: where messages are lost, it cannot be told why a server
     /// does not answer.
     #[must_use]
     pub fn may_fail(&self, tool: &Tool) -> bool {
@@ -315,16 +315,16 @@ impl Schedule {
             };
             disturbance.incriminates(tool.step_timeout, server)
         };
-        // Where one is alone, nobody else shows that a candidate with which it is lost again and again is sound.
+        // Where one is alone, no other one shows that a candidate with which it is lost again and again is sound.
         let losses = self.disturbances.iter().filter(|one| one.loses_a_server());
         let first = self.id(0);
         let alone = (0..self.servers.len()).all(|server| self.id(server) == first);
-        let lonely = alone && losses.count() >= MANY_LOSSES;
+        let single = alone && losses.count() >= MANY_LOSSES;
         // What a server failed while it was broken for a moment counts once, as it succeeds before and afterwards.
         let breaks =
             |one: &&Disturbance| matches!(one.what, What::Break(_)) && one.lasts < FOR_GOOD;
         let moments = self.disturbances.iter().filter(breaks).count();
-        lonely || moments >= FEW_ATTEMPTS || self.disturbances.iter().any(incriminates)
+        single || moments >= FEW_ATTEMPTS || self.disturbances.iter().any(incriminates)
     }
 
     /// Whether servers may fail whatever they are given.
@@ -357,7 +357,7 @@ impl Schedule {
             })
     }
 
-    /// When the last disturbance has ended and everybody is there.
+    /// When the last disturbance has ended and all parties are there.
     #[must_use]
     pub fn calm(&self) -> Time {
         let ends = self.disturbances.iter().map(Disturbance::end);

@@ -137,7 +137,7 @@ impl Server {
         self.broken.store(broken, Ordering::Relaxed);
     }
 
-    /// Whether nobody has it and nothing is computed.
+    /// Whether no tool has it and nothing is computed.
     #[must_use]
     pub fn is_free(&self) -> bool {
         self.job.is_none() && self.machine.is_free()

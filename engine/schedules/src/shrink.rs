@@ -60,7 +60,7 @@ fn candidates(schedule: &Schedule) -> Vec<Schedule> {
     if schedule.servers.len() > 1 {
         found.push(without_server(schedule, 0));
     }
-    // Somebody must be left who offers what the tools need.
+    // A server must be left that offers what the tools need.
     found.retain(|less| less.servers.iter().any(|server| server.twin.is_none()));
     if schedule.tools.len() > 1 {
         found.push(without_tool(schedule, 0));

@@ -20,7 +20,7 @@ pub const IDLE: Time = 3 * SECOND;
 const DOUBT: Time = 6 * SECOND;
 /// How long a tool that has no work for a server keeps it.
 const HELD: Time = 5 * SECOND;
-/// How often it is looked whether somebody idles or remembers too much.
+/// How often it is looked whether a server idles or a tool remembers too much.
 const LOOK: Time = 250 * MILLI;
 /// After the last disturbance, work ends within this time and what it takes to compute everything a few times.
 pub const RECOVERY: Time = 600 * SECOND;
@@ -353,7 +353,7 @@ impl<'a> Simulator<'a> {
         }
     }
 
-    /// Sees to it that nobody idles for longer than a bound.
+    /// Checks that no server idles for longer than a bound.
     fn watch(&mut self, key: (usize, usize, bool), idle: bool, bound: Time) {
         if !idle {
             self.idle.remove(&key);
@@ -380,7 +380,7 @@ impl<'a> Simulator<'a> {
         }
     }
 
-    /// How much longer a server may idle: where a start of it that nobody saw end makes two of it for some rounds of
+    /// How much longer a server may idle: where a start of it whose end was not seen makes two of it for some rounds of
     /// discovery, and as long as it seems to take for one evaluation, where the others may be done before.
     fn allowance(&self, server: usize) -> Time {
         let begun = |disturbance: &&Disturbance| disturbance.at <= self.now;
@@ -411,7 +411,7 @@ impl<'a> Simulator<'a> {
             && machine.is_some_and(|machine| machine.is_idle(self.schedule.id(server)))
     }
 
-    /// Whether a server has nothing to do. `free`: because nobody has it, else because a tool has it that lives and has no
+    /// Whether a server has nothing to do. `free`: because no tool has it, else because a tool has it that lives and has no
     /// work on it.
     fn is_vacant(&self, server: usize, free: bool) -> bool {
         let Some(process) = &self.servers[server] else {
@@ -438,7 +438,7 @@ impl<'a> Simulator<'a> {
         others.any(|other| self.is_well(self.tools.len() + other))
     }
 
-    /// When all is over: everybody is free, and says so.
+    /// When all is over: all servers are free, and say so.
     fn check_rest(&mut self) {
         for index in 0..self.servers.len() {
             let who = self.tools.len() + index;

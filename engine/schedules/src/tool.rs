@@ -424,7 +424,7 @@ impl Tool {
         most("episodes", held.episodes, active)?;
         most("requests", held.requests, 2 * active)?;
         most("rounds", held.rounds, 16)?;
-        most("complaints", held.complaints, 1000)?;
+        most("complaints", held.warned_once, 1000)?;
         most(
             "evaluations that wait",
             held.queued,

@@ -1,4 +1,4 @@
-//! The decisions of pools and servers under seeded schedules of mishaps. `SWARMWRIGHT_SCHEDULES` says how many,
+//! Deterministic simulation testing of pools and servers under seeded schedules of faults. `SWARMWRIGHT_SCHEDULES` says how many,
 //! `SWARMWRIGHT_FIRST_SEED` from which seed on; `make schedules` runs many more.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
@@ -29,7 +29,7 @@ fn every_schedule_leaves_every_property() {
 
 /// Schedules that once broke a property, as small as they could be made; the file's name says what was wrong.
 #[test]
-fn what_was_mended_stays_so() {
+fn regressions_stay_fixed() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("regressions");
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {

@@ -34,11 +34,11 @@ impl Scheduler {
             Compared::Agreed(found) => self.confirm(evaluation, &found, now),
             Compared::Differ(first, second) => {
                 self.counts.disagreements += 1;
-                self.doubtful(evaluation, first, second, now);
+                self.ask_third(evaluation, first, second, now);
             }
             Compared::Wrong { right, wrong } => {
                 self.confirm(evaluation, &right[0], now);
-                self.convict(evaluation, &wrong, &right, now);
+                self.exclude(evaluation, &wrong, &right, now);
             }
             Compared::AllDiffer(found) => self.disagree(evaluation, &found),
         }
@@ -50,7 +50,7 @@ impl Scheduler {
     }
 
     /// Two servers do not agree: a third one is asked, if there is one.
-    fn doubtful(&mut self, evaluation: usize, first: Found, second: Found, now: Instant) {
+    fn ask_third(&mut self, evaluation: usize, first: Found, second: Found, now: Instant) {
         let told = self.told(evaluation, &[first.clone(), second.clone()]);
         let asked = [first.server, second.server];
         let Some(never) = self.fleet.auditors_but(&asked) else {
@@ -63,7 +63,7 @@ impl Scheduler {
         self.dispatch(now);
     }
 
-    /// Nobody can tell who is wrong.
+    /// It cannot be told which server is wrong.
     fn disagree(&mut self, evaluation: usize, found: &[Found]) {
         let told = self.told(evaluation, found);
         self.outlook.disagree(format!(
@@ -86,7 +86,7 @@ impl Scheduler {
     }
 
     /// A server is wrong, as two others say: it is not used any more, and what it did is done again.
-    fn convict(&mut self, evaluation: usize, wrong: &Found, right: &[Found], now: Instant) {
+    fn exclude(&mut self, evaluation: usize, wrong: &Found, right: &[Found], now: Instant) {
         let server = wrong.server;
         let mut found = right.to_vec();
         found.push(wrong.clone());
@@ -104,7 +104,7 @@ impl Scheduler {
         self.outbox.warn(format!(
             "{reason}; {reopened} evaluations of it are done again{handed}"
         ));
-        self.fail_jobs(jobs, &reason, Blame::Nobody, now);
+        self.fail_jobs(jobs, &reason, Blame::None, now);
     }
 
     /// What a server did, which is not used any more, is done again. Returns how many evaluations are, and how many
@@ -150,7 +150,7 @@ impl Scheduler {
         if !self.audits.has(evaluation) {
             return;
         }
-        if matches!(blame, Blame::Nobody | Blame::Broker) {
+        if matches!(blame, Blame::None | Blame::Broker) {
             return self.ledger.put_back(&piece);
         }
         if piece.tries + 1 < self.config.faults.attempts {

@@ -1,4 +1,5 @@
-//! Whether a server is broken or what it failed: it is given something to evaluate that has succeeded before.
+//! Attribution of failures: whether a server is broken or what it failed. A server in doubt is probed with an evaluation
+//! that has succeeded before.
 
 use std::time::{Duration, Instant};
 
@@ -9,22 +10,22 @@ use crate::scheduler::queue::blame::{Resolved, Verdict};
 use crate::scheduler::queue::piece::Piece;
 
 /// How many times as long it is waited where a server that may be sound is silent.
-const SILENT: u32 = 4;
+const SILENCE_FACTOR: u32 = 4;
 /// What servers said that have been away for so long counts for nothing: longer than another tool has one in its turn.
-const AWAY: Duration = Duration::from_secs(30);
+const ABSENCE_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Scheduler {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
-    pub(crate) fn vouch(&mut self, server: u64) {
+    pub(crate) fn server_succeeded(&mut self, server: u64) {
         self.fleet.succeeded(server);
         self.outlook.some_work();
         let processes = &self.processes;
-        let own = processes.are_watched(server);
-        // The tool's own servers are one installation.
-        let alike = |other: u64| own && processes.are_watched(other);
+        let supervised = processes.are_watched(server);
+        // The tool's supervised servers are one installation.
+        let alike = |other: u64| supervised && processes.are_watched(other);
         let instance = self.fleet.instance(server);
-        let suspicions = self.ledger.suspicions_mut();
-        suspicions.succeeded(server, instance.as_ref(), alike);
+        let attribution = self.ledger.attribution_mut();
+        attribution.succeeded(server, instance.as_ref(), alike);
     }
 
     /// Gives what succeeded before to servers that are to show that they are sound, and have nothing else to do.
@@ -35,20 +36,21 @@ impl Scheduler {
         if self.finished() {
             return self.drop_probes(now);
         }
-        if self.ledger.suspicions().is_empty() && !self.fleet.health().has_doubtful() {
+        if self.ledger.attribution().is_empty() && !self.fleet.health().has_doubtful() {
             return;
         }
-        let awaited = self.ledger.suspicions().awaited();
-        let own = awaited.iter().any(|id| self.processes.are_watched(*id));
+        let awaited = self.ledger.attribution().awaited();
+        let supervised = awaited.iter().any(|id| self.processes.are_watched(*id));
         let waits = self.ledger.queued() > 0;
         let servers = self.fleet.servers();
         let slots = self.fleet.slots();
-        let idle = slots
-            .filter(|(_, slot)| slot.jobs.is_empty() && slot.benched.is_none() && !slot.silent);
+        let idle = slots.filter(|(_, slot)| {
+            slot.jobs.is_empty() && slot.backs_off_until.is_none() && !slot.silent
+        });
         let is_due = |id: u64| {
             self.fleet.health().is_doubtful(id)
                 || awaited.contains(&id)
-                || (own && self.processes.are_watched(id))
+                || (supervised && self.processes.are_watched(id))
                 || (waits && self.ledger.waits_for_proof(id, &servers))
         };
         let due: Vec<u64> = idle.map(|(id, _)| id).filter(|id| is_due(*id)).collect();
@@ -60,12 +62,12 @@ impl Scheduler {
     /// A server did not evaluate what had succeeded before.
     pub(crate) fn probe_failed(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
         match blame {
-            Blame::Nobody | Blame::Broker | Blame::Lost | Blame::Gone | Blame::Silent { .. } => {}
+            Blame::None | Blame::Broker | Blame::Lost | Blame::Gone | Blame::Silent { .. } => {}
             Blame::Evaluation | Blame::Answer | Blame::Crash => {
                 self.counts.server_failures += 1;
                 self.counts.benched += 1;
                 self.fleet.broke(server, reason, now);
-                self.ledger.suspicions_mut().discredit(server);
+                self.ledger.attribution_mut().discredit(server);
                 self.outbox.warn_once(format!(
                     "server {server} is broken: it fails what succeeded before; it gets no other work until that succeeds \
                      on it, and what it failed is evaluated elsewhere; the reason: {reason}"
@@ -74,16 +76,16 @@ impl Scheduler {
         }
     }
 
-    /// Evaluations that were put aside and wait for nobody have failed, or are tried again.
+    /// Evaluations that were put aside and wait for no server have failed, or are tried again.
     pub(crate) fn resolve(&mut self, now: Instant) {
-        if !self.ledger.suspicions().any_aside() {
+        if !self.ledger.attribution().any_aside() {
             return;
         }
         self.discredit_absent(now);
         let all = self.nothing_succeeds(now);
         for resolved in self
             .ledger
-            .suspicions_mut()
+            .attribution_mut()
             .resolve(&self.config.faults, all)
         {
             match resolved {
@@ -92,7 +94,7 @@ impl Scheduler {
                     self.ledger.put_back(&piece);
                 }
                 Resolved::Failed(piece, verdict, downs, reason) => {
-                    self.condemn(&piece, verdict, downs, &reason, now);
+                    self.fail_for_good(&piece, verdict, downs, &reason, now);
                 }
             }
         }
@@ -100,12 +102,12 @@ impl Scheduler {
 
     /// What servers said that do not come back counts for nothing, where others can be asked instead.
     fn discredit_absent(&mut self, now: Instant) {
-        let awaited = self.ledger.suspicions().awaited();
+        let awaited = self.ledger.attribution().awaited();
         self.outlook.await_only(&awaited);
         for server in awaited {
             let slot = self.fleet.slot(server);
             let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
-            // The tool's own servers come back, and each can vouch for the others.
+            // The tool's supervised servers come back, and the success of each confirms the failures on the others.
             if !gone || self.processes.are_watched(server) {
                 self.outlook.present(server);
                 continue;
@@ -113,16 +115,16 @@ impl Scheduler {
             let since = self.outlook.absent(server, now);
             let mut slots = self.fleet.slots();
             let others = slots.any(|(id, slot)| id != server && !slot.silent);
-            if others && now.saturating_duration_since(since) >= AWAY {
-                self.ledger.suspicions_mut().discredit(server);
+            if others && now.saturating_duration_since(since) >= ABSENCE_TIMEOUT {
+                self.ledger.attribution_mut().discredit(server);
             }
         }
     }
 
-    /// Whether all has been tried on all servers and nothing has succeeded: then nobody can tell servers from evaluations.
+    /// Whether all has been tried on all servers and nothing has succeeded: then faults of servers cannot be told from faults of evaluations.
     fn nothing_succeeds(&mut self, now: Instant) -> bool {
         let busy = !self.in_flight.is_empty();
-        let lost = self.ledger.suspicions().lost_lately(now);
+        let lost = self.ledger.attribution().lost_lately(now);
         if self.ledger.good().is_some() || busy || lost || self.ledger.queued() > 0 {
             return false;
         }
@@ -136,7 +138,7 @@ impl Scheduler {
         // It has a pause: the others need not try again meanwhile.
         let pauses = |id: &u64| {
             let slot = self.fleet.slot(*id);
-            slot.is_some_and(|slot| slot.benched.is_some())
+            slot.is_some_and(|slot| slot.backs_off_until.is_some())
         };
         if untried.iter().any(pauses) {
             return false;
@@ -152,7 +154,14 @@ impl Scheduler {
         !given
     }
 
-    fn condemn(&mut self, piece: &Piece, verdict: Verdict, downs: u32, reason: &str, now: Instant) {
+    fn fail_for_good(
+        &mut self,
+        piece: &Piece,
+        verdict: Verdict,
+        downs: u32,
+        reason: &str,
+        now: Instant,
+    ) {
         let quarantined = verdict == Verdict::Quarantined;
         self.outbox.warn_counted(if quarantined {
             format!(
@@ -187,7 +196,7 @@ impl Scheduler {
         let health = self.fleet.health();
         let is_silent = |(id, _): (u64, &Slot)| !health.is_broken(id);
         let patience = if self.fleet.slots().any(is_silent) {
-            patience * SILENT
+            patience * SILENCE_FACTOR
         } else {
             patience
         };

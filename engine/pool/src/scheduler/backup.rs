@@ -6,7 +6,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::queue::piece::Piece;
 
 /// How often it is looked whether one has become worth while.
-const LOOK: Duration = Duration::from_millis(20);
+const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 impl Scheduler {
     /// Gives the work of servers that have been silent for strangely long to others as well.
@@ -79,7 +79,7 @@ impl Scheduler {
                 return;
             }
             let Some(copy) = self.view().slowest(server, rate, &under_way) else {
-                self.recheck.set(now + LOOK);
+                self.recheck.set(now + RECHECK_INTERVAL);
                 continue;
             };
             self.ledger.hold(&copy);

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use crate::mode::Way;
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::capacity::{Crowd, number};
+use crate::scheduler::fleet::capacity::{Capacity, number};
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::share::IN_FLIGHT;
@@ -24,7 +24,7 @@ impl Scheduler {
     }
 
     fn give_away(&mut self, now: Instant) {
-        let mut crowd = None;
+        let mut capacity = None;
         for jobs in 0..IN_FLIGHT {
             let room = |slot: &Slot| {
                 slot.usable()
@@ -36,23 +36,23 @@ impl Scheduler {
             if servers.is_empty() {
                 continue;
             }
-            let crowd = crowd.get_or_insert_with(|| Crowd::of(&self.fleet));
+            let capacity = capacity.get_or_insert_with(|| Capacity::of(&self.fleet));
             for server in servers {
                 if self.ledger.queued() == 0 {
                     return;
                 }
-                self.give(server, crowd, now);
+                self.give(server, capacity, now);
             }
         }
     }
 
-    fn give(&mut self, server: u64, crowd: &mut Crowd, now: Instant) {
+    fn give(&mut self, server: u64, capacity: &mut Capacity, now: Instant) {
         let Some(slot) = self.fleet.slot(server) else {
             return;
         };
-        let most = self.view().most(slot, crowd);
+        let most = self.view().most(slot, capacity);
         let alone = slot.rate.map_or(0.0, |rate| number(most) / rate);
-        if !self.view().is_worth_while(server, most, crowd, now)
+        if !self.view().is_worth_while(server, most, capacity, now)
             && !self.has_waited(server, alone, now)
         {
             return;
@@ -60,10 +60,10 @@ impl Scheduler {
         if !self.fleet.consider(server) {
             return;
         }
-        let Some(piece) = self.ledger.take(server, &crowd.servers, most) else {
+        let Some(piece) = self.ledger.take(server, &capacity.servers, most) else {
             return;
         };
-        crowd.gave(server, alone);
+        capacity.gave(server, alone);
         self.start(piece, server, now);
     }
 

@@ -42,7 +42,7 @@ impl Scheduler {
             self.outbox.warn(text);
         }
         let reason = format!("two servers answer to the id {id}");
-        self.fail_jobs(jobs, &reason, Blame::Nobody, now);
+        self.fail_jobs(jobs, &reason, Blame::None, now);
     }
 
     /// Results are handed out. Of servers that say which start of them answers there is no doubt.

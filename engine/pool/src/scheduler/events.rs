@@ -8,7 +8,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::queue::blame::Blame;
 
 impl Scheduler {
-    /// A message came in. Retained messages are leftovers of somebody's past, except presence.
+    /// A message came in. Retained messages are leftovers of earlier runs, except presence.
     pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
         let Some(kind) = self.config.topics.parse(topic) else {
             return;
@@ -25,7 +25,7 @@ impl Scheduler {
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
             let jobs = self.fleet.left(id);
-            return self.fail_jobs(jobs, &format!("server {id} left"), Blame::Nobody, now);
+            return self.fail_jobs(jobs, &format!("server {id} left"), Blame::None, now);
         }
         if kind == Topic::Sensor {
             match SensorReading::decode(payload) {
@@ -83,7 +83,7 @@ impl Scheduler {
             deadline,
             doubt,
             self.recheck.at(),
-            self.fleet.next_unbench(),
+            self.fleet.next_back_off_end(),
         ]
         .into_iter()
         .flatten()
@@ -95,7 +95,7 @@ impl Scheduler {
         self.late_episodes(now);
         self.late_requests(now);
         self.doubt(now);
-        self.fleet.unbench(now);
+        self.fleet.end_back_offs(now);
         self.settle_unchecked(now);
         self.limits.tick(now);
         if self.discovery.next() <= now {
@@ -106,8 +106,8 @@ impl Scheduler {
             }
         }
         self.dispatch(now);
-        let lonely = !self.finished() && self.in_flight.is_empty();
-        self.outlook.unserved(lonely, now);
+        let unserved = !self.finished() && self.in_flight.is_empty();
+        self.outlook.unserved(unserved, now);
     }
 
     /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
@@ -115,14 +115,14 @@ impl Scheduler {
     fn wants_servers(&self) -> bool {
         let looking = self.work_number == 0 || !self.finished();
         let few = self.fleet.is_empty() || self.fleet.slots().any(|(_, slot)| !slot.usable());
-        // Another tool may have been faster on its server; see `beaten`.
+        // Another tool may have been faster on its server; see `preempted`.
         let waiting = self.in_flight.episodes().any(|one| !one.begun());
         // Whether others are silent, too, tells what to think of one that is lost.
-        let suspects = self.ledger.suspicions().has_suspects();
+        let suspects = self.ledger.attribution().has_suspects();
         self.ledger.queued() > 0 || waiting || suspects || (looking && few)
     }
 
-    /// The connection broke: the work under way on it is lost, and nobody's fault.
+    /// The connection broke: the work under way on it is lost, and it is no fault of servers or evaluations.
     pub fn disconnected(&mut self, now: Instant) {
         self.counts.broker_losses += 1;
         self.fleet.clear();

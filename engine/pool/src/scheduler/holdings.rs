@@ -16,7 +16,7 @@ pub struct Holdings {
     /// Servers that may be used.
     pub servers: usize,
     /// Warnings that are not made again.
-    pub complaints: usize,
+    pub warned_once: usize,
 }
 
 impl Scheduler {
@@ -30,7 +30,7 @@ impl Scheduler {
             requests,
             rounds: self.discovery.understood(),
             servers: self.fleet.len(),
-            complaints: self.outbox.warned_once(),
+            warned_once: self.outbox.warned_once(),
         }
     }
 

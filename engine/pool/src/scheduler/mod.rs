@@ -1,5 +1,13 @@
 //! What the pool decides: messages and time in, actions out, no I/O.
 //!
+//! The scheduler owns parts with private fields and routes events between them. Parts know nothing of the scheduler, and
+//! each but these only of parts further down: `fleet` (servers, their offers, health and capacity), `modes` (work in
+//! flight), `queue` (pieces, results, attribution of failures), `limits` (how much the broker takes), `audit`,
+//! `messages`, `outbox`, `outlook`. What needs several of them to be decided is decided on a [`View`](view::View) of
+//! them: `share` (how much a server gets), `speculation` (what is worth a backup copy). The other files are the routes:
+//! `events` (what comes in), `servers`, `dispatch`, `settle`, `retry`, `attribution`, `agreement`, `backup`,
+//! `duplicates`, `supervised`, and one for each mode.
+//!
 //! Discovery goes out in rounds, each with its own hash. Every fitting server that answers gets work, in the fastest way
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
 //! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
@@ -191,7 +199,7 @@ impl Scheduler {
     pub fn cancel(&mut self) {
         let requests = self.in_flight.clear();
         for (server, jobs) in self.fleet.take_all_jobs() {
-            let mut blocks = false;
+            let mut offloaded = false;
             for job in &jobs {
                 match job {
                     Job::Episode(hash) => {
@@ -205,11 +213,11 @@ impl Scheduler {
                             let step = batch.steps().saturating_sub(1);
                             self.end_batch(server, *number, step);
                         }
-                        _ => blocks = true,
+                        _ => offloaded = true,
                     },
                 }
             }
-            if blocks {
+            if offloaded {
                 self.let_go(server);
             }
         }
@@ -283,7 +291,7 @@ impl Scheduler {
         &self.counts
     }
 
-    /// What two servers do not agree on, where nobody can tell which one is wrong.
+    /// What two servers do not agree on, where it cannot be told which one is wrong.
     #[must_use]
     pub fn disagreement(&self) -> Option<&str> {
         self.outlook.disagreement()

@@ -25,7 +25,7 @@ pub enum Action {
     },
     /// Tell the user.
     Warn(String),
-    /// A watched server has not answered in time: whoever watches its process is to look at it.
+    /// A watched server has not answered in time: the supervisor of its process is to look at it.
     Overdue(u64),
     /// Find out whether the broker holds small packets back, and tell it by [`Scheduler::broker_holds_back`].
     AskBroker,

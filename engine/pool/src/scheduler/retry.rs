@@ -9,7 +9,7 @@ use crate::scheduler::queue::blame::{Blame, Failure, How};
 use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// How often a server may be lost with an episode that it had not begun before that counts.
-const FREE: u32 = 3;
+const FREE_LOSSES: u32 = 3;
 
 impl Scheduler {
     /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
@@ -25,7 +25,7 @@ impl Scheduler {
             let blame = if index == 0 || blame == Blame::Broker {
                 blame
             } else {
-                Blame::Nobody
+                Blame::None
             };
             match job {
                 Job::Episode(hash) => self.fail_episode(&hash, reason, blame, now),
@@ -38,13 +38,13 @@ impl Scheduler {
     pub(crate) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
         self.counts.server_failures += 1;
         self.counts.benched += 1;
-        self.fleet.bench(server, reason, now);
+        self.fleet.back_off(server, reason, now);
     }
 
     /// Work that brought no result is queued again, or has failed.
     ///
-    /// Where several evaluations were sent together nobody knows which one was to blame: smaller parts are tried until
-    /// one is alone. What counts against that one is in [`suspicion`](crate::scheduler::queue::blame).
+    /// Where several evaluations were sent together it is unknown which one was to blame: smaller parts are tried until
+    /// one is alone. What counts against that one is in [`blame`](crate::scheduler::queue::blame).
     pub(crate) fn retry(
         &mut self,
         mut piece: Piece,
@@ -65,7 +65,7 @@ impl Scheduler {
             Purpose::Work | Purpose::Backup => {}
         }
         let how = match blame {
-            Blame::Nobody => return self.ledger.put_back(&piece),
+            Blame::None => return self.ledger.put_back(&piece),
             Blame::Lost if !counts => return self.ledger.put_back(&piece),
             Blame::Broker => return self.ledger.put_back(&piece.halved()),
             Blame::Evaluation | Blame::Answer => How::Said,
@@ -78,7 +78,7 @@ impl Scheduler {
         };
         // What it did before was a success.
         let sound =
-            self.ledger.suspicions().is_proven(server) && !self.fleet.health().has_failed(server);
+            self.ledger.attribution().is_proven(server) && !self.fleet.health().has_failed(server);
         if how != How::Lost {
             let candidate = piece.first() / self.ledger.episodes();
             self.fleet.failed_candidate(server, candidate);
@@ -97,9 +97,9 @@ impl Scheduler {
                 certain: sound && self.fleet.repeats_itself(server),
                 at: now,
             };
-            let suspicions = self.ledger.suspicions_mut();
-            if suspicions
-                .hold_against(evaluation, failure, &self.config.faults)
+            let attribution = self.ledger.attribution_mut();
+            if attribution
+                .attribute(evaluation, failure, &self.config.faults)
                 .is_some()
             {
                 return self.ledger.put_aside(piece);
@@ -123,13 +123,13 @@ impl Scheduler {
         let work = matches!(piece.purpose, Purpose::Work | Purpose::Backup);
         let alone = work && piece.len() == 1 && !self.ledger.has_ended(evaluation);
         let shared = self.ledger.is_shared(evaluation);
-        let suspicions = self.ledger.suspicions_mut();
-        let proven = suspicions.is_proven(server);
-        let together = suspicions.shaken(alone.then_some(evaluation), now);
+        let attribution = self.ledger.attribution_mut();
+        let proven = attribution.is_proven(server);
+        let together = attribution.server_lost(alone.then_some(evaluation), now);
         if !alone {
             return false;
         }
-        let (times, hopeless) = suspicions.lost_with(evaluation, &self.config.faults, now);
+        let (times, hopeless) = attribution.lost_with(evaluation, &self.config.faults, now);
         if hopeless {
             let episodes = self.ledger.episodes();
             let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
@@ -141,7 +141,7 @@ impl Scheduler {
         let apart = match blame {
             Blame::Silent { others } => others,
             // What has not begun may have been another tool's.
-            Blame::Lost => times > FREE,
+            Blame::Lost => times > FREE_LOSSES,
             _ => true,
         };
         proven && apart && !shared && !together

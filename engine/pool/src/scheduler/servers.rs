@@ -39,7 +39,7 @@ impl Scheduler {
             Answer::Unfit(Some(reason)) => self
                 .outbox
                 .warn(format!("server {id} answered, but {reason}")),
-            Answer::Twins(jobs, news) => self.are_two(id, jobs, news, now),
+            Answer::Duplicate(jobs, news) => self.are_two(id, jobs, news, now),
         }
     }
 
@@ -47,7 +47,7 @@ impl Scheduler {
         if presence.state == State::Lost && self.processes.are_watched(presence.server) {
             let announced = presence.capabilities.swarmwright.as_ref();
             let pid = announced.and_then(|announced| announced.pid);
-            // Whoever watches the process says more in a moment, or has.
+            // The supervisor reports more in a moment, or has done so.
             if !self.processes.has_ended(presence.server, pid) {
                 self.fleet.fell_silent(presence.server);
             }
@@ -64,10 +64,10 @@ impl Scheduler {
         let lost = presence.state == State::Lost && self.fleet.slot(id).is_some();
         let (ended, discover) = self.fleet.present(presence, &self.config.tool);
         if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {
-            self.ledger.suspicions_mut().shaken(None, now);
+            self.ledger.attribution_mut().server_lost(None, now);
         }
         if let Some(mut ended) = ended {
-            if !ended.own_fault {
+            if !ended.server_fault {
                 // A run that has begun is ours; the presence is older.
                 ended.jobs.retain(|job| {
                     matches!(job, Job::Episode(hash) if !self.in_flight.episode(hash).is_some_and(Episode::begun))
@@ -75,11 +75,11 @@ impl Scheduler {
             }
             if !ended.jobs.is_empty() {
                 self.fleet.remove(ended.server);
-                let blame = if ended.own_fault {
+                let blame = if ended.server_fault {
                     self.failed(ended.server, &ended.reason, now);
                     Blame::Lost
                 } else {
-                    Blame::Nobody
+                    Blame::None
                 };
                 self.fail_jobs(ended.jobs, &ended.reason, blame, now);
             }
@@ -94,7 +94,7 @@ impl Scheduler {
         let message = self.messages.discovery(&self.config, hash.clone());
         self.publish(Topic::Discovery, message.encode());
         // Where servers were lost with evaluations it must be known before the next time-out who is there.
-        let suspects = self.ledger.suspicions().has_suspects();
+        let suspects = self.ledger.attribution().has_suspects();
         let within = suspects.then_some(self.config.step_timeout);
         self.discovery.begin(hash, self.has_server(), within, now);
     }

@@ -11,7 +11,7 @@ use crate::scheduler::queue::results::Found;
 impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
     pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
-        self.vouch(found.server);
+        self.server_succeeded(found.server);
         if piece.purpose == Purpose::Probe {
             return;
         }
@@ -87,7 +87,7 @@ impl Scheduler {
                     // There is no way to end one of two requests.
                     let others = self.fleet.take_jobs(server);
                     self.let_go(server);
-                    self.fail_each(others, reason, Blame::Nobody, now);
+                    self.fail_each(others, reason, Blame::None, now);
                 }
                 None => {}
             }
@@ -95,7 +95,7 @@ impl Scheduler {
     }
 
     /// A fitness for no episode under way.
-    pub(crate) fn unwanted(&mut self, hash: &str) {
+    pub(crate) fn unexpected_fitness(&mut self, hash: &str) {
         match self.in_flight.ended(hash) {
             Some((_, true)) => self.counts.double += 1,
             Some(_) => self.counts.late += 1,

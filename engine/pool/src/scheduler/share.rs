@@ -3,32 +3,32 @@
 use std::time::Instant;
 
 use crate::mode::Way;
-use crate::scheduler::fleet::capacity::{Crowd, number};
+use crate::scheduler::fleet::capacity::{Capacity, number};
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::view::View;
 
 /// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
-const BLOCK: f64 = 0.020;
+const BLOCK_SECONDS: f64 = 0.020;
 /// Less than this is not worth a message of its own.
-const LEAST: f64 = 0.0003;
+const MIN_BLOCK_SECONDS: f64 = 0.0003;
 /// A server's share is not divided when it takes no longer: a block that waits is there so that the server need not, and
 /// half a share may fill half of the server's lanes.
-const WHOLE: f64 = 0.004;
+const MIN_SHARED_SECONDS: f64 = 0.004;
 /// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
 /// the speed of 4 MiB and more).
-const NUMBERS: usize = 1 << 17;
+const MAX_NUMBERS: usize = 1 << 17;
 /// Bytes of a packet beside its payload, and of a message beside what is counted, at most.
-const ROOM: usize = 512;
+const OVERHEAD_BYTES: usize = 512;
 /// Numbers that take the room of a seed.
-const SEED: usize = 2;
+const NUMBERS_PER_SEED: usize = 2;
 /// Numbers of a batch's row beside its sensors: episode and agent.
-const ROW: usize = 2;
+const ROW_OVERHEAD: usize = 2;
 /// Blocks in flight to one server: one is computed, one waits.
 pub(crate) const IN_FLIGHT: usize = 2;
 /// A server is passed over when it would be done later than all others with all that is left, by more seconds than these.
-const GRACE: f64 = 0.005;
+const GRACE_SECONDS: f64 = 0.005;
 /// Where it is not worked out when all others would be done: how many times as long a server may need.
-const ROUGHLY: f64 = 2.0;
+const MAX_SLOWDOWN: f64 = 2.0;
 
 /// A number of evaluations from a measured speed.
 #[expect(
@@ -42,19 +42,20 @@ fn count(evaluations: f64) -> usize {
 
 impl View<'_> {
     /// How many evaluations a server gets at once.
-    pub fn most(&self, slot: &Slot, crowd: &Crowd) -> usize {
+    pub fn most(&self, slot: &Slot, capacity: &Capacity) -> usize {
         let most = match slot.way {
             Way::Stepwise => 1,
-            Way::Batched(batch) => batch.min(count(self.share(slot, crowd))),
+            Way::Batched(batch) => batch.min(count(self.share(slot, capacity))),
             // A first one tells how fast the server is.
-            Way::Offloaded => slot.rate.map_or(self.together(slot, crowd), |rate| {
-                let share = self.share(slot, crowd);
-                let part = if share <= rate * WHOLE {
+            Way::Offloaded => slot.rate.map_or(self.together(slot, capacity), |rate| {
+                let share = self.share(slot, capacity);
+                let part = if share <= rate * MIN_SHARED_SECONDS {
                     share
                 } else {
                     share / number(IN_FLIGHT)
                 };
-                count(part.max(rate * LEAST).min(rate * BLOCK)).max(self.together(slot, crowd))
+                count(part.max(rate * MIN_BLOCK_SECONDS).min(rate * BLOCK_SECONDS))
+                    .max(self.together(slot, capacity))
             }),
         };
         let Some(work) = self.ledger.work() else {
@@ -69,7 +70,7 @@ impl View<'_> {
         // All agents of a batch are in one message a step.
         let most = match (slot.way, self.agents, self.sizes()) {
             (Way::Batched(_), Some(agents), Some((sensors, actuators))) => {
-                let row = sensors.max(actuators).saturating_add(ROW);
+                let row = sensors.max(actuators).saturating_add(ROW_OVERHEAD);
                 let agents = usize::try_from(agents).unwrap_or(usize::MAX);
                 most.min((numbers / row.saturating_mul(agents).max(1)).max(1))
             }
@@ -77,13 +78,13 @@ impl View<'_> {
         };
         let (weights, episodes) = (work.architecture().weight_count(), work.episodes());
         // All of a block's candidates have the same seeds.
-        let seeds = if numbers < NUMBERS {
-            SEED.saturating_mul(episodes)
+        let seeds = if numbers < MAX_NUMBERS {
+            NUMBERS_PER_SEED.saturating_mul(episodes)
         } else {
             0
         };
-        let fitting = if numbers < NUMBERS && numbers < weights.saturating_add(seeds) {
-            (numbers.saturating_sub(weights) / SEED).max(1)
+        let fitting = if numbers < MAX_NUMBERS && numbers < weights.saturating_add(seeds) {
+            (numbers.saturating_sub(weights) / NUMBERS_PER_SEED).max(1)
         } else {
             ((numbers - seeds) / weights)
                 .max(1)
@@ -98,28 +99,28 @@ impl View<'_> {
     /// Numbers in a message, at most: what is fast, and what the broker takes.
     fn numbers(&self) -> usize {
         let packet = self.limits.room();
-        if packet >= 2 * size_of::<f32>() * NUMBERS {
-            return NUMBERS;
+        if packet >= 2 * size_of::<f32>() * MAX_NUMBERS {
+            return MAX_NUMBERS;
         }
-        let room = packet.saturating_sub(ROOM + self.limits.beside());
-        (room / size_of::<f32>()).clamp(1, NUMBERS)
+        let room = packet.saturating_sub(OVERHEAD_BYTES + self.limits.beside());
+        (room / size_of::<f32>()).clamp(1, MAX_NUMBERS)
     }
 
     /// How many of its share a server computes in about the time of one.
-    fn together(&self, slot: &Slot, crowd: &Crowd) -> usize {
+    fn together(&self, slot: &Slot, capacity: &Capacity) -> usize {
         let announced = slot.capabilities.swarmwright.as_ref();
         match announced.and_then(|announced| announced.lanes) {
-            Some(lanes) => lanes.min(count(self.share(slot, crowd))),
+            Some(lanes) => lanes.min(count(self.share(slot, capacity))),
             None => 1,
         }
     }
 
     /// A server's part of the evaluations that are queued, by the speeds of all.
-    fn share(&self, slot: &Slot, crowd: &Crowd) -> f64 {
+    fn share(&self, slot: &Slot, capacity: &Capacity) -> f64 {
         let queued = number(self.ledger.queued());
-        match (crowd.rate(), slot.rate) {
+        match (capacity.rate(), slot.rate) {
             (Some(all), Some(rate)) => queued * rate / all,
-            _ => queued / number(crowd.usable),
+            _ => queued / number(capacity.usable),
         }
     }
 
@@ -128,13 +129,13 @@ impl View<'_> {
         &self,
         server: u64,
         most: usize,
-        crowd: &mut Crowd,
+        capacity: &mut Capacity,
         now: Instant,
     ) -> bool {
         let Some(slot) = self.fleet.slot(server) else {
             return false;
         };
-        let (Some(rate), Some(others)) = (slot.rate, crowd.without(slot)) else {
+        let (Some(rate), Some(others)) = (slot.rate, capacity.without(slot)) else {
             return true;
         };
         // What failed somewhere may need just this server.
@@ -147,9 +148,9 @@ impl View<'_> {
         if all <= without {
             return true;
         }
-        match self.ends(server, most, crowd, now) {
-            Some((ends, without)) => ends <= without + GRACE,
-            None => number(most) / rate <= ROUGHLY * without + GRACE,
+        match self.ends(server, most, capacity, now) {
+            Some((ends, without)) => ends <= without + GRACE_SECONDS,
+            None => number(most) / rate <= MAX_SLOWDOWN * without + GRACE_SECONDS,
         }
     }
 }
@@ -161,13 +162,13 @@ impl View<'_> {
         &self,
         server: u64,
         most: usize,
-        crowd: &mut Crowd,
+        capacity: &mut Capacity,
         now: Instant,
     ) -> Option<(f64, f64)> {
         let busy = |slot: &Slot, rate: f64| self.busy_for(slot, rate, now);
-        let own = crowd.until(server, self.fleet, busy)?;
+        let own = capacity.until(server, self.fleet, busy)?;
         let ends = own.until + number(most) / own.rate;
-        Some((ends, crowd.done_without(server, self.ledger.queued())))
+        Some((ends, capacity.done_without(server, self.ledger.queued())))
     }
 
     /// Seconds that what a server has will still take it.

@@ -1,4 +1,4 @@
-//! Work that two servers have: copies of what a slow or silent server is at. The first result counts.
+//! Speculative execution: backup copies of work that slow or silent servers have. The first result counts.
 //!
 //! A server that says nothing for much longer than it ever did is doubted long before its time-out: its work is given to
 //! another one as well (hedged requests: Dean and Barroso, The Tail at Scale, 2013). When nothing is queued any more,
@@ -15,11 +15,11 @@ use crate::scheduler::queue::results::rectangle;
 use crate::scheduler::view::View;
 
 /// A copy must be expected to be done in this part of the time that the other one still takes.
-const WORTH: f64 = 0.5;
+const MAX_SHARE_OF_REMAINING: f64 = 0.5;
 /// Seconds that a copy must be expected to save.
-const SAVED: f64 = 0.25;
+const MIN_SAVED_SECONDS: f64 = 0.25;
 /// A block may take this many times as long as expected before its server is doubted.
-const ROOM: f64 = 4.0;
+const LATENESS_FACTOR: f64 = 4.0;
 
 impl View<'_> {
     /// When the next one of those under way takes longer than it should.
@@ -67,7 +67,7 @@ impl View<'_> {
         let bound = match &request.batch {
             Some(batch) if batch.steers() => slot.steps.bound(least)?,
             _ => {
-                let expected = ROOM * number(request.piece.len()) / slot.rate?;
+                let expected = LATENESS_FACTOR * number(request.piece.len()) / slot.rate?;
                 Duration::try_from_secs_f64(expected).ok()?.max(least)
             }
         };
@@ -76,8 +76,8 @@ impl View<'_> {
     }
 
     pub fn may_copy(&self, piece: &Piece) -> bool {
-        // What servers were lost with is to be alone: else nobody can tell what it does.
-        let suspect = self.ledger.suspicions().is_suspect(piece.first());
+        // What servers were lost with is to be alone: else its effect cannot be told.
+        let suspect = self.ledger.attribution().is_suspect(piece.first());
         self.config.faults.backup
             && !self.config.visual
             && piece.purpose == Purpose::Work
@@ -132,8 +132,9 @@ impl View<'_> {
             Way::Batched(batch) => batch,
             Way::Offloaded => usize::MAX,
         };
-        let is_worth =
-            |own: f64, remaining: f64| remaining * WORTH >= own && remaining >= own + SAVED;
+        let is_worth = |own: f64, remaining: f64| {
+            remaining * MAX_SHARE_OF_REMAINING >= own && remaining >= own + MIN_SAVED_SECONDS
+        };
         let longest = under_way.iter();
         // Where one evaluation is not worth it, none is in what is left.
         let mut longest = longest.take_while(|other| is_worth(1.0 / rate, other.remaining));

@@ -29,7 +29,7 @@ impl Scheduler {
         !self.fleet.is_empty()
     }
 
-    /// A server that fits and serves somebody else.
+    /// A server that fits and serves another tool.
     #[must_use]
     pub fn busy_elsewhere(&self) -> Option<String> {
         self.fleet.busy_elsewhere(&self.config.demand)
@@ -67,7 +67,7 @@ impl Scheduler {
 
     /// How long there has been work and no server for it.
     #[must_use]
-    pub fn lonely(&self, now: Instant) -> Duration {
+    pub fn unserved(&self, now: Instant) -> Duration {
         self.outlook.unserved_for(now)
     }
 
@@ -96,9 +96,9 @@ impl Scheduler {
     }
 
     fn no_server(&self, now: Instant) -> Option<NoServer> {
-        let lonely = self.lonely(now);
-        (lonely >= SILENCE).then(|| NoServer {
-            seconds: lonely.as_secs_f64(),
+        let unserved = self.unserved(now);
+        (unserved >= SILENCE).then(|| NoServer {
+            seconds: unserved.as_secs_f64(),
             found: self.fleet.describe(&self.config.demand),
         })
     }
@@ -117,7 +117,7 @@ impl Scheduler {
                 reason: past.map(|(_, reason)| shortened(reason)),
                 // One that is new waits a moment, too, and has not failed.
                 benched: slot
-                    .benched
+                    .backs_off_until
                     .filter(|_| past.is_some())
                     .map(|until| rounded(until.saturating_duration_since(now).as_secs_f64())),
             }
@@ -147,7 +147,7 @@ impl Scheduler {
     }
 }
 
-/// To thousandths: what is finer than a millisecond tells nobody anything.
+/// To thousandths: what is finer than a millisecond is of no use.
 fn rounded(number: f64) -> f64 {
     (number * 1e3).round() / 1e3
 }

@@ -54,12 +54,12 @@ impl Scheduler {
         let blame = blame_of(ending);
         for (index, job) in jobs.into_iter().enumerate() {
             // What waited only is not to blame.
-            let blame = if index == 0 { blame } else { Blame::Nobody };
+            let blame = if index == 0 { blame } else { Blame::None };
             match job {
                 Job::Request(number) => match ending.at.filter(|at| at.request == number) {
                     Some(at) => self.fail_at(number, at, ending, now),
                     None if self.is_block(number) => {
-                        self.fail_request(number, &ending.reason, Blame::Nobody, now);
+                        self.fail_request(number, &ending.reason, Blame::None, now);
                     }
                     None => self.fail_request(number, &ending.reason, blame, now),
                 },
@@ -101,7 +101,7 @@ impl Scheduler {
             self.record_request(&request, Some(words), now);
         }
         for part in parts.into_iter().rev() {
-            self.retry(part, ending.server, reason, Blame::Nobody, now);
+            self.retry(part, ending.server, reason, Blame::None, now);
         }
         if start == end {
             return;

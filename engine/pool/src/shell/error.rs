@@ -14,7 +14,7 @@ pub enum PoolError {
     /// The URL or the credentials cannot be used.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// A prefix that cannot stand before a topic.
+    /// A prefix that cannot be used in a topic.
     #[error(transparent)]
     Topic(#[from] TopicError),
     /// No server fits, or all have gone.
@@ -43,10 +43,10 @@ pub enum PoolError {
     /// A part of the work is larger than the broker takes.
     #[error("{0}")]
     TooLarge(String),
-    /// Two servers do not find the same, and nobody can tell which one is wrong.
+    /// Two servers do not find the same, and it cannot be told which one is wrong.
     #[error("servers disagree: {0}")]
     Disagreement(String),
-    /// Nobody can tell whether candidates or servers are to blame, or all servers are broken.
+    /// It cannot be told whether candidates or servers are at fault, or all servers are broken.
     #[error("{0}")]
     Hopeless(String),
     /// The caller wants to stop.

@@ -109,7 +109,7 @@ impl Reporter {
             let (failures, reason) = past.unwrap_or_default();
             let before = self.failures.insert(server, failures).unwrap_or(0);
             if failures > before
-                && let Some(until) = slot.benched
+                && let Some(until) = slot.backs_off_until
             {
                 self.tell(&Report::Benched {
                     server,

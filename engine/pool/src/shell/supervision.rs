@@ -1,4 +1,4 @@
-//! Servers whose processes are the tool's own: who watches them knows when and how one ended, and what it was at; the pool
+//! Servers whose processes are the tool's own: their supervisor knows when and how one ended, and what it was at; the pool
 //! knows which one has not answered in time.
 
 use std::collections::VecDeque;
@@ -11,7 +11,7 @@ use crate::scheduler::fleet::processes::Ending;
 /// Requests that are remembered, for what comes late of them.
 const PLACES: usize = 4096;
 
-/// What the pool and whoever watches the processes tell each other, from any thread.
+/// What the pool and the supervisor of the processes tell each other, from any thread.
 #[derive(Clone)]
 pub struct Supervision {
     shared: Arc<Mutex<Shared>>,

@@ -72,7 +72,7 @@ impl Watcher {
         }
         match Message::decode(topic, message.payload()).ok()? {
             Message::Presence(presence) => Some(News::Presence(Box::new(presence))),
-            // One that is retained is somebody's leftover.
+            // One that is retained is a leftover of an earlier run.
             Message::Status(status) if !message.retained() => {
                 Some(News::Status(last().to_owned(), status))
             }
@@ -86,7 +86,7 @@ impl Watcher {
     }
 }
 
-/// Everybody's presence on the broker, by id: what is retained, and what comes within `wait`.
+/// The presence of all servers on the broker, by id: what is retained, and what comes within `wait`.
 ///
 /// # Errors
 /// No broker, credentials refused, a prefix that cannot be.

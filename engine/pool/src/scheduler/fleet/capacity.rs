@@ -4,7 +4,7 @@ use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::slot::Slot;
 
 /// Of more servers than these it is not worked out how they would share what is left.
-const MOST: usize = 256;
+const MAX_SIMULATED: usize = 256;
 /// Halvings of the time in which that is looked for.
 const HALVINGS: usize = 24;
 
@@ -18,7 +18,7 @@ pub(crate) fn number(count: usize) -> f64 {
 
 /// What does not change while work is given away.
 #[derive(Default)]
-pub(crate) struct Crowd {
+pub(crate) struct Capacity {
     /// Those for which what failed elsewhere may wait.
     pub servers: Vec<u64>,
     /// How many may get work now.
@@ -50,16 +50,16 @@ pub(crate) struct Others {
     pub fastest: f64,
 }
 
-impl Crowd {
+impl Capacity {
     pub fn of(fleet: &Fleet) -> Self {
-        let mut crowd = Self {
+        let mut capacity = Self {
             servers: fleet.servers(),
             ..Self::default()
         };
         for (_, slot) in fleet.usable() {
-            crowd.add(slot);
+            capacity.add(slot);
         }
-        crowd
+        capacity
     }
 
     fn add(&mut self, slot: &Slot) {
@@ -98,8 +98,8 @@ impl Crowd {
     }
 }
 
-impl Crowd {
-    /// Somebody got work that takes so many seconds.
+impl Capacity {
+    /// A server got work that takes so many seconds.
     pub fn gave(&mut self, server: u64, seconds: f64) {
         if let Some(busy) = self.busy.iter_mut().find(|busy| busy.server == server) {
             busy.until += seconds;
@@ -115,7 +115,7 @@ impl Crowd {
         busy: impl Fn(&Slot, f64) -> f64,
     ) -> Option<Busy> {
         if self.busy.is_empty() {
-            if self.measured > MOST {
+            if self.measured > MAX_SIMULATED {
                 return None;
             }
             self.busy = fleet

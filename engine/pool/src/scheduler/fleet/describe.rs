@@ -16,7 +16,7 @@ impl Fleet {
         })
     }
 
-    /// Whether a server that fits is there but serves somebody else.
+    /// Whether a server that fits is there but serves another tool.
     pub fn busy_elsewhere(&self, demand: &Demand) -> Option<String> {
         self.presences
             .values()

@@ -1,4 +1,4 @@
-//! How servers have behaved: what is remembered of an id, also while no server has it.
+//! How servers have behaved, and how long they back off after failures: kept by id, also while no server has it.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};

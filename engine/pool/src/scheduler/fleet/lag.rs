@@ -15,7 +15,7 @@ const LATE: [RangeInclusive<u128>; 3] = [38..=52, 76..=110, 195..=220];
 const SOON: Duration = Duration::from_millis(5);
 /// Two messages were sent together, at least: one alone is never held back.
 const TOGETHER: u32 = 2;
-/// How many late answers make a suspicion, and which share of the time.
+/// How many late answers raise suspicion, and which share of the time.
 const ENOUGH: u32 = 20;
 const MOST: f64 = 0.5;
 
@@ -54,7 +54,7 @@ impl Answers {
     }
 
     /// Whether it looks as if the broker held messages to it back.
-    fn are_suspicious(&self) -> bool {
+    fn are_late(&self) -> bool {
         self.late >= ENOUGH && self.share() >= MOST
     }
 }
@@ -90,7 +90,7 @@ pub(crate) struct Lag(Option<Suspect>);
 impl Lag {
     /// Whether a server is the first one whose answers are suspicious.
     pub fn is_news(&mut self, server: u64, answers: Answers) -> bool {
-        let news = self.0.is_none() && answers.are_suspicious();
+        let news = self.0.is_none() && answers.are_late();
         if news {
             self.0 = Some(Suspect { server, answers });
         }
@@ -133,7 +133,7 @@ mod tests {
                 answers.sent(1);
             }
         }
-        answers.are_suspicious()
+        answers.are_late()
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub(crate) struct Fleet {
     /// By id: the instances that answered lately, each with its last round.
     seen: BTreeMap<u64, Vec<(String, u64)>>,
     /// Ids to which two servers answered: the last round in which one did, and how often.
-    twins: BTreeMap<u64, (u64, u32)>,
+    duplicates: BTreeMap<u64, (u64, u32)>,
     /// Servers that answered with a hash that this tool has not asked with, each with that hash.
     strangers: BTreeMap<u64, String>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
@@ -178,10 +178,10 @@ impl Fleet {
     }
 
     /// A server failed: a pause that doubles with each failure in a row, also where it is gone and comes back.
-    pub fn bench(&mut self, id: u64, reason: &str, now: Instant) {
+    pub fn back_off(&mut self, id: u64, reason: &str, now: Instant) {
         let until = self.health.failed(id, reason, now);
         if let Some(slot) = self.slots.get_mut(&id) {
-            slot.benched = Some(until);
+            slot.backs_off_until = Some(until);
         }
     }
 
@@ -194,7 +194,7 @@ impl Fleet {
     pub fn broke(&mut self, id: u64, reason: &str, now: Instant) {
         let until = self.health.broke(id, reason, now);
         if let Some(slot) = self.slots.get_mut(&id) {
-            slot.benched = Some(until);
+            slot.backs_off_until = Some(until);
         }
     }
 
@@ -216,7 +216,7 @@ impl Fleet {
     pub fn introduce(&mut self, id: u64, until: Instant, now: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {
             let pause = self.health.pause(id, now);
-            slot.benched = Some(pause.map_or(until, |pause| pause.max(until)));
+            slot.backs_off_until = Some(pause.map_or(until, |pause| pause.max(until)));
         }
     }
 
@@ -236,16 +236,19 @@ impl Fleet {
     }
 
     /// Benched servers whose pause is over may be used again.
-    pub fn unbench(&mut self, now: Instant) {
+    pub fn end_back_offs(&mut self, now: Instant) {
         for slot in self.slots.values_mut() {
-            if slot.benched.is_some_and(|until| until <= now) {
-                slot.benched = None;
+            if slot.backs_off_until.is_some_and(|until| until <= now) {
+                slot.backs_off_until = None;
             }
         }
     }
 
-    pub fn next_unbench(&self) -> Option<Instant> {
-        self.slots.values().filter_map(|slot| slot.benched).min()
+    pub fn next_back_off_end(&self) -> Option<Instant> {
+        self.slots
+            .values()
+            .filter_map(|slot| slot.backs_off_until)
+            .min()
     }
 
     /// Something of use came from a server in an episode.
@@ -281,15 +284,15 @@ impl Fleet {
     pub fn measured_episode(&mut self, id: u64, duration: Duration) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.episodes.measured(duration);
-            slot.beaten = 0;
+            slot.preempted = 0;
         }
     }
 
     /// Another tool was faster on a server. How often in a row.
-    pub fn was_beaten(&mut self, id: u64) -> u32 {
+    pub fn was_preempted(&mut self, id: u64) -> u32 {
         self.slots.get_mut(&id).map_or(0, |slot| {
-            slot.beaten += 1;
-            slot.beaten
+            slot.preempted += 1;
+            slot.preempted
         })
     }
 

@@ -18,7 +18,7 @@ pub(crate) struct Ended {
     pub jobs: Vec<Job>,
     pub reason: String,
     /// Whether it was the server's own failure.
-    pub own_fault: bool,
+    pub server_fault: bool,
 }
 
 /// What an answer to discovery means.
@@ -31,7 +31,7 @@ pub(crate) enum Answer {
     /// It does not fit; why, if that is news.
     Unfit(Option<String>),
     /// Two servers answer to one id; the jobs to be given up, and whether that is news.
-    Twins(Vec<Job>, bool),
+    Duplicate(Vec<Job>, bool),
 }
 
 /// Servers with other hashes that are remembered.
@@ -39,7 +39,7 @@ const MOST_STRANGERS: usize = 100;
 /// Characters of a hash that are shown, at most.
 const MOST_HASH: usize = 80;
 
-const TWINS: &str =
+const DUPLICATE: &str =
     "two servers answer to this id, so neither is used; give one of them another --id";
 
 impl Fleet {
@@ -74,8 +74,8 @@ impl Fleet {
             return Answer::Unfit(None);
         }
         let rival = self.has_rival(id, instance.as_ref(), round);
-        if self.still_twins(id, round) || (rival && !self.slots.contains_key(&id)) {
-            return Answer::Twins(Vec::new(), false);
+        if self.still_duplicate(id, round) || (rival && !self.slots.contains_key(&id)) {
+            return Answer::Duplicate(Vec::new(), false);
         }
         if self
             .refusals
@@ -89,7 +89,7 @@ impl Fleet {
             let same = instance.is_some() && slot.instance == instance;
             if (slot.round == round && !same) || rival {
                 let (jobs, news) = self.are_two(id, round);
-                return Answer::Twins(jobs, news);
+                return Answer::Duplicate(jobs, news);
             }
             slot.round = slot.round.max(round);
             if slot.instance == instance {
@@ -110,7 +110,7 @@ impl Fleet {
             Slot {
                 way,
                 jobs: Vec::new(),
-                benched: None,
+                backs_off_until: None,
                 suspended: false,
                 heard: now,
                 rate: None,
@@ -121,7 +121,7 @@ impl Fleet {
                 steps: Pace::default(),
                 episodes: Pace::default(),
                 answers: Answers::default(),
-                beaten: 0,
+                preempted: 0,
                 passed_over: None,
                 round,
                 last_hash: None,
@@ -133,9 +133,12 @@ impl Fleet {
     /// Two servers have an id, as was seen in a round: it is not used until one is left. Returns the jobs that they had,
     /// and whether that is news.
     pub fn are_two(&mut self, id: u64, round: u64) -> (Vec<Job>, bool) {
-        let before = self.unfit.insert(id, TWINS.to_owned());
-        self.twins.insert(id, (round, 2));
-        (self.remove(id), before.is_none_or(|reason| reason != TWINS))
+        let before = self.unfit.insert(id, DUPLICATE.to_owned());
+        self.duplicates.insert(id, (round, 2));
+        (
+            self.remove(id),
+            before.is_none_or(|reason| reason != DUPLICATE),
+        )
     }
 
     /// A server answered with a hash that this tool has not asked with: another tool's, mostly. One that knows D6.1 alone
@@ -159,7 +162,7 @@ impl Fleet {
     }
 
     /// Whether another instance answered under this id in this round or one of the two before, and did not leave since:
-    /// answers to several rounds may cross, so that the same round is not all that tells twins.
+    /// answers to several rounds may cross, so that the same round is not all that tells duplicates.
     fn has_rival(&mut self, id: u64, instance: Option<&String>, round: u64) -> bool {
         let Some(instance) = instance else {
             return false;
@@ -172,8 +175,8 @@ impl Fleet {
     }
 
     /// Whether an id that two servers had is still in doubt: it is used again when only one answer came in a whole round.
-    fn still_twins(&mut self, id: u64, round: u64) -> bool {
-        let Some((last, count)) = self.twins.get_mut(&id) else {
+    fn still_duplicate(&mut self, id: u64, round: u64) -> bool {
+        let Some((last, count)) = self.duplicates.get_mut(&id) else {
             return false;
         };
         if round <= *last {
@@ -184,7 +187,7 @@ impl Fleet {
         let alone = *count == 1;
         (*last, *count) = (round, 1);
         if alone {
-            self.twins.remove(&id);
+            self.duplicates.remove(&id);
         }
         !alone
     }
@@ -263,12 +266,12 @@ impl Fleet {
                 state == State::Ready || (state == State::Busy && !elsewhere),
             );
         };
-        let ended = |jobs: Vec<Job>, reason: String, own_fault: bool| {
+        let ended = |jobs: Vec<Job>, reason: String, server_fault: bool| {
             let ended = Ended {
                 server: id,
                 jobs,
                 reason,
-                own_fault,
+                server_fault,
             };
             (Some(ended), false)
         };
@@ -284,7 +287,7 @@ impl Fleet {
                 (None, false)
             }
             State::Busy if elsewhere => {
-                // Requests are answered by whoever has the server; steps would be waited for in vain.
+                // Requests are answered whichever tool has the server; steps would be waited for in vain.
                 let is_episode = |job: &Job| matches!(job, Job::Episode(_));
                 let jobs = slot.jobs.iter().filter(|job| is_episode(job));
                 let jobs = jobs.cloned().collect();

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 /// Durations before these are not judged by.
-const FEW: u32 = 4;
+const MIN_SAMPLES: u32 = 4;
 /// How many times as long as the longest of late the next one may be.
-const ROOM: f64 = 8.0;
+const TOLERANCE_FACTOR: f64 = 8.0;
 /// What the longest loses with every further one, so that one slow moment is forgotten by and by.
-const FADING: f64 = 0.99;
+const DECAY: f64 = 0.99;
 
 /// One kind of duration on one server.
 #[derive(Debug, Clone, Copy, Default)]
@@ -18,14 +18,17 @@ pub(crate) struct Pace {
 
 impl Pace {
     pub fn measured(&mut self, duration: Duration) {
-        self.longest = (self.longest * FADING).max(duration.as_secs_f64());
+        self.longest = (self.longest * DECAY).max(duration.as_secs_f64());
         self.known = self.known.saturating_add(1);
     }
 
     /// Longer than this is strange; never less than `least`, none while too little is known.
     pub fn bound(&self, least: Duration) -> Option<Duration> {
-        (self.known >= FEW)
-            .then(|| Duration::try_from_secs_f64(self.longest * ROOM).unwrap_or(Duration::MAX))
+        (self.known >= MIN_SAMPLES)
+            .then(|| {
+                Duration::try_from_secs_f64(self.longest * TOLERANCE_FACTOR)
+                    .unwrap_or(Duration::MAX)
+            })
             .map(|bound| bound.max(least))
     }
 }
@@ -38,7 +41,7 @@ mod tests {
     fn a_bound_is_learnt_and_follows_what_becomes_slower() {
         let mut pace = Pace::default();
         let least = Duration::from_millis(100);
-        for _ in 0..FEW {
+        for _ in 0..MIN_SAMPLES {
             assert_eq!(pace.bound(least), None);
             pace.measured(Duration::from_millis(20));
         }

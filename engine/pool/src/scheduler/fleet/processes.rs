@@ -26,7 +26,7 @@ pub struct Ending {
     pub reason: String,
     /// Where in its code, or what it said last, if that is known.
     pub stack: Option<String>,
-    /// Somebody else ended it: what it computed is not to blame before that happens again and again.
+    /// It was ended from outside: what it computed is not to blame before that happens again and again.
     pub outside: bool,
     /// What it computed, if that is known.
     pub at: Option<At>,

@@ -16,7 +16,7 @@ pub(crate) struct Slot {
     /// What it has to do, the oldest first.
     pub jobs: Vec<Job>,
     /// It failed; not before this time again.
-    pub benched: Option<Instant>,
+    pub backs_off_until: Option<Instant>,
     /// It may be broken: it has to succeed with what succeeded before it gets new work.
     pub suspended: bool,
     /// When anything was heard of it last.
@@ -33,7 +33,7 @@ pub(crate) struct Slot {
     pub episodes: Pace,
     pub answers: Answers,
     /// How often in a row another tool was faster.
-    pub beaten: u32,
+    pub preempted: u32,
     /// Since when there is work for it that others should have done before it could.
     pub passed_over: Option<Instant>,
     /// The last round of discovery that it answered.
@@ -47,7 +47,7 @@ pub(crate) struct Slot {
 impl Slot {
     /// Whether it may get work.
     pub fn usable(&self) -> bool {
-        self.benched.is_none() && !self.silent && !self.suspended
+        self.backs_off_until.is_none() && !self.silent && !self.suspended
     }
 
     /// Learns from `episodes` that took `seconds`.

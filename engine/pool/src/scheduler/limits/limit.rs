@@ -6,9 +6,9 @@
 use std::time::{Duration, Instant};
 
 /// How often in a row a connection must end on something of a size of which it is not known that it goes through, ...
-const AGAIN: u32 = 2;
+const CONFIRMATIONS_UNKNOWN: u32 = 2;
 /// ... and of a size that once went through.
-const AGAINST: u32 = 4;
+const CONFIRMATIONS_KNOWN: u32 = 4;
 /// How often more it must end on what cannot be made smaller before that is hopeless.
 const HOPELESS: u32 = 3;
 /// After what time twice as much is tried; the time doubles whenever that is too much.
@@ -64,9 +64,9 @@ impl Limit {
         self.ends += 1;
         self.ended_on = self.ended_on.min(size);
         let patience = match &self.learnt {
-            _ if size <= self.taken => AGAINST,
+            _ if size <= self.taken => CONFIRMATIONS_KNOWN,
             Some(_) => 1,
-            None => AGAIN,
+            None => CONFIRMATIONS_UNKNOWN,
         };
         if self.ends < patience {
             return false;

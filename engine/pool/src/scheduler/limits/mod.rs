@@ -21,7 +21,7 @@ const HEADER: usize = 256;
 /// A server that was silent for longer when its connection ended had not just sent something.
 const RECENT: Duration = Duration::from_secs(30);
 /// How long a server may take to come back.
-const BACK: Duration = Duration::from_secs(60);
+const RETURN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Where brokers are told how much to take.
 const SETTINGS: &str = "Mosquitto: max_packet_size, rumqttd: max_payload_size, Moquette: netty.mqtt.message_size, EMQX: \
                         mqtt.max_packet_size";
@@ -250,7 +250,8 @@ impl Limits {
         let Some(suspect) = self.suspects.remove(&server) else {
             return false;
         };
-        if instance != Some(&*suspect.instance) || now.saturating_duration_since(suspect.at) > BACK
+        if instance != Some(&*suspect.instance)
+            || now.saturating_duration_since(suspect.at) > RETURN_TIMEOUT
         {
             return false;
         }

@@ -59,8 +59,8 @@ impl Scheduler {
         self.request(&message, piece, server, patience, Some(batch), now);
     }
 
-    /// A server steps a batch that nobody waits for: its start came late or twice.
-    pub(super) fn end_ghost(&mut self, message: &BatchSensors) {
+    /// A server steps a batch that is not waited for: its start came late or twice.
+    pub(super) fn end_stray_batch(&mut self, message: &BatchSensors) {
         if !message.episodes.0.is_empty() {
             self.end_batch(message.server, message.request, message.step);
         }

@@ -6,7 +6,7 @@ use swarmwright_controllers::Controller;
 use swarmwright_protocol::{Missing, PieceKind, ReadingWriter, SensorReading, Waiting};
 
 use crate::config::Config;
-use crate::scheduler::modes::WORD;
+use crate::scheduler::modes::REPORT_TIMEOUT;
 use crate::scheduler::queue::piece::Piece;
 
 /// How long a server that sent a message that was refused may take to send a better one.
@@ -33,7 +33,7 @@ pub(crate) struct Episode {
     pub deserted: Option<(Instant, u64)>,
     /// Whether it takes so long that another server has it, too.
     pub doubted: bool,
-    /// Whether whoever watches the server's process was asked what became of it.
+    /// Whether the supervisor of the server was asked what became of it.
     pub overdue: bool,
     /// Number of agents, if the parameters tell.
     agents: Option<u64>,
@@ -133,7 +133,11 @@ impl Episode {
     pub fn deadline(&self, config: &Config) -> Instant {
         let silent = self.heard + config.step_timeout;
         let silent = silent.min(self.started + config.faults.episode);
-        let silent = if self.overdue { silent + WORD } else { silent };
+        let silent = if self.overdue {
+            silent + REPORT_TIMEOUT
+        } else {
+            silent
+        };
         let refused = self.refused.as_ref().map(|(at, _)| *at + AFTER_REFUSAL);
         let earlier = [refused, self.vacant_until()];
         earlier.into_iter().flatten().fold(silent, Instant::min)

@@ -11,5 +11,5 @@ mod stepwise;
 
 use std::time::Duration;
 
-/// How long whoever watches a server may take to say what became of it, once it was asked to look.
-pub(crate) const WORD: Duration = Duration::from_secs(20);
+/// How long the supervisor of a server may take to say what became of it, once it was asked to look.
+pub(crate) const REPORT_TIMEOUT: Duration = Duration::from_secs(20);

@@ -11,7 +11,7 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
 use crate::work::Work;
 
-/// A block is given to somebody else when it takes this many times as long as expected.
+/// The lease of a block: it is given to another server when it takes this many times as long as expected.
 const LEASE: f64 = 10.0;
 /// How often a block is given more time since it was not answered in time.
 const MOST_LATE: u32 = 3;

@@ -6,7 +6,7 @@ use swarmwright_protocol::{Missing, PieceKind, Waiting};
 
 use crate::journal::Attempt;
 use crate::mode::Mode;
-use crate::scheduler::modes::WORD;
+use crate::scheduler::modes::REPORT_TIMEOUT;
 use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::queue::piece::Piece;
 
@@ -22,7 +22,7 @@ pub(crate) struct Request {
     lease: Duration,
     /// Whether it takes so long that another server has it, too.
     pub doubted: bool,
-    /// Whether whoever watches the server's process was asked what became of it.
+    /// Whether the supervisor of the server was asked what became of it.
     pub overdue: bool,
     /// None for a block.
     pub batch: Option<Batch>,
@@ -50,7 +50,11 @@ impl Request {
     }
 
     pub fn deadline(&self) -> Instant {
-        let word = if self.overdue { WORD } else { Duration::ZERO };
+        let word = if self.overdue {
+            REPORT_TIMEOUT
+        } else {
+            Duration::ZERO
+        };
         self.heard + self.lease + word
     }
 

@@ -58,7 +58,7 @@ impl Scheduler {
         }
     }
 
-    /// What is different where there is something to give away, or somebody to give it to.
+    /// What is different where there is something to give away, or a server to give it to.
     fn changes(&self) -> (usize, usize, usize) {
         (self.journal.len(), self.ledger.queued(), self.fleet.woken())
     }
@@ -84,7 +84,7 @@ impl Scheduler {
                 ) {
                     (Some(_), Some(refusal)) => self.refused(number, message.server, refusal, now),
                     (Some(true), None) => self.stepped(number, message, now),
-                    (None, None) => self.end_ghost(&message),
+                    (None, None) => self.end_stray_batch(&message),
                     _ => {}
                 }
             }
@@ -145,8 +145,8 @@ impl Scheduler {
             }
         };
         // Also where the server was given up meanwhile.
-        self.fail_request(number, reason, Blame::Nobody, now);
-        self.fail_jobs(jobs, reason, Blame::Nobody, now);
+        self.fail_request(number, reason, Blame::None, now);
+        self.fail_jobs(jobs, reason, Blame::None, now);
     }
 
     /// A request is over without a result; see [`retry`](Self::retry).
@@ -164,7 +164,7 @@ impl Scheduler {
                 Blame::Answer | Blame::Crash | Blame::Gone | Blame::Lost | Blame::Silent { .. }
                     if piece.len() == 1 && !alone =>
                 {
-                    Blame::Nobody
+                    Blame::None
                 }
                 Blame::Lost => Blame::Gone,
                 blame => blame,

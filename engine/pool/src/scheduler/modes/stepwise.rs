@@ -26,7 +26,7 @@ const AROUND: usize = 4096;
 /// Bytes of a packet beside its topic and payload, at most.
 const HEADER: usize = 16;
 /// How often in a row another tool may be faster on a server before the server is the one to blame.
-const MOST_BEATEN: u32 = 5;
+const MOST_PREEMPTIONS: u32 = 5;
 
 impl Scheduler {
     pub(crate) fn start_episode(&mut self, piece: Piece, server: u64, now: Instant) {
@@ -152,7 +152,7 @@ impl Scheduler {
         self.outbox
             .warn(format!("server {server} is not used: {reason}"));
         let jobs = self.fleet.refuse(server, reason);
-        self.fail_jobs(jobs, reason, Blame::Nobody, now);
+        self.fail_jobs(jobs, reason, Blame::None, now);
     }
 
     pub(crate) fn fitness(&mut self, message: &Fitness, now: Instant) {
@@ -161,7 +161,7 @@ impl Scheduler {
             return;
         }
         let Some(run) = self.in_flight.end_episode(&message.simulation_hash, true) else {
-            return self.unwanted(&message.simulation_hash);
+            return self.unexpected_fitness(&message.simulation_hash);
         };
         let job = Job::Episode(message.simulation_hash.clone());
         self.fleet.finished(run.server, &job);
@@ -287,7 +287,7 @@ impl Scheduler {
             if !run.begun() && run.round < round {
                 run.vacant.get_or_insert(now + OVERTAKEN);
             } else if run.begun_in.is_some_and(|begun| begun < round) {
-                // It is at that episode, or it was: whoever goes on with it is another one.
+                // It is at that episode, or it was: the one that goes on with it is another server.
                 run.deserted.get_or_insert((now + OVERTAKEN, round));
             }
         }
@@ -296,18 +296,18 @@ impl Scheduler {
     /// Episodes that their servers have not begun although they are free.
     fn vacant_episodes(&mut self, now: Instant) {
         for (hash, server) in self.in_flight.vacant_episodes(now) {
-            self.beaten(server, &hash, now);
+            self.preempted(server, &hash, now);
         }
     }
 
-    fn beaten(&mut self, id: u64, hash: &str, now: Instant) {
+    fn preempted(&mut self, id: u64, hash: &str, now: Instant) {
         let reason = format!("server {id} is free and has not begun the episode");
-        let own_fault = self.fleet.was_beaten(id) > MOST_BEATEN;
-        let blame = if own_fault {
+        let server_fault = self.fleet.was_preempted(id) > MOST_PREEMPTIONS;
+        let blame = if server_fault {
             self.failed(id, &reason, now);
             Blame::Lost
         } else {
-            Blame::Nobody
+            Blame::None
         };
         self.fail_episode(hash, &reason, blame, now);
         self.dispatch(now);

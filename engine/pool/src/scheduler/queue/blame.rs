@@ -1,4 +1,4 @@
-//! What is held against evaluations, and whether servers vouch for it.
+//! Failures of evaluations: which are attributed to the evaluation, and which to servers.
 //!
 //! A failure counts against an evaluation only if the server that had it is sound: it succeeds with another evaluation
 //! afterwards. A lost server counts only if it had succeeded with another one before, and if no other one was lost at
@@ -28,7 +28,7 @@ const LONG: Duration = Duration::from_secs(60);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Blame {
     /// The server had other work.
-    Nobody,
+    None,
     /// The connection broke; perhaps it was more than the broker takes.
     Broker,
     /// The server says that it failed.
@@ -37,7 +37,7 @@ pub(crate) enum Blame {
     Answer,
     /// The tool's own server went down at it.
     Crash,
-    /// The server went down while it was at it, or gave it up, nobody knows why.
+    /// The server went down while it was at it, or gave it up; the cause is unknown.
     Gone,
     /// The server went down and had not begun.
     Lost,
@@ -79,20 +79,20 @@ pub(crate) enum Verdict {
 }
 
 #[derive(Debug, Clone, Default)]
-struct Suspicion {
+struct Record {
     /// Each with whether its server has succeeded with another evaluation since.
     failures: Vec<(Failure, bool)>,
     /// How many servers were lost with it, whatever the cause, and when the first one was.
     lost: u32,
     since: Option<Instant>,
-    /// It waits for its servers to be vouched for.
+    /// It waits for its failures to be confirmed.
     aside: Option<Piece>,
 }
 
-impl Suspicion {
+impl Record {
     fn count(&self, how: How) -> u32 {
-        let alike = self.failures.iter().filter(|(one, _)| one.how == how);
-        u32::try_from(alike.count()).unwrap_or(u32::MAX)
+        let same_installation = self.failures.iter().filter(|(one, _)| one.how == how);
+        u32::try_from(same_installation.count()).unwrap_or(u32::MAX)
     }
 
     fn verdict(&self, faults: &Faults) -> Option<Verdict> {
@@ -128,15 +128,15 @@ pub(crate) enum Resolved {
 
 /// All that is held against evaluations of one work.
 #[derive(Debug, Default)]
-pub(crate) struct Suspicions {
-    by_evaluation: BTreeMap<usize, Suspicion>,
+pub(crate) struct Attribution {
+    by_evaluation: BTreeMap<usize, Record>,
     /// How often servers have succeeded with something since any was lost last.
     proven: BTreeMap<u64, u32>,
     /// The last losses of servers: when, and with which evaluation alone.
     losses: VecDeque<(Instant, Option<usize>)>,
 }
 
-impl Suspicions {
+impl Attribution {
     pub fn is_empty(&self) -> bool {
         self.by_evaluation.is_empty()
     }
@@ -158,7 +158,7 @@ impl Suspicions {
 
     /// Whether another dubious evaluation has to end before this one is tried again: else each would speak for the other.
     pub fn must_wait(&self, evaluation: usize) -> bool {
-        let is_dubious = |one: &Suspicion| one.lost >= DUBIOUS && one.aside.is_none();
+        let is_dubious = |one: &Record| one.lost >= DUBIOUS && one.aside.is_none();
         let found = self.by_evaluation.get(&evaluation);
         if !found.is_some_and(is_dubious) {
             return false;
@@ -179,34 +179,34 @@ impl Suspicions {
         self.by_evaluation.remove(&evaluation);
     }
 
-    /// Holds a failure against an evaluation. What is to become of it, once its servers are vouched for.
-    pub fn hold_against(
+    /// Attributes a failure to an evaluation. What is to become of it, once its failures are confirmed.
+    pub fn attribute(
         &mut self,
         evaluation: usize,
         failure: Failure,
         faults: &Faults,
     ) -> Option<Verdict> {
-        let suspicion = self.by_evaluation.entry(evaluation).or_default();
-        let vouched = failure.how == How::Lost;
-        suspicion.failures.push((failure, vouched));
-        suspicion.verdict(faults)
+        let record = self.by_evaluation.entry(evaluation).or_default();
+        let confirmed = failure.how == How::Lost;
+        record.failures.push((failure, confirmed));
+        record.verdict(faults)
     }
 
     /// A server was lost with one evaluation alone. How many were lost with it so far, and whether that is so many that
     /// nothing can be told any more.
     pub fn lost_with(&mut self, evaluation: usize, faults: &Faults, now: Instant) -> (u32, bool) {
-        let suspicion = self.by_evaluation.entry(evaluation).or_default();
-        suspicion.lost += 1;
-        let since = *suspicion.since.get_or_insert(now);
+        let record = self.by_evaluation.entry(evaluation).or_default();
+        record.lost += 1;
+        let since = *record.since.get_or_insert(now);
         let most = MOST_LOST * faults.quarantine.max(LEAST_LOST);
         let long = now.saturating_duration_since(since) >= LONG;
-        (suspicion.lost, suspicion.lost >= most && long)
+        (record.lost, record.lost >= most && long)
     }
 
     /// A server was lost, perhaps with one evaluation alone. All have to prove themselves again, as others may be gone
-    /// for the same reason, and only nobody knows yet. It speaks for all other evaluations with which servers were lost
+    /// for the same reason, which is not known yet. It speaks for all other evaluations with which servers were lost
     /// at the same time. Whether others were lost at the same time without this evaluation.
-    pub fn shaken(&mut self, with: Option<usize>, now: Instant) -> bool {
+    pub fn server_lost(&mut self, with: Option<usize>, now: Instant) -> bool {
         self.proven.clear();
         let recent = |at: Instant| now.saturating_duration_since(at) <= TOGETHER;
         self.losses.retain(|(at, _)| recent(*at));
@@ -215,10 +215,10 @@ impl Suspicions {
             .iter()
             .any(|(_, other)| other.is_none() || *other != with);
         self.losses.push_back((now, with));
-        for (evaluation, suspicion) in &mut self.by_evaluation {
+        for (evaluation, record) in &mut self.by_evaluation {
             if Some(*evaluation) != with {
                 let kept = |one: &Failure| one.how != How::Lost || !recent(one.at);
-                suspicion.failures.retain(|(one, _)| kept(one));
+                record.failures.retain(|(one, _)| kept(one));
             }
         }
         others
@@ -231,30 +231,30 @@ impl Suspicions {
     }
 
     /// A server has succeeded with something: what it said before counts, once for each evaluation however often it was
-    /// tried since the last success, as the server may have been broken for a moment. `alike`: whether another one is
+    /// tried since the last success, as the server may have been broken for a moment. `same_installation`: whether another one is
     /// the same installation.
     pub fn succeeded(
         &mut self,
         server: u64,
         instance: Option<&String>,
-        alike: impl Fn(u64) -> bool,
+        same_installation: impl Fn(u64) -> bool,
     ) {
         *self.proven.entry(server).or_default() += 1;
-        for suspicion in self.by_evaluation.values_mut() {
-            // What another start said, perhaps on another machine, this one cannot vouch for.
-            suspicion.failures.retain(|(failure, vouched)| {
+        for record in self.by_evaluation.values_mut() {
+            // What another start said, perhaps on another machine, this one cannot confirm.
+            record.failures.retain(|(failure, confirmed)| {
                 let same = failure.server != server || failure.instance.as_ref() == instance;
-                *vouched || same || failure.how != How::Said
+                *confirmed || same || failure.how != How::Said
             });
             let mut told = BTreeSet::new();
             // The last one of each server stays.
-            suspicion.failures.reverse();
-            suspicion.failures.retain(|(failure, vouched)| {
-                *vouched || failure.how != How::Said || told.insert(failure.server)
+            record.failures.reverse();
+            record.failures.retain(|(failure, confirmed)| {
+                *confirmed || failure.how != How::Said || told.insert(failure.server)
             });
-            suspicion.failures.reverse();
-            for (failure, vouched) in &mut suspicion.failures {
-                *vouched |= failure.server == server || alike(failure.server);
+            record.failures.reverse();
+            for (failure, confirmed) in &mut record.failures {
+                *confirmed |= failure.server == server || same_installation(failure.server);
             }
         }
     }
@@ -262,24 +262,24 @@ impl Suspicions {
     /// Whether a server failed an evaluation and has succeeded with nothing since.
     pub fn is_open(&self, evaluation: usize, server: u64) -> bool {
         let found = self.by_evaluation.get(&evaluation);
-        let open = |(failure, vouched): &(Failure, bool)| {
-            !vouched && failure.server == server && failure.how == How::Said
+        let open = |(failure, confirmed): &(Failure, bool)| {
+            !confirmed && failure.server == server && failure.how == How::Said
         };
         found.is_some_and(|one| one.failures.iter().any(open))
     }
 
     /// What a server said since it last succeeded with something counts for nothing.
     pub fn discredit(&mut self, server: u64) {
-        for suspicion in self.by_evaluation.values_mut() {
-            let counts = |(one, vouched): &(Failure, bool)| *vouched || one.server != server;
-            suspicion.failures.retain(counts);
+        for record in self.by_evaluation.values_mut() {
+            let counts = |(one, confirmed): &(Failure, bool)| *confirmed || one.server != server;
+            record.failures.retain(counts);
         }
     }
 
-    /// An evaluation waits until its servers are vouched for.
+    /// An evaluation waits until its failures are confirmed.
     pub fn put_aside(&mut self, piece: Piece) {
-        let suspicion = self.by_evaluation.entry(piece.first()).or_default();
-        suspicion.aside = Some(piece);
+        let record = self.by_evaluation.entry(piece.first()).or_default();
+        record.aside = Some(piece);
     }
 
     /// The servers that evaluations put aside wait for.
@@ -289,26 +289,26 @@ impl Suspicions {
             .values()
             .filter(|one| one.aside.is_some());
         let failures = aside.flat_map(|one| &one.failures);
-        let open = failures.filter(|(_, vouched)| !vouched);
+        let open = failures.filter(|(_, confirmed)| !confirmed);
         open.map(|(failure, _)| failure.server).collect()
     }
 
-    /// Evaluations put aside that wait for nobody; `all`: whoever they wait for, unless one is to be tried again, which
+    /// Evaluations put aside that wait for no server; `all`: whichever they wait for, unless one is to be tried again, which
     /// may yet succeed.
     pub fn resolve(&mut self, faults: &Faults, all: bool) -> Vec<Resolved> {
         let mut resolved = Vec::new();
-        let again = |one: &Suspicion| one.aside.is_some() && one.verdict(faults).is_none();
+        let again = |one: &Record| one.aside.is_some() && one.verdict(faults).is_none();
         let all = all && !self.by_evaluation.values().any(again);
-        for suspicion in self.by_evaluation.values_mut() {
-            let open = !all && suspicion.failures.iter().any(|(_, vouched)| !vouched);
-            if suspicion.aside.is_none() || (open && suspicion.verdict(faults).is_some()) {
+        for record in self.by_evaluation.values_mut() {
+            let open = !all && record.failures.iter().any(|(_, confirmed)| !confirmed);
+            if record.aside.is_none() || (open && record.verdict(faults).is_some()) {
                 continue;
             }
-            let verdict = suspicion.verdict(faults);
-            let last = suspicion.failures.last();
+            let verdict = record.verdict(faults);
+            let last = record.failures.last();
             let reason = last.map_or_else(String::new, |(one, _)| one.reason.clone());
-            let downs = suspicion.count(How::Crashed) + suspicion.count(How::Lost);
-            if let Some(piece) = suspicion.aside.take() {
+            let downs = record.count(How::Crashed) + record.count(How::Lost);
+            if let Some(piece) = record.aside.take() {
                 resolved.push(match verdict {
                     Some(verdict) => Resolved::Failed(piece, verdict, downs, reason),
                     None => Resolved::Again(piece),
@@ -323,7 +323,7 @@ impl Suspicions {
         let mut aside = self
             .by_evaluation
             .values_mut()
-            .map(|suspicion| &mut suspicion.aside);
+            .map(|record| &mut record.aside);
         let other = |piece: &mut Piece| !piece.has_failed_on(server);
         aside.find_map(|piece| piece.take_if(other))
     }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::{ASK, Pool};
+use super::{PROGRESS_INTERVAL, Pool};
 use crate::journal::Attempt;
 use crate::scheduler::queue::results::{Results, Settled};
 use crate::shell::error::PoolError;
@@ -79,7 +79,7 @@ impl Pool {
         let patience = self.discovery_timeout.max(self.step_timeout);
         let mut free_since = asked;
         let result = loop {
-            self.poll(asked + ASK);
+            self.poll(asked + PROGRESS_INTERVAL);
             // What ends during the step is taken by the next one.
             let all = self.scheduler.finished();
             match step(self) {
@@ -90,7 +90,7 @@ impl Pool {
             let now = Instant::now();
             if all && self.scheduler.finished() {
                 on_progress(self, self.scheduler.done(), "");
-                let status = self.stand(now);
+                let status = self.current_status(now);
                 self.reporter.tell(&Report::Status(
                     &status,
                     self.connection.traffic(),
@@ -98,7 +98,7 @@ impl Pool {
                 ));
                 return Ok(());
             }
-            if now.duration_since(asked) >= ASK {
+            if now.duration_since(asked) >= PROGRESS_INTERVAL {
                 asked = now;
                 if let Some(told) = self.scheduler.disagreement() {
                     break Err(PoolError::Disagreement(told.to_owned()));
@@ -112,11 +112,11 @@ impl Pool {
                 if let Some(reason) = self.scheduler.rejected(now) {
                     break Err(PoolError::Rejected(reason));
                 }
-                let lonely = self.scheduler.lonely(now);
+                let unserved = self.scheduler.unserved(now);
                 if self.scheduler.busy_elsewhere().is_some() || self.supervision.are_starting() {
                     free_since = now;
-                } else if lonely.min(now.duration_since(free_since)) >= patience {
-                    break Err(self.no_server(lonely));
+                } else if unserved.min(now.duration_since(free_since)) >= patience {
+                    break Err(self.no_server(unserved));
                 }
                 if !on_progress(
                     self,

@@ -9,19 +9,19 @@ use crate::scheduler::Action;
 use crate::shell::report::Report;
 
 /// How often the scheduler is asked when it needs a tick, for each of its servers: it looks at all of them.
-const ASK_TICK: Duration = Duration::from_micros(5);
+const TICK_QUERY_INTERVAL: Duration = Duration::from_micros(5);
 
-/// After such a time without a look, what came meanwhile is read before anybody is thought to be late.
-const AWAY: Duration = Duration::from_millis(300);
+/// After such a time without a look, what came meanwhile is read before any server is taken to be late.
+const SUSPENDED: Duration = Duration::from_millis(300);
 
 impl Pool {
     /// Sends what is to be sent and handles what came, until `until` at the latest.
     pub(super) fn poll(&mut self, until: Instant) {
         let now = Instant::now();
         // This process was stopped, or the machine slept: the others were not silent, their words are still unread.
-        let away = now.duration_since(self.looked) >= AWAY;
-        let deadline = now + AWAY;
-        while away && self.hear(now) && self.looked < deadline {}
+        let suspended = now.duration_since(self.looked) >= SUSPENDED;
+        let deadline = now + SUSPENDED;
+        while suspended && self.hear(now) && self.looked < deadline {}
         let mut wake = until;
         if now < self.ask_at {
             wake = wake.min(self.ask_at);
@@ -38,16 +38,16 @@ impl Pool {
         if self.count_at <= now {
             self.count_alike(now);
         }
-        self.heed(now);
+        self.take_reports(now);
         self.act();
         self.hear(wake.min(self.tick_at));
-        self.heed(Instant::now());
+        self.take_reports(Instant::now());
         self.act();
         self.reporter.look(&self.scheduler, self.looked);
     }
 
-    /// What whoever watches processes has said, or the broker, which was asked.
-    fn heed(&mut self, now: Instant) {
+    /// Takes reports of the supervisor, and the answer of the broker if it was asked.
+    fn take_reports(&mut self, now: Instant) {
         let (endings, alive) = self.supervision.take();
         for server in alive {
             self.scheduler.is_alive(server, now);
@@ -64,7 +64,7 @@ impl Pool {
     fn ask_tick(&mut self, now: Instant) {
         self.tick_at = self.scheduler.next_tick();
         let servers = u32::try_from(self.scheduler.holdings().servers).unwrap_or(u32::MAX);
-        self.ask_at = now + ASK_TICK * servers;
+        self.ask_at = now + TICK_QUERY_INTERVAL * servers;
     }
 
     /// Handles what comes until `until`, or a part of it. Whether anything came.

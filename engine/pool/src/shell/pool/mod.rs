@@ -22,10 +22,10 @@ use crate::shell::report::{Listener, Reporter};
 use crate::shell::supervision::Supervision;
 
 /// How often the caller is asked whether to go on.
-const ASK: Duration = Duration::from_millis(100);
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
 /// How often it is told how many warnings were like those before.
-const COUNT: Duration = Duration::from_secs(10);
+const REPEATS_INTERVAL: Duration = Duration::from_secs(10);
 
 /// The optimization tool's connection to its servers.
 pub struct Pool {
@@ -137,7 +137,7 @@ impl Pool {
             ended_at_once: 0,
             tick_at: now,
             ask_at: now,
-            count_at: now + COUNT,
+            count_at: now + REPEATS_INTERVAL,
             looked: now,
             probation,
             topics,
@@ -150,8 +150,8 @@ impl Pool {
         })
     }
 
-    /// Waits until a fitting server is there and returns its numbers of sensors and actuators, 0 where nobody says them and
-    /// none are `needed`. As long as one that fits serves somebody else, waits on; `on_wait`, called ten times a second,
+    /// Waits until a fitting server is there and returns its numbers of sensors and actuators, 0 where no server announces them and
+    /// none are `needed`. As long as one that fits serves another tool, waits on; `on_wait`, called ten times a second,
     /// hears of it and may stop the wait.
     ///
     /// # Errors
@@ -165,7 +165,7 @@ impl Pool {
         // A server that was busy and has just become free still has to answer.
         let mut free_since = start;
         loop {
-            self.poll(Instant::now() + ASK);
+            self.poll(Instant::now() + PROGRESS_INTERVAL);
             if self.scheduler.has_server() {
                 // Another server with the same id would answer now, and then neither is used.
                 let settled = Instant::now() + self.probation;
@@ -200,14 +200,14 @@ impl Pool {
         self.about = about;
     }
 
-    /// The processes of these servers are the tool's own. What is returned is for whoever watches them.
+    /// The processes of these servers are the tool's own. What is returned is for their supervisor.
     #[must_use]
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) -> Supervision {
         self.scheduler.watch(servers);
         self.supervision.clone()
     }
 
-    /// Has somebody told what happens, as it happens.
+    /// Sets the listener that is told what happens, as it happens.
     pub fn listen(&mut self, listener: Listener) {
         self.reporter = Reporter::new(listener);
     }

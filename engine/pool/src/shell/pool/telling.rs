@@ -5,20 +5,20 @@ use std::time::{Duration, Instant};
 use swarmwright_mqtt::QoS;
 use swarmwright_protocol::{Activity, Status};
 
-use super::{COUNT, Pool};
+use super::{Pool, REPEATS_INTERVAL};
 use crate::shell::report::Report;
 
 /// A connection that ends so soon after a status ended because of it, if it does so again and again: some brokers end
 /// that of a client that publishes where the access rules deny it (Mosquitto 2.0.11).
-const AT_ONCE: Duration = Duration::from_millis(100);
-const AGAIN: u32 = 2;
+const IMMEDIATELY: Duration = Duration::from_millis(100);
+const CONFIRMATIONS: u32 = 2;
 
 /// How often those who watch are told how it stands.
-const TELL: Duration = Duration::from_secs(1);
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
 impl Pool {
     /// How it stands, and with what.
-    pub(super) fn stand(&self, now: Instant) -> Status {
+    pub(super) fn current_status(&self, now: Instant) -> Status {
         let mut status = self.scheduler.status(now);
         status.run = self.about.run.clone();
         (status.generation, status.generations) = (self.about.generation, self.about.generations);
@@ -30,8 +30,8 @@ impl Pool {
 
     /// Tells those who watch how it stands.
     pub(super) fn tell(&mut self, left: bool, now: Instant) {
-        self.tell_at = now + TELL;
-        let mut status = self.stand(now);
+        self.tell_at = now + STATUS_INTERVAL;
+        let mut status = self.current_status(now);
         if left {
             status.state = Activity::Left;
         }
@@ -40,7 +40,7 @@ impl Pool {
             self.connection.traffic(),
             *self.scheduler.counts(),
         ));
-        if self.ended_at_once < AGAIN {
+        if self.ended_at_once < CONFIRMATIONS {
             self.told_at = Some(now);
             self.connection
                 .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
@@ -49,7 +49,7 @@ impl Pool {
 
     /// Tells of the warnings that were like those before.
     pub(super) fn count_alike(&mut self, now: Instant) {
-        self.count_at = now + COUNT;
+        self.count_at = now + REPEATS_INTERVAL;
         for text in self.scheduler.take_repeated() {
             self.reporter.tell(&Report::Warning(&text));
             self.warnings.push(text);
@@ -58,10 +58,10 @@ impl Pool {
 
     /// The connection ended: perhaps on the large packet that the broker has not read, or for how this tool stands.
     pub(super) fn suspect(&mut self, unread: usize, now: Instant) {
-        let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
+        let at_once = |told: Instant| now.saturating_duration_since(told) < IMMEDIATELY;
         if unread == 0 {
             self.suspect_status(now);
-        } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= AGAIN {
+        } else if !self.told_at.take().is_some_and(at_once) || self.ended_at_once >= CONFIRMATIONS {
             // Otherwise it may be either.
             self.scheduler.ended_on(unread, now);
         }
@@ -69,15 +69,15 @@ impl Pool {
 
     /// The connection ended: perhaps since the broker does not let this tool say how it stands.
     fn suspect_status(&mut self, now: Instant) {
-        let at_once = |told: Instant| now.saturating_duration_since(told) < AT_ONCE;
+        let at_once = |told: Instant| now.saturating_duration_since(told) < IMMEDIATELY;
         if !self.told_at.take().is_some_and(at_once) {
-            if self.ended_at_once < AGAIN {
+            if self.ended_at_once < CONFIRMATIONS {
                 self.ended_at_once = 0;
             }
             return;
         }
         self.ended_at_once += 1;
-        if self.ended_at_once == AGAIN {
+        if self.ended_at_once == CONFIRMATIONS {
             let text = format!(
                 "the broker ends the connection whenever this tool publishes on {}, so it does not any more: those who \
                  watch see nothing of it; mend the broker's access rules",

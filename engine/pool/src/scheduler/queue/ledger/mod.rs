@@ -5,13 +5,13 @@ mod queue;
 use std::collections::{HashSet, VecDeque};
 use std::ops::Range;
 
-use crate::scheduler::queue::blame::Suspicions;
+use crate::scheduler::queue::blame::Attribution;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::{Results, Settled};
 use crate::work::{Work, WorkError};
 
 /// Fewer evaluations than these are not worth forgetting.
-const WORTH: usize = 4096;
+const MIN_FORGOTTEN: usize = 4096;
 
 /// The books of one block of work.
 #[derive(Debug, Default)]
@@ -27,8 +27,8 @@ pub(crate) struct Ledger {
     holders: Vec<u8>,
     /// Whose result each is.
     by: Vec<u64>,
-    /// What is held against evaluations.
-    suspicions: Suspicions,
+    /// What is attributed to evaluations.
+    attribution: Attribution,
     /// The last evaluation that has succeeded.
     good: Option<usize>,
     done: usize,
@@ -119,7 +119,7 @@ impl Ledger {
         // What succeeded last may be needed to tell which servers are sound.
         let kept = self.good.map_or(usize::MAX, |good| good / episodes - base);
         let ended = ended.min(kept);
-        if ended * episodes >= WORTH.max(self.settled.len() / 2) {
+        if ended * episodes >= MIN_FORGOTTEN.max(self.settled.len() / 2) {
             self.settled.drain(..ended * episodes);
             self.holders.drain(..ended * episodes);
             self.by.drain(..ended * episodes);
@@ -138,13 +138,13 @@ impl Ledger {
         self.work.as_ref()
     }
 
-    /// What is held against evaluations.
-    pub fn suspicions(&self) -> &Suspicions {
-        &self.suspicions
+    /// What is attributed to evaluations.
+    pub fn attribution(&self) -> &Attribution {
+        &self.attribution
     }
 
-    pub fn suspicions_mut(&mut self) -> &mut Suspicions {
-        &mut self.suspicions
+    pub fn attribution_mut(&mut self) -> &mut Attribution {
+        &mut self.attribution
     }
 
     pub fn episodes(&self) -> usize {
@@ -249,7 +249,7 @@ impl Ledger {
     fn end(&mut self, place: usize) {
         let episodes = self.episodes();
         self.settled[place] = true;
-        self.suspicions.forget(self.forgotten + place);
+        self.attribution.forget(self.forgotten + place);
         self.done += 1;
         self.open[place / episodes] -= 1;
         if self.open[place / episodes] == 0 {

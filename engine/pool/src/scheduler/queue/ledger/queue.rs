@@ -20,15 +20,15 @@ impl Ledger {
     /// Whether a server has to succeed with something else first: after others were lost with a piece, and after it
     /// failed it itself.
     fn needs_proof(&self, piece: &Piece, server: u64) -> bool {
-        let suspicions = &self.suspicions;
+        let attribution = &self.attribution;
         let evaluation = piece.first();
-        (suspicions.is_suspect(evaluation) && !suspicions.is_proven(server))
-            || suspicions.is_open(evaluation, server)
+        (attribution.is_suspect(evaluation) && !attribution.is_proven(server))
+            || attribution.is_open(evaluation, server)
     }
 
     /// What a server could have if it had succeeded with something.
     fn barred(&self, server: u64, servers: &[u64]) -> Option<usize> {
-        if self.suspicions.is_empty() {
+        if self.attribution.is_empty() {
             return None;
         }
         let mut queue = self.queue.iter();
@@ -38,7 +38,7 @@ impl Ledger {
     fn may_have(&self, piece: &Piece, server: u64, servers: &[u64]) -> bool {
         let free = !piece.is_kept_from(server) || !self.is_elsewhere(piece);
         let failed = |server: &u64| piece.has_failed_on(*server);
-        let waits = self.suspicions.must_wait(piece.first());
+        let waits = self.attribution.must_wait(piece.first());
         free && !waits && (!failed(&server) || servers.iter().all(failed))
     }
 
@@ -69,7 +69,7 @@ impl Ledger {
     }
 
     /// Whether a server that must not have a piece is to be left out indeed: an audit always; a copy only as long as
-    /// somebody else is at all of it.
+    /// another server is at all of it.
     fn is_elsewhere(&self, piece: &Piece) -> bool {
         let shared = |evaluation| {
             self.place(evaluation)
@@ -105,7 +105,7 @@ impl Ledger {
         }
     }
 
-    /// Somebody does not have an evaluation any more. In how many other places it is; none if it has ended.
+    /// One server does not have an evaluation any more. In how many other places it is; none if it has ended.
     pub(super) fn let_go(&mut self, evaluation: usize) -> Option<u8> {
         let place = self.place(evaluation)?;
         self.holders[place] = self.holders[place].saturating_sub(1);
@@ -136,17 +136,17 @@ impl Ledger {
         self.queue.push_front(piece);
     }
 
-    /// What is left of an evaluation waits until its servers are vouched for, unless another one has it.
+    /// What is left of an evaluation waits until its failures are confirmed, unless another one has it.
     pub fn put_aside(&mut self, piece: Piece) {
         self.unqueue(piece.first());
         if self.let_go(piece.first()) == Some(0) {
-            self.suspicions.put_aside(piece);
+            self.attribution.put_aside(piece);
         }
     }
 
     /// Takes an evaluation that was put aside and that a server has not failed.
     pub fn take_aside_for(&mut self, server: u64) -> Option<Piece> {
-        let piece = self.suspicions.take_aside_for(server)?;
+        let piece = self.attribution.take_aside_for(server)?;
         if let Some(place) = self.place(piece.first()) {
             self.holders[place] = 1;
         }

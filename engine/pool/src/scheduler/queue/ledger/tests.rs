@@ -77,7 +77,7 @@ fn work_that_grows_is_handed_out_once_and_forgotten_when_it_has_ended() {
                 made += 1;
             }
         }
-        assert!(ledger.settled.len() < 4 * WORTH);
+        assert!(ledger.settled.len() < 4 * MIN_FORGOTTEN);
         // What comes late for something forgotten changes nothing.
         ledger.settle(0, 1, -1.0, &[]);
         ledger.put_back(&piece);

@@ -1,4 +1,4 @@
-//! What disturbances do when they begin and when they end.
+//! Fault injection: what disturbances do when they begin and when they end.
 
 use crate::client::THINKS;
 use crate::network::Packet;
@@ -169,7 +169,7 @@ impl Simulator<'_> {
         for connection in 0..self.network.connections.len() {
             let link = &mut self.network.connections[connection];
             if std::mem::take(&mut link.broker_open) {
-                // A broker that dies says nobody's will; the system closes its connections.
+                // A broker that dies publishes no last wills; the system closes its connections.
                 link.will = None;
                 self.send(connection, false, &Packet::Closed, 0);
             }
