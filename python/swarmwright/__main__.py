@@ -25,7 +25,7 @@ def main() -> None:
     # pydantic would look through all installed packages for plug-ins of its own.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
-        from swarmwright.cli import run
+        from swarmwright.cli import run  # noqa: PLC0415 - after the signals are set
 
         status = run()
     except KeyboardInterrupt:  # while the program itself was loaded, or on the way out

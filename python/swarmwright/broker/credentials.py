@@ -67,8 +67,8 @@ def from_keyring(broker: str) -> None:
     if not user or os.environ.get("SWARMWRIGHT_PASSWORD") or os.environ.get("SWARMWRIGHT_PASSWORD_FILE"):
         return
     try:
-        import keyring
-        from keyring.errors import NoKeyringError
+        import keyring  # noqa: PLC0415 - optional
+        from keyring.errors import NoKeyringError  # noqa: PLC0415 - optional
     except ImportError:
         return
     try:

@@ -7,6 +7,7 @@ import numpy as np
 
 from swarmwright.callbacks._base import Callback, figures
 from swarmwright.core.errors import InputError
+from swarmwright.core.yaml import dump
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -39,8 +40,6 @@ class TensorBoard(Callback):
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
         if experiment is not None:
-            from swarmwright.core.yaml import dump
-
             lines = dump(experiment.to_mapping()).splitlines()
             self._writer.add_text("experiment", "\n".join(f"    {line}" for line in lines))
 

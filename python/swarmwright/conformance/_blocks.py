@@ -5,13 +5,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.conformance._client import TO_TOOL, Message
+from swarmwright.conformance._course import Steer
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._subject import Json, Server
 from swarmwright.core.errors import InputError
+from swarmwright.core.random_numbers import Streams
+from swarmwright.representations import REPRESENTATIONS
 
 TOOL = "conformance/a"
 OTHER = "conformance/b"
@@ -41,9 +45,6 @@ class Crew:
 
 def crew(server: Server, kind: str, candidates: int) -> Crew:
     """Controllers that fit the server, the same in every run; skips the rule where they are too large."""
-    from swarmwright.core.random_numbers import Streams
-    from swarmwright.representations import REPRESENTATIONS
-
     component = REPRESENTATIONS.get(kind)
     options = component.options_model.model_validate(OPTIONS[kind])
     try:
@@ -88,8 +89,6 @@ def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # n
 
 def decoded(message: Message) -> Json:
     """The map in a message. Raises Failure when it is none."""
-    import msgpack
-
     try:
         value = msgpack.unpackb(message.payload, strict_map_key=False)
     except Exception as error:  # noqa: BLE001 - whatever the reader raises
@@ -166,6 +165,4 @@ def free_again(server: Server, tool: str = TOOL) -> None:
 
 def played(server: Server, team: Crew, candidate: int, seed: int) -> "Any":  # noqa: ANN401 - a course
     """The same episode stepwise, with our controllers."""
-    from swarmwright.conformance._course import Steer
-
     return server.play(Steer(team.specification(candidate)), {**server.settings.parameters, "seed": seed})

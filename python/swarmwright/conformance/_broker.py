@@ -3,6 +3,7 @@
 from contextlib import ExitStack
 from urllib.parse import urlsplit
 
+from swarmwright import _engine
 from swarmwright.conformance._proxy import Door
 
 
@@ -14,8 +15,6 @@ def open_broker(
     stranger: the peer is started by somebody else, who knows the broker's own address.
     """
     if broker is None:
-        from swarmwright import _engine
-
         embedded = _engine.Broker()
         stack.callback(embedded.stop)
         address, own = embedded.url, embedded.url

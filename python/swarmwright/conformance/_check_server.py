@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 from swarmwright.conformance._broker import open_broker
@@ -159,8 +160,6 @@ def parameters_of(text: str | None) -> Json:
         return {}
     source = "--parameters"
     if not text.lstrip().startswith(("{", "[")):
-        from pathlib import Path
-
         source = text
         try:
             text = Path(text).read_text(encoding="utf-8")

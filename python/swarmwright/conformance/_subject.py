@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
+import msgpack
 import numpy as np
 
 from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message, shown
@@ -264,8 +265,6 @@ class Server:
 
     def request(self, message: Json) -> str:
         """Publish a MessagePack request, as MQTT 5 has it; what was sent, for people."""
-        import msgpack
-
         payload: bytes = msgpack.packb(message)
         number = message.get("request")
         correlation = number.to_bytes(8, "big") if isinstance(number, int) else b""

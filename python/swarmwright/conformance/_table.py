@@ -24,9 +24,9 @@ def line(result: Result) -> str:
 
 def print_table(console: "Console", report: Report, groups: Mapping[str, str], *, unicode: bool) -> None:
     """Print all results, D6.1's rules first, and what failed in full below."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
+    from rich import box  # noqa: PLC0415 - only where a table is printed
+    from rich.table import Table  # noqa: PLC0415 - only where a table is printed
+    from rich.text import Text  # noqa: PLC0415 - only where a table is printed
 
     table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII, pad_edge=False)
     for heading in ("rule", "", "", "result", "s"):

@@ -64,7 +64,7 @@ def engine_errors(where: str = "") -> Iterator[None]:
     They may name what peers have said, and are of one line, see `untrusted`. `where` is put before an input
     error's message.
     """
-    from swarmwright import _engine
+    from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help
 
     try:
         yield

@@ -41,7 +41,7 @@ class Text:
             return
         content = {"text/plain": text}
         if self._handle is None:
-            from IPython.display import display
+            from IPython.display import display  # noqa: PLC0415 - only in notebooks
 
             self._handle = display(  # type: ignore[no-untyped-call]
                 content, raw=True, display_id=True

@@ -221,6 +221,6 @@ def _require_here(experiment: Experiment) -> None:
 
 
 def _in_process(experiment: Experiment) -> Backend:
-    from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend
+    from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend  # noqa: PLC0415 - NumPy and hosts, not for servers
 
     return (PythonBackend if is_own(experiment.simulation) else InProcessBackend)(experiment)

@@ -47,9 +47,9 @@ def _simulation(name: str, files: dict[str, str], report: Callable[[str, str], N
     """Return what `_engine.serve` takes: the title of a built-in simulation, or a host of a user's class."""
     if name in catalogue.titles():
         return name
-    from swarmwright.simulations import loading
-    from swarmwright.simulations.host import Host
-    from swarmwright.user_code.changes import check_unchanged
+    from swarmwright.simulations import loading  # noqa: PLC0415 - only for simulations in Python
+    from swarmwright.simulations.host import Host  # noqa: PLC0415 - only for simulations in Python
+    from swarmwright.user_code.changes import check_unchanged  # noqa: PLC0415 - only for simulations in Python
 
     loading.serving = True
     kind = loading.load(name)

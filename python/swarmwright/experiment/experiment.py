@@ -8,6 +8,8 @@ from typing import Any, Literal, Self
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
+from swarmwright.core.flatten import flat
+from swarmwright.core.html import facts
 from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts
@@ -17,7 +19,7 @@ from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.simulations.names import is_own
+from swarmwright.simulations.names import is_own, name_of
 from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
@@ -111,8 +113,6 @@ class Experiment:
         """
         simulation = values.get("simulation")
         if isinstance(simulation, type):
-            from swarmwright.simulations.names import name_of
-
             values = {**values, "simulation": name_of(simulation)}
         return cls._checked(Source("", values=_plain(values)), None)
 
@@ -141,7 +141,7 @@ class Experiment:
     def _checked(
         cls, source: Source, path: Path | None, *, ask: bool = True, folder: Path | None = None
     ) -> Self:
-        from swarmwright.experiment.validation import check
+        from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
         return cls(**check(source, ask=ask, folder=folder), path=path)
 
@@ -163,9 +163,6 @@ class Experiment:
 
     def _repr_html_(self) -> str:
         """Return every key as a table, for notebooks."""
-        from swarmwright.core.flatten import flat
-        from swarmwright.core.html import facts
-
         name = f" of {self.path}" if self.path is not None else ""
         values = flat(self.to_mapping())
         return facts(
@@ -212,7 +209,7 @@ class Experiment:
 
         It knows the installed plug-ins.
         """
-        from swarmwright.experiment.schema import experiment_schema
+        from swarmwright.experiment.schema import experiment_schema  # noqa: PLC0415 - takes long, not for reading attributes
 
         return experiment_schema()
 

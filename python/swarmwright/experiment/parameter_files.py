@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
+from swarmwright.simulations import catalogue
 
 _LARGEST = 1 << 26  # bytes
 
@@ -64,8 +65,6 @@ def read_object(path: Path) -> dict[str, Any]:
 
 
 def _objects(simulation: str) -> Iterator[str]:
-    from swarmwright.simulations import catalogue
-
     if simulation in catalogue.titles():
         for name, parameter in catalogue.description(simulation)["parameters"].items():
             if parameter["type"] == "object":

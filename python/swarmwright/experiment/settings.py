@@ -10,6 +10,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.document import DEFAULT_KINDS
+from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
 _ANNOUNCED = ("sensors", "actuators", "requirements")
@@ -114,8 +115,6 @@ def _start_anew(source: Source, setting: Setting) -> None:
 
 def _other_simulation(source: Source, setting: Setting) -> None:
     """Drop what the file says that its own simulation announces, where the other one can be asked itself."""
-    from swarmwright.simulations import catalogue
-
     if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
         return
     if catalogue.is_here(setting.value):

@@ -61,7 +61,7 @@ def _of_path(path: Path, name: str) -> Entry:
 
 
 def _of_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
-    from swarmwright.experiment.experiment import Experiment  # which imports this module
+    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - it imports this module
 
     store = StoreReader(find_store(path))
     evaluation = store.evaluation(candidate, generation)

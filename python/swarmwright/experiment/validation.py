@@ -15,6 +15,7 @@ from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.yaml import Path_, Source
 from swarmwright.experiment.document import DEFAULT_KINDS, Document, Requirements
+from swarmwright.experiment.evolved import problems, unknown
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.start_from import entries, genomes_of
@@ -22,6 +23,10 @@ from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import RankingOptions
 from swarmwright.representations import Representation
+from swarmwright.representations.parameter_set import ParameterSetOptions
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.names import absolute, is_own, of_run
+from swarmwright.store import FILE
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
@@ -86,10 +91,6 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
-    from swarmwright.simulations import catalogue
-    from swarmwright.simulations.names import absolute, is_own, of_run
-    from swarmwright.store import FILE
-
     simulation = values.get("simulation")
     if not isinstance(simulation, str):
         return False
@@ -277,9 +278,6 @@ def _check_method(checked: Checked, representation: Representation | None, repor
 
 def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
     """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
-    from swarmwright.experiment.evolved import problems
-    from swarmwright.representations.parameter_set import ParameterSetOptions
-
     options = checked.get("controller")
     if isinstance(options, ParameterSetOptions):
         for path, message in problems(
@@ -289,15 +287,11 @@ def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
 
 
 def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
-    from swarmwright.simulations import catalogue
-
     for path, problem in _unsendable(parameters, ("parameters",)):
         report(path, problem)
         return
     if simulation is None:
         return
-    from swarmwright.experiment.evolved import unknown
-
     known = catalogue.parameter_names(simulation)
     for key, problem in unknown(simulation, parameters):
         report(("parameters", key), problem)
@@ -321,8 +315,6 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
 
 def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
     """Whether a parameter is wrong whatever the others are."""
-    from swarmwright.simulations import catalogue
-
     return catalogue.parameters_problem(simulation, {name: value}) == wrong
 
 
@@ -345,8 +337,6 @@ def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa
 
 def _fill_in(checked: Checked, here: bool, report: Report) -> None:
     """Write out what a simulation that can be asked announces; check that the file does not contradict it."""
-    from swarmwright.simulations import catalogue
-
     if not here:
         checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
         return

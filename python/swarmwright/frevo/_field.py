@@ -9,6 +9,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.experiment.parameter_files import read_object
 from swarmwright.frevo import _java
 from swarmwright.frevo._document import Section
+from swarmwright.simulations import catalogue
 
 _SHAPE = '{"width": 20, "height": 20, "exits": [[x, y], ..], "agents": [..], "blockades": [..]}'
 
@@ -52,8 +53,6 @@ def find_field(problem: Section, session: Path, given: Path | None) -> FieldFile
 
 def _read(path: Path) -> dict[str, Any]:
     value = _java.read_field(path) if path.suffix.lower() == ".ser" else read_object(path)
-    from swarmwright.simulations import catalogue
-
     problem = catalogue.parameters_problem("emergency_exit", {"field": value})
     if problem is not None:
         raise InputError(f"{path}: {problem.removeprefix('parameter ')}")

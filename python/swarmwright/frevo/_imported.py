@@ -19,6 +19,7 @@ from swarmwright.frevo._mapping import Instead, map_session
 from swarmwright.methods import METHODS
 from swarmwright.rankings import RANKINGS
 from swarmwright.representations import REPRESENTATIONS
+from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
 
 
@@ -98,8 +99,6 @@ def _check_kind(option: str, kind: str | None, registry: Registry[Any]) -> None:
 
 def _sensors(simulation: str) -> int | None:
     """Return what an agent of a simulation senses; None for one that is not here."""
-    from swarmwright.simulations import catalogue
-
     if not catalogue.is_here(simulation):
         return None
     return int(catalogue.description(simulation)["sensors"])

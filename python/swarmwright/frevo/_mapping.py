@@ -10,6 +10,7 @@ from swarmwright.frevo._mapped import Line, Mapped, not_used, one_line
 from swarmwright.frevo._methods import map_method
 from swarmwright.frevo._problem import map_problem
 from swarmwright.frevo._representations import leave_mutation_out, map_representation
+from swarmwright.methods import METHODS
 
 _LARGEST_SEED = 2**63 - 1
 
@@ -101,8 +102,6 @@ def _map_method(session: Session, instead: str | None, mapped: Mapped) -> None:
         map_method(session, mapped)
         return
     mapped.method_kind = instead
-    from swarmwright.methods import METHODS
-
     has = METHODS.get(instead).options_model.model_fields
     for ours, key, default in (("population", "populationsize", 50), ("generations", "generations", 200)):
         if ours in has and key in method.entries:

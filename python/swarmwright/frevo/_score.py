@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.frevo._components import LAYERS, THREE_LAYERS, all_of, check
 from swarmwright.frevo._document import Section, open_session
@@ -77,8 +78,6 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     results = np.empty((len(found), episodes))
     try:
         with engine_errors():
-            from swarmwright import _engine
-
             seeds = range(first, first + episodes)
             for architecture, indices in _by_architecture(found).items():
                 weights = [found[index].specification["weights"] for index in indices]

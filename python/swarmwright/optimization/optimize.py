@@ -20,6 +20,7 @@ from swarmwright.representations import Representation
 from swarmwright.runs import edits, picture
 from swarmwright.runs.code import continuation, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
+from swarmwright.runs.post_evaluation import EPISODES, after_run
 from swarmwright.runs.run import Run
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
@@ -288,8 +289,6 @@ def _post_evaluate(
     experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
 ) -> None:
     """Evaluate the best on unseen seeds, where that says something; the run is whole without it."""
-    from swarmwright.runs.post_evaluation import EPISODES, after_run
-
     try:
         found = after_run(experiment, StoreReader(store.folder), backend, on_progress)
     except RunError as error:

@@ -17,6 +17,7 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
+from swarmwright.simulations import catalogue
 from swarmwright.store import StoreReader
 from swarmwright.typing import Genome
 
@@ -278,8 +279,7 @@ def _differ(rows: NDArray[np.float64]) -> bool:
 
 def _tried(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
     """Try two candidates with other seeds, where the simulation is here."""
-    from swarmwright.evaluation.in_process import InProcessBackend
-    from swarmwright.simulations import catalogue
+    from swarmwright.evaluation.in_process import InProcessBackend  # noqa: PLC0415 - only where it is evaluated here
 
     evaluations = reader.history()[-1].evaluations
     if not catalogue.is_here(experiment.simulation) or evaluations < _PROBED:

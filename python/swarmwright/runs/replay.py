@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.display import Caption, Playable
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
+from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
     from swarmwright.display.pictures import PictureRecording
@@ -88,14 +90,10 @@ class Replay:
 
         Raises InputError for a simulation that has neither.
         """
-        from swarmwright.simulations import catalogue
-
         return catalogue.shown_as(self.experiment.simulation) == "picture"
 
     def episode(self) -> Playable:
         """Return the episode, before its first step."""
-        from swarmwright.simulations import catalogue
-
         if not self.pictured:
             return self._episode(catalogue.playable(self.experiment.simulation))
         from swarmwright.display.pictures import Pictured
@@ -106,14 +104,11 @@ class Replay:
     def pictures(self) -> "PictureRecording":
         """Play the episode of a simulation that draws pictures, and return them."""
         from swarmwright.display.pictures import record
-        from swarmwright.simulations import catalogue
 
         host = catalogue.drawing(self.experiment.simulation)
         return record(self._episode(host), host.picture)
 
     def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
-        from swarmwright import _engine
-
         experiment = self.experiment
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
         parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
@@ -195,8 +190,6 @@ def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
 
 
 def _check_here(run: "Run") -> None:
-    from swarmwright.simulations import catalogue
-
     title = run.experiment.simulation
     if not catalogue.is_here(title):
         raise InputError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.html import facts, picture, png_of
 from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
@@ -16,6 +17,7 @@ from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import csv_lines, write_table
 from swarmwright.store import Attempt, Evaluation, Event, Record, Session, StoreReader
 from swarmwright.store.folder import find_store
+from swarmwright.store.lock import is_locked
 from swarmwright.store.reader import nothing
 from swarmwright.store.table import RecordTable
 
@@ -139,8 +141,6 @@ class Run:
         done: the budget is used or the target reached; stopped: a callback ended it; interrupted: Ctrl-C did;
         killed: it ended without a word; failed: no server, a full disk, ..; running: a process works on it.
         """
-        from swarmwright.store.lock import is_locked
-
         outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:
             return "running" if is_locked(self.path) else "killed"
@@ -274,8 +274,6 @@ class Run:
 
     def _repr_html_(self) -> str:
         """Return what it is and how it went, with its curve, for notebooks."""
-        from swarmwright.core.html import facts, picture
-
         experiment = self.experiment
         rows: list[tuple[str, object]] = [
             ("simulation", experiment.label),
@@ -290,7 +288,6 @@ class Run:
         best = self.best
         where = f"generation {best.generation}, candidate {best.candidate}, both from 0"
         rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({where})"))
-        from swarmwright.core.html import png_of
         from swarmwright.figures.run import fitness
 
         return facts(f"Run {self.path}", rows) + picture(

@@ -4,8 +4,10 @@ import json
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.simulations.names import is_own
+from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
     from swarmwright.simulations.host import Host
@@ -14,15 +16,11 @@ if TYPE_CHECKING:
 @cache
 def titles() -> tuple[str, ...]:
     """Return the titles of the built-in simulations, sorted."""
-    from swarmwright import _engine
-
     return tuple(_engine.simulations())
 
 
 @cache
 def _description(title: str) -> str:
-    from swarmwright import _engine
-
     with engine_errors():
         return _engine.describe(title)
 
@@ -113,8 +111,6 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
 
     Raises InputError for parameters that the simulation refuses.
     """
-    from swarmwright import _engine
-
     text = json.dumps(parameters, allow_nan=False)
     with engine_errors():
         if is_own(simulation):
@@ -128,13 +124,9 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
 
 def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
     """Return what is wrong with the parameters of a simulation that is here, None when nothing is."""
-    from swarmwright import _engine
-
     try:
         text = json.dumps(parameters, allow_nan=False)
         if is_own(simulation):
-            from swarmwright.simulations.parameters import filled_in
-
             filled_in(_own_description(simulation).parameters, parameters)
             return None
         with engine_errors():

@@ -126,7 +126,7 @@ class Host:
 
     def scene(self) -> str | None:
         """Return what it looks like, JSON; None for nothing. Raises SimulationError when the code fails."""
-        from swarmwright.display import Scene
+        from swarmwright.display import Scene  # noqa: PLC0415 - only where scenes are drawn
 
         scene = self._call("scene")
         if scene is None:

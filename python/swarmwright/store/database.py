@@ -1,5 +1,6 @@
 """Opening the store, and what is said when it cannot be used."""
 
+import shutil
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -242,8 +243,6 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
 
 
 def _full(file: Path) -> bool:
-    import shutil
-
     try:
         return shutil.disk_usage(file.parent).free < 1 << 16
     except OSError:

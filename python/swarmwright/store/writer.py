@@ -385,7 +385,7 @@ def _now() -> str:
 
 
 def _versions(libraries: Sequence[str]) -> dict[str, str]:
-    from importlib.metadata import PackageNotFoundError, version
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - only where a run starts
 
     versions = {
         "swarmwright": _engine.__version__,

@@ -2,6 +2,9 @@
 
 from importlib.resources import files
 
+from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import unknown
+
 
 def names() -> list[str]:
     """Return the names of all templates, sorted."""
@@ -14,9 +17,6 @@ def names() -> list[str]:
 
 def text(name: str) -> str:
     """Return the experiment file of a template; raise InputError for an unknown one."""
-    from swarmwright.core.errors import InputError
-    from swarmwright.core.suggestions import unknown
-
     if name not in names():
         raise InputError(unknown("template", name, names()))
     return files(__name__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ def check_server(command: str | None = None, **options: Any) -> "Report":  # noq
 
     Raises AssertionError that names each rule that is broken, what was sent, what came and what was expected.
     """
-    from swarmwright.conformance import check_server as check
+    from swarmwright.conformance import check_server as check  # noqa: PLC0415 - an extra
 
     report = check(command=command, **options)
     assert report.ok, str(report)
@@ -29,7 +29,7 @@ def check_optimizer(command: str | None = None, **options: Any) -> "Report":  # 
 
     Raises AssertionError that names each rule that is broken, what was sent, what came and what was expected.
     """
-    from swarmwright.conformance import check_optimizer as check
+    from swarmwright.conformance import check_optimizer as check  # noqa: PLC0415 - an extra
 
     report = check(command=command, **options)
     assert report.ok, str(report)

@@ -9,7 +9,6 @@ from typing import Any, Self
 
 from swarmwright.core.environment_names import is_adapted, split
 from swarmwright.core.errors import InputError
-from swarmwright.plug_ins import REGISTRIES
 from swarmwright.user_code.imports import Walk
 
 SECTIONS = ("controller", "method", "ranking")
@@ -104,6 +103,8 @@ def _importable(module: str) -> bool:
 
 def of_plug_in(section: str, kind: str) -> Part | None:
     """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
+    from swarmwright.plug_ins import REGISTRIES  # noqa: PLC0415 - NumPy, not for --help
+
     module = REGISTRIES[section].module(kind)
     return None if module is None else Part.of_module(section, kind, module)
 

@@ -124,7 +124,7 @@ def conduct(
         parts = shares(experiments, len(left), jobs, broker=broker, servers=servers) if left else []
         noting.planned(len(left), len(parts))
         if len(parts) > 1:
-            from swarmwright.analysis.sweep.workers import SideBySide
+            from swarmwright.analysis.sweep.workers import SideBySide  # noqa: PLC0415 - it imports this module
 
             SideBySide(sweep.variants, broker=broker, servers=parts, listener=noting).run(left)
         elif left:

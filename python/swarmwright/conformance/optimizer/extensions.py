@@ -1,8 +1,10 @@
 """O6: requests to servers that offer more than steps."""
 
+import json
 import re
 from typing import Any
 
+import msgpack
 import numpy as np
 
 from swarmwright import _engine
@@ -46,8 +48,6 @@ class Offloading(Actor):
 
     def reply(self, request: Json, **fields: Any) -> None:  # noqa: ANN401 - MessagePack
         """Answer."""
-        import msgpack
-
         kind = "evaluated" if request["kind"] == "evaluate" else "sensors"
         message = {"kind": kind, "version": 1, "request": request["request"], "server": self.server, **fields}
         payload = msgpack.packb(message)
@@ -63,8 +63,6 @@ def checked(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
     controller = request.get("controller")
     if not isinstance(controller, dict) or "weights" in controller:
         raise Failure(brief, '"controller" is a specification without weights')
-    import json
-
     try:
         size = _engine.genome_size(json.dumps(controller))
     except _engine.InputError as error:

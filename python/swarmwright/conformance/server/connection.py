@@ -8,6 +8,7 @@ from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._subject import Server, new_hash
 from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.presence import kept
 
 BACK = 15.0
@@ -157,8 +158,6 @@ def leftovers(server: Server) -> None:
 )
 def cut_short(server: Server) -> None:
     """A cut in the middle of an episode, then its end, then another episode."""
-    from swarmwright.conformance.server.episodes import begun
-
     episode = begun(server)
     door(server).shut()
     door(server).open()

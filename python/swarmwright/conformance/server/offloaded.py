@@ -2,6 +2,7 @@
 
 import time
 
+import msgpack
 import numpy as np
 
 from swarmwright.conformance._blocks import (
@@ -10,6 +11,7 @@ from swarmwright.conformance._blocks import (
     Crew,
     answer_to,
     crew,
+    decoded,
     error_of,
     evaluation,
     free_again,
@@ -21,6 +23,7 @@ from swarmwright.conformance._course import Course, same
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._subject import Json, Server
 from swarmwright.conformance.server._rules import rule
+from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.taken import must_be_taken
 
 OFFLOADED = "protocol.md, Offloaded evaluation"
@@ -253,8 +256,6 @@ def in_order(server: Server) -> None:
         )
         if message is None:
             raise Failure(f"{len(heard)} answers came", f"{len(requests)} answers", sent)
-        from swarmwright.conformance._blocks import decoded
-
         heard.append(decoded(message).get("request"))
     if heard != [request["request"] for request in requests]:
         raise Failure(f"answers {heard}", f"answers {[request['request'] for request in requests]}", sent)
@@ -289,8 +290,6 @@ def has_it(server: Server) -> None:
 )
 def not_while_running(server: Server) -> None:
     """Evaluate in the middle of an episode."""
-    from swarmwright.conformance.server.episodes import begun
-
     team = some(server)
     episode = begun(server)
     must_be_refused(server, evaluation(server, team, [1]), ["taken"], "an episode is under way")
@@ -347,8 +346,6 @@ def invalid(server: Server) -> None:
 )
 def junk(server: Server) -> None:
     """Junk, an unknown kind, a reply elsewhere; then a request with keys that nobody knows."""
-    import msgpack
-
     team = some(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (

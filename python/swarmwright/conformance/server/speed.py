@@ -3,6 +3,7 @@
 import json
 import time
 
+from swarmwright import _engine
 from swarmwright.conformance._blocks import crew
 from swarmwright.conformance._rules import Skip
 from swarmwright.conformance._subject import Server
@@ -13,8 +14,6 @@ LASTS = 0.5
 
 
 def _measured(server: Server, mode: str) -> str:
-    from swarmwright import _engine
-
     server.announces(mode=mode)
     steps = server.reference.messages / len(server.reference.readings)
     if server.own_broker is None:
