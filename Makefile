@@ -3,10 +3,10 @@
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
-# make schedules  100,000 seeded schedules of mishaps for pools and servers, in virtual time (minutes)
+# make schedules  100,000 seeded schedules of faults for pools and servers, in virtual time (minutes)
 # make brokers an experiment on all brokers of other makes that can be installed, into build/brokers.md
 # make lint    every check that needs no run
-# make audit   look for known weaknesses in what we depend on (asks databases in the network)
+# make audit   look for known vulnerabilities in dependencies (queries databases in the network)
 # make bench   measure, into build/bench.json
 # make docs    write the reference pages that are generated from the code, build the site: build/site/index.html
 # make clean   remove what was built (results in runs/ stay)
