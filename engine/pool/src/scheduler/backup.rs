@@ -20,12 +20,12 @@ impl Scheduler {
         let mut pieces = Vec::new();
         let mut words = String::new();
         for run in self.in_flight.episodes_of(server) {
-            run.doubted = true;
+            run.doubt();
             words = run.waiting_for(now).to_string();
             pieces.push(run.piece.clone());
         }
         for request in self.in_flight.requests_of(server) {
-            request.doubted = true;
+            request.doubt();
             if words.is_empty() {
                 words = request.waiting_for(now).to_string();
             }

@@ -55,10 +55,10 @@ impl View<'_> {
     fn run_doubt(&self, run: &Episode) -> Option<Instant> {
         let slot = self.fleet.slot(run.server)?;
         let least = self.config.faults.least;
-        let step = slot.steps.bound(least).map(|bound| run.heard + bound);
+        let step = slot.steps.bound(least).map(|bound| run.heard() + bound);
         let episode = slot.episodes.bound(least).map(|bound| run.started + bound);
         let first = step.into_iter().chain(episode).min();
-        first.filter(|_| !run.doubted && self.may_copy(&run.piece))
+        first.filter(|_| !run.is_doubted() && self.may_copy(&run.piece))
     }
 
     fn request_doubt(&self, request: &Request) -> Option<Instant> {
@@ -71,8 +71,8 @@ impl View<'_> {
                 Duration::try_from_secs_f64(expected).ok()?.max(least)
             }
         };
-        let allowed = !request.doubted && self.may_copy(&request.piece);
-        allowed.then_some(request.heard + bound)
+        let allowed = !request.is_doubted() && self.may_copy(&request.piece);
+        allowed.then_some(request.heard() + bound)
     }
 
     pub fn may_copy(&self, piece: &Piece) -> bool {

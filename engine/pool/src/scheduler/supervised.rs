@@ -37,8 +37,7 @@ impl Scheduler {
     /// A watched server goes on computing: it may take longer.
     pub fn is_alive(&mut self, server: u64, now: Instant) {
         for request in self.in_flight.requests_of(server) {
-            request.heard = now;
-            request.overdue = false;
+            request.is_alive(now);
         }
     }
 

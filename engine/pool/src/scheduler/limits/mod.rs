@@ -226,7 +226,7 @@ impl Limits {
             return;
         };
         if slot.instance.as_deref() != Some(instance)
-            || now.saturating_duration_since(request.heard) > RECENT
+            || now.saturating_duration_since(request.heard()) > RECENT
         {
             return;
         }

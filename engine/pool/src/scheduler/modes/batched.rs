@@ -101,12 +101,12 @@ impl Scheduler {
                 return self.misbehaved(server, &reason, now);
             }
         };
-        let since = now.saturating_duration_since(request.heard);
+        let since = now.saturating_duration_since(request.heard());
         self.fleet.measured_step(server, since);
-        request.heard = now;
+        request.hear(now);
         for (index, reason, stack) in progress.failed {
             self.fail_one(&request, index, reason, stack, now);
-            request.apart.push(request.piece.first() + index);
+            request.set_apart(request.piece.first() + index);
         }
         for (index, fitness, metrics) in progress.ended {
             let evaluation = request.piece.first() + index;
@@ -127,7 +127,7 @@ impl Scheduler {
         self.fleet.finished(server, &Job::Request(number));
         let seconds = now.saturating_duration_since(request.started);
         let count = request.piece.len();
-        if request.apart.len() < count {
+        if !request.all_failed() {
             self.fleet.did_well(server, count, seconds.as_secs_f64());
         }
         self.record_request(&request, None, now);

@@ -18,23 +18,23 @@ pub(crate) struct Episode {
     pub piece: Piece,
     pub server: u64,
     /// The last round of discovery before it.
-    pub round: u64,
+    round: u64,
     pub started: Instant,
     /// When the server last said something of use.
-    pub heard: Instant,
+    heard: Instant,
     /// Why a message of this run was refused, and when: the server gets little time to send a better one.
-    pub refused: Option<(Instant, String)>,
+    refused: Option<(Instant, String)>,
     /// Its server said that it is free, though it had not begun: until when it may still begin.
-    pub vacant: Option<Instant>,
+    vacant: Option<Instant>,
     /// The last round of discovery before its first sensors came.
-    pub begun_in: Option<u64>,
+    begun_in: Option<u64>,
     /// Its server, which is to be at it, answered a later round: until when messages of before may still come, and which
     /// round it was.
-    pub deserted: Option<(Instant, u64)>,
+    deserted: Option<(Instant, u64)>,
     /// Whether it takes so long that another server has it, too.
-    pub doubted: bool,
+    doubted: bool,
     /// Whether the supervisor of the server was asked what became of it.
-    pub overdue: bool,
+    overdue: bool,
     /// Number of agents, if the parameters tell.
     agents: Option<u64>,
     prototype: Controller,
@@ -56,6 +56,7 @@ impl Episode {
         prototype: Controller,
         agents: Option<u64>,
         writer: ReadingWriter,
+        round: u64,
         now: Instant,
     ) -> Self {
         Self {
@@ -63,7 +64,7 @@ impl Episode {
             writer,
             piece,
             server,
-            round: 0,
+            round,
             started: now,
             heard: now,
             refused: None,
@@ -107,6 +108,57 @@ impl Episode {
         self.heard = now;
         self.refused = None;
         Ok(self.writer.encode(sensor.agent, &self.actuator))
+    }
+
+    /// When the server last said something of use.
+    pub fn heard(&self) -> Instant {
+        self.heard
+    }
+
+    /// Sensors came; `round`: the last round of discovery before.
+    pub fn sensors_came(&mut self, round: u64) {
+        self.begun_in.get_or_insert(round);
+    }
+
+    /// A message of this episode was refused.
+    pub fn refuse(&mut self, reason: String, now: Instant) {
+        self.refused = Some((now, reason));
+    }
+
+    /// Why a message was refused, if no better one came since.
+    pub fn refusal(&self) -> Option<&str> {
+        self.refused.as_ref().map(|(_, reason)| &**reason)
+    }
+
+    /// Its server answered a round of discovery; until then it may still begin, or messages of before may come.
+    pub fn server_answered(&mut self, round: u64, until: Instant) {
+        if !self.begun() && self.round < round {
+            self.vacant.get_or_insert(until);
+        } else if self.begun_in.is_some_and(|begun| begun < round) {
+            // It is at that episode, or it was: the one that goes on with it is another server.
+            self.deserted.get_or_insert((until, round));
+        }
+    }
+
+    /// The round that its server answered, though it was to be at it, and messages of before can come no more.
+    pub fn deserted_in(&self, now: Instant) -> Option<u64> {
+        let deserted = self.deserted.filter(|(until, _)| *until < now);
+        deserted.map(|(_, round)| round)
+    }
+
+    /// Whether it takes so long that another server has it, too.
+    pub fn is_doubted(&self) -> bool {
+        self.doubted
+    }
+
+    /// Another server gets it, too.
+    pub fn doubt(&mut self) {
+        self.doubted = true;
+    }
+
+    /// Its time is over: whether the server's supervisor is to be asked first, once.
+    pub fn asks_supervisor(&mut self) -> bool {
+        self.refused.is_none() && !std::mem::replace(&mut self.overdue, true)
     }
 
     /// Steps that have been answered.

@@ -114,7 +114,7 @@ impl InFlight {
                 let since = if is_batch {
                     request.started
                 } else {
-                    request.heard
+                    request.heard()
                 };
                 Some((&request.piece, since))
             }
@@ -131,9 +131,9 @@ impl InFlight {
     /// All work, what was silent for the longest time first.
     pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
         let mut episodes: Vec<_> = self.episodes.values().collect();
-        episodes.sort_by_key(|one| (one.heard, one.server));
+        episodes.sort_by_key(|one| (one.heard(), one.server));
         let mut requests: Vec<_> = self.requests.iter().collect();
-        requests.sort_by_key(|(number, request)| (request.heard, **number));
+        requests.sort_by_key(|(number, request)| (request.heard(), **number));
         let episodes = episodes.into_iter().map(|one| one.waiting_for(now));
         let requests = requests
             .into_iter()

@@ -89,7 +89,7 @@ impl Scheduler {
         self.fleet.finished(request.server, &Job::Request(number));
         let (count, since) = (
             request.piece.len(),
-            now.saturating_duration_since(request.heard),
+            now.saturating_duration_since(request.heard()),
         );
         // A server's own word for it, as far as it can be true.
         let told = message.seconds.is_finite() && message.seconds > 0.0;
@@ -109,7 +109,7 @@ impl Scheduler {
                 if let Job::Request(next) = job
                     && let Some(next) = self.in_flight.request_mut(*next)
                 {
-                    next.heard = now;
+                    next.hear(now);
                 }
             }
         }

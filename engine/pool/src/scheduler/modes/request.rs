@@ -15,15 +15,15 @@ pub(crate) struct Request {
     pub server: u64,
     pub piece: Piece,
     /// Evaluations of it that failed by themselves, and are tried again apart from it.
-    pub apart: Vec<usize>,
+    apart: Vec<usize>,
     pub started: Instant,
     /// When the server last said something of use, or could begin with this.
-    pub heard: Instant,
+    heard: Instant,
     lease: Duration,
     /// Whether it takes so long that another server has it, too.
-    pub doubted: bool,
+    doubted: bool,
     /// Whether the supervisor of the server was asked what became of it.
-    pub overdue: bool,
+    overdue: bool,
     /// None for a block.
     pub batch: Option<Batch>,
 }
@@ -47,6 +47,47 @@ impl Request {
             overdue: false,
             batch,
         }
+    }
+
+    /// When the server last said something of use, or could begin with this.
+    pub fn heard(&self) -> Instant {
+        self.heard
+    }
+
+    /// The server said something of use, or can begin with this.
+    pub fn hear(&mut self, now: Instant) {
+        self.heard = now;
+    }
+
+    /// The supervisor says that the server goes on computing.
+    pub fn is_alive(&mut self, now: Instant) {
+        self.hear(now);
+        self.overdue = false;
+    }
+
+    /// An evaluation failed by itself, and is tried again apart from the others.
+    pub fn set_apart(&mut self, evaluation: usize) {
+        self.apart.push(evaluation);
+    }
+
+    /// Whether all evaluations failed by themselves.
+    pub fn all_failed(&self) -> bool {
+        self.apart.len() >= self.piece.len()
+    }
+
+    /// Whether it takes so long that another server has it, too.
+    pub fn is_doubted(&self) -> bool {
+        self.doubted
+    }
+
+    /// Another server gets it, too.
+    pub fn doubt(&mut self) {
+        self.doubted = true;
+    }
+
+    /// Its lease is over: whether the server's supervisor is to be asked first, once.
+    pub fn asks_supervisor(&mut self) -> bool {
+        !std::mem::replace(&mut self.overdue, true)
     }
 
     pub fn deadline(&self) -> Instant {

@@ -190,12 +190,11 @@ impl Scheduler {
     pub(crate) fn late_requests(&mut self, now: Instant) {
         for number in self.in_flight.late_requests(now) {
             if let Some(request) = self.in_flight.request_mut(number) {
-                if self.processes.are_watched(request.server) && !request.overdue {
-                    request.overdue = true;
+                if self.processes.are_watched(request.server) && request.asks_supervisor() {
                     self.outbox.push(Action::Overdue(request.server));
                     continue;
                 }
-                let (server, heard) = (request.server, request.heard);
+                let (server, heard) = (request.server, request.heard());
                 let reason = request.waiting_for(now).to_string();
                 self.counts.time_outs += 1;
                 self.fleet.fell_silent(server);

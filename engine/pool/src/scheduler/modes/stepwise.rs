@@ -56,15 +56,16 @@ impl Scheduler {
         self.publish(Topic::Control, control.encode());
         self.fleet.sent_to(server, 2);
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
-        let mut run = Episode::new(
+        let round = self.discovery.round();
+        let run = Episode::new(
             piece,
             server,
             prototype,
             self.messages.agents(),
             writer,
+            round,
             now,
         );
-        run.round = self.discovery.round();
         self.in_flight.begin_episode(hash.clone(), run);
         self.fleet.began(server, Job::Episode(hash));
     }
@@ -77,12 +78,12 @@ impl Scheduler {
         let Some(run) = self.in_flight.episode_mut(&sensor.simulation_hash) else {
             return self.end_late_run(&sensor.simulation_hash);
         };
-        if let Some((_, round)) = run.deserted.filter(|(until, _)| *until < now) {
+        if let Some(round) = run.deserted_in(now) {
             let server = run.server;
             return self.found_two(server, round, now);
         }
-        let since = now.saturating_duration_since(run.heard);
-        run.begun_in.get_or_insert(self.discovery.round());
+        let since = now.saturating_duration_since(run.heard());
+        run.sensors_came(self.discovery.round());
         match run.answer(sensor, now) {
             Ok(actuator) => {
                 let (server, bytes) = (run.server, actuator.len());
@@ -103,7 +104,7 @@ impl Scheduler {
             }
             Err(reason) => {
                 let server = run.server;
-                run.refused = Some((now, reason.clone()));
+                run.refuse(reason.clone(), now);
                 self.outbox.warn_once(format!(
                     "refusing a sensor message of server {server}: {reason}"
                 ));
@@ -165,7 +166,7 @@ impl Scheduler {
         };
         let job = Job::Episode(message.simulation_hash.clone());
         self.fleet.finished(run.server, &job);
-        self.answered_after(run.server, now.saturating_duration_since(run.heard));
+        self.answered_after(run.server, now.saturating_duration_since(run.heard()));
         let duration = now.saturating_duration_since(run.started);
         self.fleet.did_well(run.server, 1, duration.as_secs_f64());
         self.fleet.measured_episode(run.server, duration);
@@ -206,7 +207,7 @@ impl Scheduler {
                 self.end_run(server, &hash);
                 return self.not_for(server, &reason, now);
             }
-            run.refused = Some((now, reason));
+            run.refuse(reason, now);
         }
     }
 
@@ -284,12 +285,7 @@ impl Scheduler {
     /// shows that it has begun then comes in a moment.
     pub(crate) fn vacant(&mut self, id: u64, round: u64, now: Instant) {
         for run in self.in_flight.episodes_of(id) {
-            if !run.begun() && run.round < round {
-                run.vacant.get_or_insert(now + OVERTAKEN);
-            } else if run.begun_in.is_some_and(|begun| begun < round) {
-                // It is at that episode, or it was: the one that goes on with it is another server.
-                run.deserted.get_or_insert((now + OVERTAKEN, round));
-            }
+            run.server_answered(round, now + OVERTAKEN);
         }
     }
 
@@ -320,21 +316,20 @@ impl Scheduler {
             let Some(run) = self.in_flight.episode_mut(&hash) else {
                 continue;
             };
-            if self.processes.are_watched(run.server) && run.refused.is_none() && !run.overdue {
-                run.overdue = true;
+            if self.processes.are_watched(run.server) && run.asks_supervisor() {
                 self.outbox.push(Action::Overdue(run.server));
                 continue;
             }
-            let (server, heard) = (run.server, run.heard);
+            let (server, heard) = (run.server, run.heard());
             let waiting = run.waiting_for(now).to_string();
-            let run_refused = run.refused.clone();
-            let reason = run_refused
+            let refusal = run.refusal().map(str::to_owned);
+            let reason = refusal
                 .as_ref()
-                .map_or(waiting, |(_, reason)| format!("server {server}: {reason}"));
+                .map_or(waiting, |reason| format!("server {server}: {reason}"));
             self.outbox
                 .warn(format!("{reason}; the episode is tried again elsewhere"));
             self.end_run(server, &hash);
-            let blame = if run_refused.is_none() {
+            let blame = if refusal.is_none() {
                 self.counts.time_outs += 1;
                 self.fleet.fell_silent(server);
                 let others = self.fleet.anyone_spoke(heard, now);
