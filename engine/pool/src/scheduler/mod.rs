@@ -52,17 +52,17 @@ use crate::scheduler::fleet::duplicates::Unproven;
 use crate::scheduler::fleet::processes::Processes;
 use crate::scheduler::job::Job;
 use crate::scheduler::limits::Limits;
+use crate::scheduler::messages::Messages;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::modes::request::Request;
+pub use crate::scheduler::outbox::Action;
+use crate::scheduler::outbox::Outbox;
+use crate::scheduler::outlook::Outlook;
 use crate::scheduler::queue::ledger::Ledger;
 use crate::scheduler::queue::results::{Results, Settled};
+use crate::scheduler::recheck::Recheck;
+use crate::scheduler::view::View;
 use crate::work::{Work, WorkError};
-use messages::Messages;
-pub use outbox::Action;
-use outbox::Outbox;
-use outlook::Outlook;
-use recheck::Recheck;
-use view::View;
 
 /// The decisions of one optimization tool.
 pub struct Scheduler {

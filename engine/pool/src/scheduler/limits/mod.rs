@@ -8,7 +8,7 @@ mod limit;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use limit::Limit;
+use crate::scheduler::limits::limit::Limit;
 
 use crate::mode::Way;
 use crate::scheduler::fleet::slot::Slot;

@@ -1,0 +1,148 @@
+//! The order of the modules: no two import each other in a circle, and the scheduler's parts do not know the scheduler.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// What owns its fields and is owned by the scheduler. Each may import those before it.
+const PARTS: [&str; 9] = [
+    "scheduler::job",
+    "scheduler::outbox",
+    "scheduler::queue",
+    "scheduler::modes",
+    "scheduler::fleet",
+    "scheduler::limits",
+    "scheduler::audit",
+    "scheduler::view",
+    "scheduler::speculation",
+];
+/// Files of the folder of modes that are routes of the scheduler.
+const ROUTES: [&str; 4] = ["batched", "offloaded", "requests", "stepwise"];
+
+/// By module: the modules that it imports.
+type Imports = BTreeMap<String, BTreeSet<String>>;
+
+fn sources(folder: &Path, module: &str, found: &mut BTreeMap<String, String>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let stem = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        let inner = |name: &str| match module {
+            "" => name.to_owned(),
+            _ => format!("{module}::{name}"),
+        };
+        match (&*stem, path.is_dir()) {
+            (_, true) => sources(&path, &inner(&stem), found),
+            ("lib" | "tests", false) => {}
+            ("mod", false) => {
+                found.insert(module.to_owned(), std::fs::read_to_string(path).unwrap());
+            }
+            (_, false) => {
+                found.insert(inner(&stem), std::fs::read_to_string(path).unwrap());
+            }
+        }
+    }
+}
+
+/// The module that a path such as `crate::config::Config` or `super::Ledger` begins with, if it is one of these.
+fn resolved(path: &str, module: &str, sources: &BTreeMap<String, String>) -> Option<String> {
+    let parent = module.rsplit_once("::").map_or("", |(parent, _)| parent);
+    let mut path = match path.split_once("::")? {
+        ("crate", rest) => rest.to_owned(),
+        ("super", rest) => format!("{parent}::{rest}"),
+        (_, _) => format!("{module}::{path}"),
+    };
+    loop {
+        if sources.contains_key(&path) {
+            return Some(path).filter(|found| found != module);
+        }
+        path = path.rsplit_once("::")?.0.to_owned();
+    }
+}
+
+fn imports() -> Imports {
+    let mut found = BTreeMap::new();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    sources(&folder, "", &mut found);
+    let of = |(module, text): (&String, &String)| {
+        let text = text.split("#[cfg(test)]").next().unwrap();
+        let statements = text.split("\nuse ").skip(1);
+        let paths = statements.map(|rest| {
+            let path = rest.split(';').next().unwrap();
+            let (path, names) = path.split_once("::{").unwrap_or((path, ""));
+            let plain = path != "crate" && !names.contains("::") && !names.contains("self");
+            assert!(
+                plain,
+                "{module}: give each module a line: {path}::{{{names}"
+            );
+            format!("{path}::_")
+        });
+        let found = paths.filter_map(|path| resolved(&path, module, &found));
+        (module.clone(), found.collect())
+    };
+    found.iter().map(of).collect()
+}
+
+/// A way from a module back to itself.
+fn cycle(imports: &Imports, way: &mut Vec<String>, done: &mut BTreeSet<String>) -> bool {
+    let module = way.last().unwrap().clone();
+    for next in &imports[&module] {
+        if way.contains(next) {
+            way.push(next.clone());
+            return true;
+        }
+        if !done.contains(next) {
+            way.push(next.clone());
+            if cycle(imports, way, done) {
+                return true;
+            }
+            way.pop();
+        }
+    }
+    done.insert(module);
+    false
+}
+
+#[test]
+fn modules_import_each_other_in_one_direction() {
+    let imports = imports();
+    assert!(imports.len() > 50, "{imports:?}");
+    assert!(imports["scheduler"].contains("scheduler::fleet"));
+    assert!(imports["shell::pool"].contains("scheduler"));
+    let mut done = BTreeSet::new();
+    for module in imports.keys() {
+        let mut way = vec![module.clone()];
+        assert!(
+            !cycle(&imports, &mut way, &mut done),
+            "{}",
+            way.join(" -> ")
+        );
+    }
+}
+
+#[test]
+fn parts_import_those_before_them_only() {
+    let imports = imports();
+    let part = |module: &str| {
+        let is_in = |part: &&str| module == *part || module.starts_with(&format!("{part}::"));
+        PARTS.iter().position(|part| is_in(&part))
+    };
+    let is_route = |module: &str| {
+        ROUTES
+            .iter()
+            .any(|route| module.ends_with(&format!("modes::{route}")))
+    };
+    for (module, imported) in imports.iter().filter(|(module, _)| !is_route(module)) {
+        let Some(place) = part(module) else {
+            continue;
+        };
+        for other in imported {
+            let in_scheduler = other == "scheduler" || other.starts_with("scheduler::");
+            let allowed = !in_scheduler || part(other).is_some_and(|other| other <= place);
+            assert!(
+                allowed && !other.starts_with("shell"),
+                "{module} imports {other}"
+            );
+        }
+    }
+}
