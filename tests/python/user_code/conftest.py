@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.user_code import notices
+from swarmwright.user_code import notices, trust
 
 GATHER = '''
 import numpy as np
@@ -45,11 +45,14 @@ servers: local
 
 
 @pytest.fixture(autouse=True)
-def clean() -> Iterator[None]:
-    """Forget what a test imported and said, as a new process would."""
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Forget what a test imported, trusted and said, as a new process of another user would."""
     modules, path = dict(sys.modules), list(sys.path)
     notices._told.clear()
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        patch.setattr(trust, "_granted", set())
+        yield
     sys.path[:] = path
     for name in [name for name in sys.modules if name not in modules]:
         if not name.startswith(("swarmwright.", "numpy.")):

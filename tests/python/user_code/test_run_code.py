@@ -178,7 +178,9 @@ def test_what_a_deleted_copy_was_is_known(run: Run, project: Path, caplog: pytes
     assert ([one.code for one in longer.sessions], list(longer.code)) == ([1, 1], [1])
     shutil.rmtree(run.path / "code")
     edit(project / "gather.py", *FACTOR)
-    assert not repeat(Run.open(run.path)).same
+    with pytest.raises(InputError, match="it is not executed"):
+        repeat(Run.open(run.path))
+    assert not repeat(Run.open(run.path, trust=True)).same
     assert "which HAS changed; gather.py:Gather is used as it is now" in caplog.text
     with pytest.raises(InputError, match=r"has changed since(.|\n)*--accept-changed-code"):
         resume(run.path, generations=5)
