@@ -125,7 +125,7 @@ fn parts_import_those_before_them_only() {
     let imports = imports();
     let part = |module: &str| {
         let is_in = |part: &&str| module == *part || module.starts_with(&format!("{part}::"));
-        PARTS.iter().position(|part| is_in(&part))
+        PARTS.iter().position(is_in)
     };
     let is_route = |module: &str| {
         ROUTES
