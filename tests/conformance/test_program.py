@@ -75,11 +75,11 @@ def test_what_is_broken_is_said_in_full(
     assert result.returncode == 1, result.stderr
     text = result.stdout
     assert f"failed   {rule}" in text
-    for label in ("came:", "expected:", "mend:"):
+    for label in ("came:", "expected:", "fix:"):
         assert label in text
     xml = ET.parse(tmp_path / "out.xml").getroot()
     (failure,) = xml.findall(".//failure")
-    assert "mend:" in (failure.text or "")
+    assert "fix:" in (failure.text or "")
 
 
 def test_a_server_that_ends_is_told_from_one_that_fails(program: Run) -> None:
@@ -100,7 +100,7 @@ def test_a_server_that_ends_is_told_from_one_that_fails(program: Run) -> None:
         (("--exec", "'"), "cannot be read"),
         (("--exec", SERVE, "--parameters", "[1]"), "JSON object"),
         (("--exec", SERVE, "--parameters", "nowhere.json"), "nowhere.json"),
-        (("--exec", SERVE, "--parameters", "{"), "no JSON"),
+        (("--exec", SERVE, "--parameters", "{"), "not valid JSON"),
         (("--id", "1", "--wait", "0.2"), "name it with --simulation"),
     ],
 )

@@ -89,7 +89,7 @@ class Environment(Simulation):
         if drawn is None:
             raise InputError(
                 f"{label}: cannot be rendered: it was made without render_mode={_ARRAY!r}; a make() of your "
-                "own must hand its options on to the environment"
+                "own must pass its options to the environment"
             )
         return made
 

@@ -95,7 +95,7 @@ class Gymnasium(Environment):
             return float(np.asarray(reward, float).item())
         raise SimulationError(
             f"{self.environment}: its reward has {np.size(reward)} numbers, a fitness is one; weigh them in "
-            "a class of your own, whose make() adds a wrapper such as mo_gymnasium.wrappers.LinearReward"
+            "a custom class whose make() adds a wrapper such as mo_gymnasium.wrappers.LinearReward"
         )
 
     def _sizes(self) -> tuple[int, int]:

@@ -36,7 +36,7 @@ class PettingZoo(Environment):
         module = import_module(self.environment)
         if not hasattr(module, "parallel_env"):
             raise InputError(
-                f"{self.environment}: has no parallel_env; agents that act in turn are no swarm, "
+                f"{self.environment}: has no parallel_env; agents that act in turn are not a swarm, "
                 "or another module of this package is meant"
             )
         return module.parallel_env(**options)

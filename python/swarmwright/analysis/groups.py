@@ -67,7 +67,7 @@ def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
         longer, shorter = (run, other) if run.evaluations > other.evaluations else (other, run)
         kept[same] = longer
         notes.append(
-            f"{shorter.path} has experiment and seed of {longer.path}, so it is no second sample and does "
+            f"{shorter.path} has experiment and seed of {longer.path}, so it is not a second sample and does "
             "not count"
         )
     return list(kept.values()), notes

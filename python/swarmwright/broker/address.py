@@ -15,13 +15,13 @@ def broker_problem(url: str) -> str | None:
     try:
         parts = urlsplit(url)
     except ValueError:
-        return f"is no broker address; {example}"
+        return f"is not a broker address; {example}"
     if parts.scheme not in SCHEMES:
         known = ", ".join(f"{scheme}://" for scheme in SCHEMES)
         return f"must begin with one of {known}; {example}"
     if parts.username is not None or parts.password is not None:
         return (
-            "must hold neither user nor password: set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
+            "must not contain a user or a password: set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
             "(or SWARMWRIGHT_PASSWORD_FILE) in the environment instead"
         )
     if not parts.hostname:
@@ -31,7 +31,7 @@ def broker_problem(url: str) -> str | None:
     except ValueError:
         port = 0
     if port == 0:
-        return f"has a port that is no number from 1 to 65535; {example}"
+        return f"has a port that is not a number from 1 to 65535; {example}"
     return _option_problem(parts.query, web=parts.scheme in {"ws", "wss"})
 
 
@@ -40,16 +40,16 @@ def _option_problem(query: str, *, web: bool) -> str | None:
     for option in filter(None, query.split("&")):
         name, _, value = option.partition("=")
         if name == "mqtt" and value not in VERSIONS:
-            return "asks for a version of MQTT that there is not; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
+            return "asks for an unsupported version of MQTT; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
         if name != "mqtt" and not web:
-            return "has an option that there is not; there are ?mqtt=3 (for 3.1.1) and ?mqtt=5"
+            return "has an unknown option; known options: ?mqtt=3 (for 3.1.1), ?mqtt=5"
     return None
 
 
 def prefix_problem(prefix: str) -> str | None:
     """Return what is wrong with a topic prefix, None when nothing is."""
     if any(sign in prefix for sign in "#+\0"):
-        return "must hold no '#', '+' or NUL: MQTT gives them a meaning of their own"
+        return "must not contain '#', '+' or NUL, which have a special meaning in MQTT"
     if prefix.startswith(("/", "$")) or prefix.endswith("/"):
         return "must begin with neither '/' nor '$' and not end with '/'; write it like lab/minisim"
     if len(prefix.encode()) > 1000:

@@ -31,7 +31,7 @@ def prepare(broker: str) -> None:
     if there not in _warned and has_password() and in_clear(broker):
         _warned.add(there)
         _LOGGER.warning(
-            "the password for %s travels unencrypted, and everybody on the way can read it; use a broker "
+            "the password for %s travels unencrypted and can be read on the network path; use a broker "
             "with TLS, mqtts://",
             there,
         )

@@ -83,7 +83,7 @@ def accounts(prefixes: Sequence[str]) -> list[Account]:
     for prefix in dict.fromkeys(prefix.removesuffix("/") for prefix in prefixes or [""]):
         if not prefix.isprintable() or prefix != prefix.strip():
             raise InputError(
-                f"the prefix {prefix!r} cannot stand in an access file; use letters, digits, '-' and '/'"
+                f"the prefix {prefix!r} cannot be used in an access file; use letters, digits, '-' and '/'"
             )
         stem = re.sub(r"[^\w.-]+", "-", prefix, flags=re.ASCII)
         for role in ROLES:
@@ -172,7 +172,7 @@ def write_configuration(
     there = sorted(name for name in (*public, *of_broker, *secret) if (folder / name).exists())
     if there:
         raise InputError(
-            f"{folder}: {', '.join(there)} there already; nothing is overwritten. Name another folder, or "
+            f"{folder}: {', '.join(there)} already exist; nothing is overwritten. Name another folder, or "
             "move them away first"
         )
     try:

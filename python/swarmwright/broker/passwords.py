@@ -41,7 +41,7 @@ def set_password(path: Path, user: str, password: str) -> bool:
     """
     check_user(user)
     if not password:
-        raise InputError("an empty password lets everybody in; give one with at least one character")
+        raise InputError("an empty password would admit every client; give one with at least one character")
     line = f"{user}:{_engine.hash_password(password)}\n"
     try:
         held = read_bytes(path, _LARGEST).decode() if path.exists() else ""
@@ -55,7 +55,7 @@ def set_password(path: Path, user: str, password: str) -> bool:
             lines.append(line)
         _replace(path, "".join(lines))
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is no UTF-8 text"
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
         raise InputError(f"{path}: cannot be changed: {reason}") from error
     return not found
 

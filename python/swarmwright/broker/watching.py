@@ -72,7 +72,7 @@ class ToolRow:
     def waits_for(self) -> str | None:
         """What it waits for, in words; None while everything moves."""
         if self.heard > STALE:
-            return f"not heard of for {self.heard:.0f} s: it computes, is stopped, or was killed"
+            return f"no message for {self.heard:.0f} s: it is computing, stopped or killed"
         alone = self.status.get("no_server")
         if alone:
             return f"no server for {alone['seconds']:.1f} s ({alone['found']})"

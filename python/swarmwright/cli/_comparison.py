@@ -20,10 +20,10 @@ def run_folders(paths: Sequence[Path]) -> list[Path]:
     folders = [path for path in paths if path.is_dir()]
     files = [str(path) for path in paths if not path.is_dir()]
     if not folders:
-        which = "is no run folder" if len(files) == 1 else "are no run folders"
+        which = "is not a run folder" if len(files) == 1 else "are not run folders"
         raise click.UsageError(f"{', '.join(files)} {which}; name folders such as runs/minisim-1.")
     if files:
-        which = "is a file and no run" if len(files) == 1 else "are files and no runs"
+        which = "is a file, not a run folder" if len(files) == 1 else "are files, not run folders"
         complain(f"left out: {', '.join(files)} {which}")
     return folders
 

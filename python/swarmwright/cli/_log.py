@@ -29,21 +29,21 @@ def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--log",
         type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
         metavar="FILE",
-        help="Append what happens to a file, a JSON object a line; - for standard error.",
+        help="Append events to a file, one JSON object per line; - for standard error.",
     )
     level = click.option(
         "--log-level",
         type=click.Choice(LEVELS),
         default="info",
         show_default=True,
-        help="With --log: the least that is written.",
+        help="With --log: the lowest level that is written.",
     )
     size = click.option(
         "--log-size",
         type=WholeNumber(min=1, max=2**20),
         metavar="MIB",
-        help="With --log: before a file grows beyond this, MiB, it is moved to FILE.1, and what was there "
-        "before is gone. Default: 64 for `broker`, else no limit.",
+        help="With --log: before a file grows beyond this, MiB, it is moved to FILE.1, replacing the earlier "
+        "one. Default: 64 for `broker`, else no limit.",
     )
     return file(level(size(command)))
 

@@ -131,7 +131,7 @@ def _show_error(error: Exception) -> int:
         return FAILED
     _complain(
         f"internal error: {type(error).__name__}: {error}\n"
-        "This is a fault of Swarmwright's. Please report it with what SWARMWRIGHT_DEBUG=1 shows."
+        "This is a bug in Swarmwright. Please report it with what SWARMWRIGHT_DEBUG=1 shows."
     )
     return FAILED
 

@@ -31,7 +31,7 @@ class Endpoint(click.ParamType[tuple[str, int]]):
         host, _, port = value.rpartition(":")
         host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
         if not port.isascii() or not port.isdigit() or int(port) > 65535:
-            self.fail(f"'{value}' is no address: give HOST:PORT, or a PORT from 0 to 65535.", param, ctx)
+            self.fail(f"'{value}' is not an address: give HOST:PORT, or a PORT from 0 to 65535.", param, ctx)
         return host, int(port)
 
 

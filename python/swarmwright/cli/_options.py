@@ -106,7 +106,9 @@ class ServerCount(click.ParamType[Servers]):
         try:
             number = int(value)
         except ValueError:
-            self.fail(f"'{value}' is no number of servers, nor 'auto', 'local' or 'in-process'.", param, ctx)
+            self.fail(
+                f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process'.", param, ctx
+            )
         if not 1 <= number <= 1024:
             self.fail(f"{number} is not in the range 1..1024.", param, ctx)
         return number
@@ -156,13 +158,13 @@ trust_option: Decorator = click.option(
     is_flag=True,
     expose_value=False,
     callback=_trust,
-    help="Execute code that a run folder brings along although it is not of a run that you have made here; "
-    "remembered for this code.",
+    help="Execute code that comes with a run folder although the run was not made here by you; "
+    "stored for this code.",
 )
 
 
 def set_option(
-    text: str = "Another value than FILE's: method.generations=50, 'controller.hidden=[8, 4]'.",
+    text: str = "Override a value of FILE: method.generations=50, 'controller.hidden=[8, 4]'.",
 ) -> Decorator:
     """`--set KEY=VALUE`, as often as wanted: what is otherwise than the experiment says."""
     return click.option(
@@ -170,11 +172,13 @@ def set_option(
         "settings",
         multiple=True,
         metavar="KEY=VALUE",
-        help=f"{text} The value is YAML; null stands for the default. May be repeated.",
+        help=f"{text} The value is YAML; null means the default. May be repeated.",
     )
 
 
-json_option: Decorator = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
+json_option: Decorator = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object per line."
+)
 
 
 def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
@@ -207,7 +211,7 @@ prefix_option: Decorator = click.option(
     type=Prefix(),
     default="",
     metavar="P",
-    help="Topics stand under this, such as lab/1. Default: none.",
+    help="Prefix of all topics, such as lab/1. Default: none.",
 )
 
 

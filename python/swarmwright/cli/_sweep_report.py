@@ -94,7 +94,7 @@ class Report(Status):
         best, unseen = run.history[-1].best_so_far, run.unseen
         worth = ""
         if unseen is not None:
-            worth = f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on unseen seeds)"
+            worth = f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on held-out seeds)"
         self._output.text(
             f"{self._where(task)}: best fitness {best + 0.0:.6g}{worth}, {run.evaluations:,} evaluations, "
             f"{how}"

@@ -7,8 +7,8 @@ if TYPE_CHECKING:
 
 
 def unseen_words(found: "PostEvaluation") -> str:
-    """Return a line: the fitness by which it was chosen beside that on unseen seeds."""
-    episodes = f"{len(found.episodes)} episodes with unseen seeds"
+    """Return a line: the fitness by which it was chosen beside that on held-out seeds."""
+    episodes = f"{len(found.episodes)} episodes with held-out seeds"
     failed = f", of which {found.failed} failed" if found.failed else ""
     fitness = found.fitness
     return (

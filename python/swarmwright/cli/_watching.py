@@ -71,12 +71,12 @@ def headline(view: View, broker: str) -> tuple[str, str]:
     if view.broker_lost is not None:
         return f"{broker} is lost ({view.broker_lost}); trying again", "bold red"
     if view.blocking is not None:
-        return f"Waited for: {words(view.blocking)}", "bold red"
+        return f"Blocking: {words(view.blocking)}", "bold red"
     alone = next((tool for tool in view.tools if tool.waits_for), None)
     if alone is not None:
         return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
     count = len(view.servers)
-    return f"{count} server{'s' if count != 1 else ''}, nobody is waited for", "dim"
+    return f"{count} server{'s' if count != 1 else ''}, none blocking", "dim"
 
 
 def _course(tool: ToolRow) -> str:

@@ -39,7 +39,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     multiple=True,
     metavar="HOST",
     help="Address to listen on (default: 127.0.0.1); with --init, a name or address by which clients reach "
-    "the broker, as many times as there are (default: this machine's name).",
+    "the broker, may be repeated (default: this machine's name).",
 )
 @click.option("--websocket-port", type=Port, metavar="PORT", help="Also listen for MQTT over websockets.")
 @click.option(
@@ -47,11 +47,11 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     "origins",
     multiple=True,
     metavar="URL",
-    help="A web page of this origin, such as https://dash.example.org, may connect by websocket, as many "
-    "times as there are; * for all. Pages of the broker's own host may always.",
+    help="A web page of this origin, such as https://dash.example.org, may connect by websocket; may be "
+    "repeated; * for all. Pages of the broker's own host may always.",
 )
 @click.option(
-    "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users are let in."
+    "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users may connect."
 )
 @click.option(
     "--access",
@@ -84,7 +84,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     type=Prefix(),
     multiple=True,
     metavar="P",
-    help="With --init: topic prefix that gets accounts of its own, as many times as there are.",
+    help="With --init: topic prefix that gets accounts of its own. May be repeated.",
 )
 @click.option(
     "--iterations",
@@ -98,13 +98,14 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     default=500_000,
     show_default=True,
     metavar="N",
-    help="Packets a second that are taken of one client; one that sends more is read later.",
+    help="Packets accepted from one client per second; a client that sends more is read later.",
 )
 @click.option(
     "--memory",
     type=WholeNumber(min=16, max=2**24),
     metavar="MIB",
-    help="Memory for everything that is kept for clients, MiB; beyond it, whoever holds most is disconnected."
+    help="Memory for everything that is kept for clients, MiB; beyond it, the client that holds most is "
+    "disconnected."
     " Default: a quarter of the machine's, at least 256.",
 )
 @log_options
@@ -212,11 +213,12 @@ def _check_exposure(host: str, *, users: Path | None, certificate: Path | None) 
     reasons = []
     if users is None:
         reasons.append(
-            "Without a password everybody there could use the broker: give --users FILE, see --add-user."
+            "Without a password every client there could use the broker: give --users FILE, see --add-user."
         )
     if certificate is None:
         reasons.append(
-            "Without TLS everybody on the way could read along: give --certificate FILE and --key FILE, "
+            "Without TLS the traffic could be read on the network path: give --certificate FILE and "
+            "--key FILE, "
             "such as --init makes them."
         )
     raise click.UsageError(
@@ -229,7 +231,9 @@ def _loopback(host: str) -> bool:
     try:
         found = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
-        raise click.UsageError(f"'{host}' is no address of this machine ({error}); try 127.0.0.1.") from None
+        raise click.UsageError(
+            f"'{host}' is not an address of this machine ({error}); try 127.0.0.1."
+        ) from None
     return all(ipaddress.ip_address(str(address[4][0]).split("%")[0]).is_loopback for address in found)
 
 
@@ -248,8 +252,8 @@ def _add_user(output: Output, file: Path, name: str) -> int:
     new = set_password(file, name, password)
     if file.stat().st_mode & 0o004:
         _LOGGER.warning(
-            "%s can be read by every user of this machine, who can guess at its passwords unnoticed; chmod "
-            "600 keeps them out",
+            "%s can be read by every user of this machine, who can try to guess its passwords; "
+            "restrict it with chmod 600",
             file,
         )
     output.text(f"{file}: {name} {'added' if new else 'has another password now'}")
@@ -268,7 +272,7 @@ def _init(
     from swarmwright.broker.mosquitto import write_configuration
 
     if port == 0:
-        raise click.UsageError("--init writes the port down; name one, such as 8883.")
+        raise click.UsageError("--init writes the port into the configuration; name one, such as 8883.")
     made = write_configuration(
         folder, given=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations
     )
@@ -287,7 +291,7 @@ def _init(
     output.text(f"  {variables('server')} && swarmwright serve minisim{prefix}")
     output.text(f"  {variables('tool')} && swarmwright optimize EXPERIMENT.yaml")
     if prefix:
-        output.text(f"The experiment says which prefix is its own, `prefix: {made[0].prefix}`.")
+        output.text(f"The experiment says which prefix it uses, `prefix: {made[0].prefix}`.")
     output.text(
         "Another machine needs ca.pem, and the .password of its role, by a safe way. ca-key.pem is needed to "
         "renew the certificate alone; keep it elsewhere."

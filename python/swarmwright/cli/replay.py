@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     help="An episode that the run did not have: the simulation's seed.",
 )
 @simulation_option
-@set_option("Another value than the run's: parameters.maxSteps=40.")
+@set_option("Override a value of the run: parameters.maxSteps=40.")
 @trust_option
 @json_option
 def command(

@@ -23,7 +23,7 @@ def command() -> None:
 def list_(folder: Path | None, as_json: bool) -> None:
     """List the runs in DIR (default: runs), the newest last.
 
-    A folder that is no run, or one that is damaged, is named with the reason.
+    A folder that is not a run, or that is damaged, is named with the reason.
     """
     from swarmwright import InputError, Run
     from swarmwright.runs.folders import RUNS

@@ -65,8 +65,8 @@ LARGEST_ID = 2**31 - 1
 @click.option(
     "--restart/--no-restart",
     default=True,
-    help="Start a server again whose process crashed or was killed, or leave that to something else, such as "
-    "systemd or Slurm.  [default: restart]",
+    help="Start a server again whose process crashed or was killed, or leave that to a service manager, "
+    "such as systemd or Slurm.  [default: restart]",
 )
 @wait_option
 @observe_options
@@ -241,4 +241,4 @@ class Reporter:
             return
         complain(f"server {death.server} (process {death.pid}) {death.how}{again}")
         if death.words:
-            aside("its last words:", death.words.split("\n"))
+            aside("its last output:", death.words.split("\n"))

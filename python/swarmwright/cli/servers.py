@@ -44,8 +44,8 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 @click.option(
     "--watch",
     is_flag=True,
-    help="Go on until Ctrl-C: what each server does, which one is waited for, and every optimization tool at "
-    "work. With --json an object each --every seconds.",
+    help="Refresh until Ctrl-C: what each server does, which one is blocking, and every active optimization "
+    "tool. With --json, one object every --every seconds.",
 )
 @click.option(
     "--every",
@@ -78,7 +78,8 @@ def command(broker: str, prefix: str, wait: float, watch: bool, every: float, as
         output.text(f"No simulation server on {broker}.")
         output.text(f"Start one with: swarmwright serve minisim --broker {broker}")
         output.text(
-            "Servers that know D6.1 alone say nothing unasked: `optimize` finds them by their simulation."
+            "Servers that implement D6.1 only do not announce themselves: `optimize` finds them by "
+            "their simulation."
         )
         return 0
     rows = [row(server) for server in found]

@@ -33,7 +33,7 @@ from swarmwright.cli._server_output import server_output_option
     metavar="C",
     help="A controller (best.json) or a run folder. Default: a random one.",
 )
-@set_option("Another value than FILE's: parameters.maxSteps=30.")
+@set_option("Override a value of FILE: parameters.maxSteps=30.")
 @click.option(
     "--seed",
     type=WholeNumber(min=0, max=2**63 - 1),

@@ -33,7 +33,7 @@ FAILED = 1
     example="swarmwright sweep methods.yaml --servers 4\nswarmwright sweep methods.yaml --out results",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
-@set_option("Another value than the experiment's, for all variants: method.generations=50.")
+@set_option("Override a value of the experiment, for all variants: method.generations=50.")
 @broker_option(
     default=None,
     text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",

@@ -168,7 +168,7 @@ def parameters_of(text: str | None) -> Json:
     try:
         value = json.loads(text)
     except ValueError as error:
-        raise InputError(f"{source}: is no JSON: {error}") from None
+        raise InputError(f"{source}: is not valid JSON: {error}") from None
     if not isinstance(value, dict):
         raise InputError(f'{source}: must be a JSON object, such as {{"maxSteps": 5}}')
     return value

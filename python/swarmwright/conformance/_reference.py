@@ -11,7 +11,7 @@ INTRODUCTION = """\
 
 What `swarmwright conformance` tries, and what to do about a rule that is broken;
 [how to use it](../how-to/conformance.md). A rule is D6.1's, with the section that demands it, and
-`--profile d6.1` tries it; or it is Swarmwright's own. All stand in [the protocol](protocol.md), in its
+`--profile d6.1` tries it; or it is Swarmwright's own. All are described in [the protocol](protocol.md), its
 [schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
 [003](../decisions/003-mqtt-connection.md) on connections. [What D6.1 leaves open](d6.1.md), and what we
 chose, is a page of its own. A rule is not tried when one that it needs is broken.
@@ -30,13 +30,13 @@ def _side(rules: Rules) -> str:
     for group, title in rules.groups.items():
         parts += [
             f"### {group} {title}\n",
-            "| | rule | whose | where | mend | needs |",
+            "| | rule | origin | described in | fix | needs |",
             "|---|---|---|---|---|---|",
         ]
         for rule in rules:
             if rule.group == group:
                 whose = rule.source if rule.d61 else rule.owner
-                cells = (rule.id, rule.sentence, whose, rule.where, rule.mend, ", ".join(rule.needs))
+                cells = (rule.id, rule.sentence, whose, rule.where, rule.fix, ", ".join(rule.needs))
                 parts.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
         parts.append("")
     return "\n".join(parts)

@@ -9,6 +9,8 @@ from swarmwright.core.untrusted import lines, one_line
 
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")
+_KEYS = {"fix": "mend"}
+"""Field of a result -> its key in JSON, where they differ."""
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,7 @@ class Result:
 
     source: whose rule it is, and where it stands: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
     peer was gone after it, `not run` when it could not be tried, `skipped` when it does not apply. detail: a
-    note, or the reason. sent, came, expected, mend: of a failure. seconds: how long it took.
+    note, or the reason. sent, came, expected, fix: of a failure. seconds: how long it took.
     """
 
     id: str
@@ -29,7 +31,7 @@ class Result:
     sent: str = ""
     came: str = ""
     expected: str = ""
-    mend: str = ""
+    fix: str = ""
     seconds: float = 0.0
 
     @property
@@ -38,8 +40,9 @@ class Result:
         return owner(self.source)
 
     def record(self) -> dict[str, object]:
-        """As a JSON object, without what is empty."""
-        return {key: value for key, value in asdict(self).items() if value != ""}
+        """As a JSON object without empty values; `fix` has the key `mend`, which programs read."""
+        values = {_KEYS.get(name, name): value for name, value in asdict(self).items()}
+        return {key: value for key, value in values.items() if value != ""}
 
 
 @dataclass
@@ -106,7 +109,7 @@ def by_source(report: Report) -> list[str]:
 def explained(result: Result) -> str:
     """Return a failure in words, several lines."""
     said = [f"{result.id} {result.rule} ({result.source})"]
-    for label in ("sent", "came", "expected", "mend"):
+    for label in ("sent", "came", "expected", "fix"):
         text = getattr(result, label)
         if text:
             first, *rest = lines(text)

@@ -53,7 +53,7 @@ class Rule:
     id: str
     sentence: str
     where: str
-    mend: str
+    fix: str
     d61: str
     needs: tuple[str, ...]
     seconds: float
@@ -94,7 +94,7 @@ class Rules:
         sentence: str,
         *,
         where: str,
-        mend: str,
+        fix: str,
         d61: str = "",
         needs: Sequence[str] = (),
         seconds: float = 20.0,
@@ -106,7 +106,7 @@ class Rules:
             assert number.partition(".")[0] in self.groups, number
             unmet = [need for need in needs if need not in self._rules]
             assert not unmet, f"{number} needs {unmet}, which come later or not at all"
-            self._rules[number] = Rule(number, sentence, where, mend, d61, tuple(needs), seconds, check)
+            self._rules[number] = Rule(number, sentence, where, fix, d61, tuple(needs), seconds, check)
             return check
 
         return register

@@ -86,6 +86,6 @@ def _tried(peer: Peer, rule: Rule) -> Result:
         sent=failure.sent,
         came=failure.came,
         expected=failure.expected,
-        mend=rule.mend,
+        fix=rule.fix,
         seconds=seconds,
     )

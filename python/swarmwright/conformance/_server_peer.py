@@ -42,7 +42,7 @@ class ServerPeer(Server):
         try:
             return self._recovered()
         except Overdue:
-            return "it answered no discovery any more"
+            return "it no longer answered discoveries"
 
     def _recovered(self) -> str:
         if self.door is not None:

@@ -117,7 +117,7 @@ class Server:
         if self.course is None:
             raise Skip("no undisturbed episode to compare with")
         if not self.course.messages:
-            raise Skip("the simulation steers its agents itself, nobody is asked")
+            raise Skip("the simulation steers its agents itself, no agent is asked")
         return self.course
 
     @property

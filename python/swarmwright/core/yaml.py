@@ -88,8 +88,8 @@ def dotted_path(path: Path_) -> str:
 def read(path: Path) -> Source:
     """Read a YAML file of one document.
 
-    Raises InputError when the file cannot be read or is no YAML; duplicate keys and such are collected in
-    `problems`.
+    Raises InputError when the file cannot be read or is not valid YAML; duplicate keys and such are collected
+    in `problems`.
     """
     try:
         text = read_bytes(path, LARGEST_FILE).decode("utf-8-sig")
@@ -101,7 +101,7 @@ def read(path: Path) -> Source:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: is not UTF-8 text (byte {error.start} is no part of a character)"
+            f"{path}: is not UTF-8 text (byte {error.start} is not part of a character)"
         ) from error
     return parse(text, str(path))
 
@@ -118,9 +118,9 @@ def parse(text: str, name: str) -> Source:
         place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
         problem = str(error.problem or error.context)
         hint = "; YAML is indented with spaces, not with tabs" if "'\\t'" in problem else ""
-        raise InputError(f"{place}is no YAML: {problem}{hint}") from error
+        raise InputError(f"{place}is not valid YAML: {problem}{hint}") from error
     except (YAMLError, ValueError) as error:
-        raise InputError(f"{name}: is no YAML: {error}") from error
+        raise InputError(f"{name}: is not valid YAML: {error}") from error
     except RecursionError:
         raise InputError(f"{name}: is nested too deeply") from None
     if node is not None:
@@ -181,7 +181,7 @@ class _Builder:
             inner = (*path, key)
             if key in result:
                 first = self._source.lines[inner]
-                self._problem(key_node, inner, f"the key stands twice in one mapping (first in line {first})")
+                self._problem(key_node, inner, f"duplicate key in one mapping (first in line {first})")
                 continue
             self._source.lines[inner] = key_node.start_mark.line + 1
             result[key] = self.build(value_node, inner)
@@ -200,7 +200,7 @@ class _Builder:
             if kind == "float":
                 return _number(text)
         except ValueError:
-            self._problem(node, path, f"{text!r} is no number")
+            self._problem(node, path, f"{text!r} is not a number")
             return None
         if kind in {"str", "timestamp", "value", "merge"}:
             return text

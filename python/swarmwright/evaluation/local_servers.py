@@ -128,7 +128,7 @@ class LocalServers:
         for death in lost:
             if death.server not in self._told:
                 self._told.add(death.server)
-                _log.warning("%s\nIt is not started again: it does not come up any more.", death.obituary)
+                _log.warning("%s\nIt is not started again: it keeps failing at start.", death.obituary)
         if self._supervisor.all_given_up():
             endings = "\n".join(death.obituary for death in lost)
             raise RunError(f"no simulation server is left:\n{endings}")

@@ -23,7 +23,7 @@ def problems(
     """
     for name in evolved:
         if name in parameters:
-            yield (*_AT, name), "stands among the experiment's parameters, too; leave it out there"
+            yield (*_AT, name), "is also in the experiment's parameters; remove it there"
     if not here:
         return
     for name, message in unknown(simulation, evolved):
@@ -40,12 +40,12 @@ def problems(
         catalogue.steers_itself(simulation, values) for _, _, values in _corners(fixed, known)
     ):
         title = catalogue.title(simulation)
-        cure = "take a controller that steers, such as layered"
+        cure = "use a controller that steers agents, such as layered"
         if "steering" in names:
             cure = "set parameters.steering to rule"
         yield (
             ("controller", "kind"),
-            f"parameter_set steers nobody, but agents of {title} wait to be steered; {cure}",
+            f"parameter_set steers no agents, but agents of {title} must be steered; {cure}",
         )
 
 

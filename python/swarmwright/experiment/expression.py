@@ -26,7 +26,7 @@ Numbers = NDArray[np.float64]
 
 
 class ExpressionError(ValueError):
-    """The text is no fitness expression.
+    """The text is not a valid fitness expression.
 
     The message says what is wrong and what would be right.
     """
@@ -43,9 +43,9 @@ def parse(text: str) -> ast.expr:
     except SyntaxError as error:
         message = str(error.msg).split(". Perhaps")[0]
         place = f" (column {error.offset})" if error.offset else ""
-        raise ExpressionError(f"{_shortened(text)!r} is no expression: {message}{place}") from None
+        raise ExpressionError(f"{_shortened(text)!r} is not a valid expression: {message}{place}") from None
     except (ValueError, RecursionError, MemoryError):
-        raise ExpressionError(f"{_shortened(text)!r} is no expression that can be read") from None
+        raise ExpressionError(f"{_shortened(text)!r} is not a valid expression") from None
 
 
 # What may stand in an expression; each line is one IEEE operation, or chooses among numbers.
@@ -137,7 +137,7 @@ def check(node: ast.expr, text: str, names: set[str], depth: int) -> None:
 
 def _refuse(node: ast.expr, text: str) -> NoReturn:
     raise ExpressionError(
-        f"{source(node, text)!r} cannot stand in a fitness expression; there are names of metrics, numbers, "
+        f"{source(node, text)!r} is not allowed in a fitness expression; allowed: names of metrics, numbers, "
         f"{_OPERATORS}, and {', '.join(function.usage for function in FUNCTIONS.values())}"
     )
 
@@ -145,7 +145,7 @@ def _refuse(node: ast.expr, text: str) -> NoReturn:
 def number_of(value: object) -> float:
     """Return a constant of an expression. Raises ExpressionError for all that is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ExpressionError(f"{value!r} is no number; there are names of metrics, and numbers such as 0.5")
+        raise ExpressionError(f"{value!r} is not a number; use names of metrics, and numbers such as 0.5")
     try:
         number = float(value)
     except OverflowError:

@@ -69,7 +69,7 @@ class FitnessExpression:
         if not strange:
             return None
         there = [*known, OWN]
-        hints = [f"{name!r} is no metric of {whose}{did_you_mean(name, there)}" for name in strange]
+        hints = [f"{name!r} is not a metric of {whose}{did_you_mean(name, there)}" for name in strange]
         return f"{'; '.join(hints)}; there is: {', '.join(there)}"
 
     def __call__(self, fitness: Numbers, metrics: Numbers) -> tuple[Numbers, list[Fault]]:

@@ -52,11 +52,11 @@ def read_object(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except json.JSONDecodeError as error:
-        raise InputError(f"{path}:{error.lineno}: is no JSON: {error.msg}") from None
+        raise InputError(f"{path}:{error.lineno}: is not valid JSON: {error.msg}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is no JSON: it is not UTF-8 text") from None
+        raise InputError(f"{path}: is not valid JSON: it is not UTF-8 text") from None
     except ValueError as error:
-        raise InputError(f"{path}: is no JSON: {error}") from None
+        raise InputError(f"{path}: is not valid JSON: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     if not isinstance(value, dict):
@@ -76,4 +76,4 @@ def _kind(value: Any) -> str:  # noqa: ANN401 - any JSON value
 
 
 def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number that can be sent")
+    raise ValueError(f"{word} is not a finite number")

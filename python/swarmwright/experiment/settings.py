@@ -68,7 +68,7 @@ def _setting(text: str) -> Setting:
     except InputError as error:
         raise InputError(re.sub(r"^:(\d+:)? *", "the value ", str(error))) from error
     for _, _, message in source.problems:
-        raise InputError(f"the value is no plain YAML: {message}")
+        raise InputError(f"the value is not plain YAML: {message}")
     return Setting(tuple(path), source.values, f"--set {text}")
 
 

@@ -98,7 +98,7 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
         try:
             genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
         except (ValueError, TypeError) as error:
-            raise InputError(f"{name}: its weights are no numbers") from error
+            raise InputError(f"{name}: its weights are not numbers") from error
         if genome.shape != (representation.genome_size,) or not np.isfinite(genome).all():
             raise InputError(
                 f"{name}: has {genome.size} genes; the controllers of this experiment have "

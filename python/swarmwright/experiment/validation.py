@@ -213,7 +213,7 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
             if unwanted:
                 report(
                     ("ranking", key),
-                    "in steady state there are no generations with seeds of their own; leave the key out, or "
+                    "generations have no seeds of their own in steady state; leave the key out, or "
                     "take operation: generational",
                 )
         return

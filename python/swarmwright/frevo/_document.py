@@ -161,6 +161,6 @@ def _section(root: Element, name: str, entry: str) -> Section:
         element.attribute("value")
         if key in section.entries:
             first = section.entries[key].line
-            raise element.error(f"the key {key} stands twice (first in line {first}); keep one")
+            raise element.error(f"duplicate key {key} (first in line {first}); keep one")
         section.entries[key] = element
     return section

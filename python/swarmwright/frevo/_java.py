@@ -132,7 +132,7 @@ def read_field(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except (_UnreadableError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise InputError(f"{path}: is no field of FREVO's Emergency Exit: {reason}") from None
+        raise InputError(f"{path}: is not a field of FREVO's Emergency Exit: {reason}") from None
 
 
 def _field(read: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file held
@@ -146,6 +146,6 @@ def _field(read: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file hel
             raise _UnreadableError(f"{name} is missing")
         for point in points:
             if not isinstance(point, dict) or point.get("") != "java.awt.Point":
-                raise _UnreadableError(f"{name} holds something that is no point")
+                raise _UnreadableError(f"{name} holds an object that is not a point")
         result[key] = [[point.get("x"), point.get("y")] for point in points]
     return result

@@ -218,7 +218,7 @@ def _by(parent: Element, tag: str, name: str) -> dict[str, Element]:
     for element in parent.all(tag):
         key = element.attribute(name)
         if key in result:
-            raise element.error(f"{name}={key!r} stands twice (first in line {result[key].line})")
+            raise element.error(f"duplicate {name}={key!r} (first in line {result[key].line})")
         result[key] = element
     return result
 

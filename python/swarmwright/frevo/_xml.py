@@ -109,7 +109,7 @@ class _Builder:
 def read(path: Path) -> Element:
     """Return the root element of an XML file.
 
-    Raises InputError, with file and line, when it cannot be read or is no XML.
+    Raises InputError, with file and line, when it cannot be read or is not valid XML.
     """
     try:
         data = read_bytes(path, _LARGEST)
@@ -123,9 +123,9 @@ def read(path: Path) -> Element:
     except expat.ExpatError as error:
         reason = expat.errors.messages[error.code]
         raise InputError(
-            f"{path}:{error.lineno}: is no XML: {reason}; expected a file that FREVO wrote"
+            f"{path}:{error.lineno}: is not valid XML: {reason}; expected a file that FREVO wrote"
         ) from None
     except (LookupError, ValueError) as error:  # an encoding that nobody knows
-        raise InputError(f"{path}:1: is no XML: {error}") from None
+        raise InputError(f"{path}:1: is not valid XML: {error}") from None
     assert builder.root is not None  # expat finds no document without one
     return builder.root

@@ -51,7 +51,7 @@ class Cea2dOptions(MethodOptions):
         if abs(total - 1) > 1e-6:
             raise ValueError(f"elite, mutate, crossover and renew must add up to 1, not {total:.6g}")
         if self.elite > 0.9:
-            raise ValueError(f"nobody new comes: elite must be at most 0.9, not {self.elite:.6g}")
+            raise ValueError(f"no new candidate is made: elite must be at most 0.9, not {self.elite:.6g}")
         if self.members < 2:
             raise ValueError(f"obstacles must leave 2 of {self.width * self.height} cells at least")
         return self

@@ -82,10 +82,12 @@ class NngaOptions(MethodOptions):
             raise ValueError("in steady state there is one population; leave populations out")
         shares = self.shares()
         if shares.survivors < 1:
-            raise ValueError("nobody stays: elite or random must be a larger share, or the population larger")
+            raise ValueError(
+                "no candidate survives: elite or random must be a larger share, or the population larger"
+            )
         if shares.new < 1:
             raise ValueError(
-                "nobody new comes: mutate, crossover or renew must be a larger share, "
+                "no new candidate is made: mutate, crossover or renew must be a larger share, "
                 f"or the population larger than {self.population}"
             )
         if self.populations * self.population > _MOST_MEMBERS:

@@ -23,10 +23,10 @@ COUNTS = {
     "benched": "Times that a server had to pause because it failed.",
     "broker_losses": "Times that the connection to the broker broke.",
     "retries": "Attempts that were made again.",
-    "failed": "Evaluations that have failed for good.",
+    "failed": "Evaluations that have finally failed.",
     "quarantined": "Of these, those that took so many servers down that no other one got them.",
-    "backups": "Copies of work under way that were given to another server.",
-    "late": "Results that came for something that nobody waited for any more; they were refused.",
+    "backups": "Backup copies of running work that were given to another server.",
+    "late": "Results that arrived after their evaluation had ended; they were refused.",
     "double": "Results for evaluations that had one already; they were refused.",
     "foreign": "Messages of an episode that named another simulation; they were refused.",
     "audits": "Evaluations that were repeated on another server to see whether it finds the same.",
@@ -146,9 +146,7 @@ class ToolFigures(_Figures):
             {**{(state,): states[state] for state in ("ready", "busy", "lost")}, ("benched",): benched},
         )
         silent = [work["silent"] for work in self._status.get("waiting_for", ())]
-        yield _gauge(
-            "silence_seconds", "How long the server that is waited for was silent.", max(silent, default=0)
-        )
+        yield _gauge("silence_seconds", "How long the blocking server was silent.", max(silent, default=0))
         yield _gauge("broker_connected", "Whether there is a connection to the broker.", self._connected)
         counts = {"benched": self._benched, "broker_losses": self._broker_losses, **self._counts}
         for name, meaning in COUNTS.items():

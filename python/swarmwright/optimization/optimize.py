@@ -288,12 +288,12 @@ def _run(
 def _post_evaluate(
     experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
 ) -> None:
-    """Evaluate the best on unseen seeds, where that says something; the run is whole without it."""
+    """Evaluate the best on held-out seeds, where that says something; the run is whole without it."""
     try:
         found = after_run(experiment, StoreReader(store.folder), backend, on_progress)
     except RunError as error:
         logging.getLogger("swarmwright").warning(
-            "the best was not evaluated on unseen seeds: %s; the run itself is finished, and "
+            "the best was not evaluated on held-out seeds: %s; the run itself is finished, and "
             "`swarmwright evaluate %s --episodes %d` does it later",
             error, store.folder, EPISODES,
         )  # fmt: skip

@@ -60,14 +60,15 @@ class Controller:
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from error
         except ValueError as error:
-            raise InputError(f"{file}: is no JSON: {error}") from error
+            raise InputError(f"{file}: is not valid JSON: {error}") from error
         except RecursionError:
             raise InputError(f"{file}: is nested too deeply") from None
         if isinstance(values, dict) and isinstance(values.get("controller"), dict):
             values = values["controller"]
         if not isinstance(values, dict):
             raise InputError(
-                f"{file}: is no controller; a specification is a JSON object with version, kind, weights, .."
+                f"{file}: is not a controller; a specification is a JSON object with version, kind, "
+                "weights, .."
             )
         try:
             return cls(values)
@@ -119,7 +120,8 @@ class Controller:
         """
         if not self.sensors:
             raise InputError(
-                "controller: is a parameter set, which steers nobody; see its `parameters`, or use `simulate`"
+                "controller: is a parameter set, which steers no agents; see its `parameters`, or use "
+                "`simulate`"
             )
         try:
             values = np.asarray(sensors, dtype=np.float32)

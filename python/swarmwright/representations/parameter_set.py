@@ -113,7 +113,7 @@ class ParameterSetOptions(Options):
         for name in self.parameters:
             if name in _RESERVED:
                 raise ValueError(
-                    f"parameters: {name!r} is no parameter to be evolved: it is set for each episode"
+                    f"parameters: {name!r} is not a parameter that can be evolved: it is set for each episode"
                 )
         return self
 

@@ -178,7 +178,7 @@ def post_evaluate(
 
 
 def of_run(run: "Run") -> PostEvaluation | None:
-    """Return the best of a run on unseen seeds, if it was evaluated when the run ended."""
+    """Return the best of a run on held-out seeds, if it was evaluated when the run ended."""
     values = run.store.unseen()
     if values is None or values["number"] != run.evaluation().number:
         return None  # the run went on, and another one is the best
@@ -188,7 +188,7 @@ def of_run(run: "Run") -> PostEvaluation | None:
 def after_run(
     experiment: Experiment, reader: StoreReader, backend: Backend, on_progress: Progress | None
 ) -> PostEvaluation | None:
-    """Return the best of a run that has ended on unseen seeds; None where that would say nothing new.
+    """Return the best of a run that has ended on held-out seeds; None where that would say nothing new.
 
     It is done where the fitness is seen to depend on the seed: by `ranking.seeds`, by the episodes in the
     record, or, of a simulation that is here, by trying. At most a twentieth of the run's episodes are spent.

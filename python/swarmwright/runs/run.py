@@ -70,7 +70,7 @@ class Run:
             trust: execute its simulation's code when it is evaluated or shown, although it is not of a run
                 that this user has made here. It is remembered for this code.
 
-        Raises InputError when `path` is no run folder, or when its store cannot be read.
+        Raises InputError when `path` is not a run folder, or when its store cannot be read.
         """
         run = cls(find_store(Path(path)))
         _ = run.history, run.experiment  # complain now rather than later

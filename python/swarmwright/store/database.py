@@ -173,7 +173,7 @@ def _check(connection: sqlite3.Connection, file: Path) -> None:
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != _APPLICATION:
-        raise InputError(f"{file}: is no store of a run of Swarmwright's")
+        raise InputError(f"{file}: is not a Swarmwright run store")
     if version > FORMAT:
         raise InputError(
             f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
@@ -237,7 +237,7 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
         sqlite3.SQLITE_CORRUPT: (
             f"is damaged: {error}; what is still good says: swarmwright runs verify {file.parent}"
         ),
-        sqlite3.SQLITE_NOTADB: "is damaged, or no store of a run: it is no SQLite file",
+        sqlite3.SQLITE_NOTADB: "is damaged or is not a run store: it is not an SQLite file",
     }
     return reasons.get(code, f"cannot be used: {error}")
 

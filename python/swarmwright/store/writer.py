@@ -118,7 +118,7 @@ class StoreWriter:
         """Open a run folder to go on with it.
 
         Raises:
-            InputError: it is no run folder, its store is damaged or may not be written, or another process
+            InputError: it is not a run folder, its store is damaged or may not be written, or another process
                 works on it.
         """
         file = folder / FILE

@@ -39,7 +39,7 @@ def check_batch_simulation(
             if ended[i]:
                 continue
             where = f"{kind.__name__}: after {step} steps, an episode alone has other"
-            assert over[0] == seen[2][i], f"{where} ideas of when it ends"
+            assert over[0] == seen[2][i], f"{where} end"
             if not over[0]:
                 assert (acts[0] == seen[0][i]).all(), f"{where} agents that act"
                 same = (rows[0] == seen[1][i])[acts[0]]

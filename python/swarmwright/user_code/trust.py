@@ -86,8 +86,8 @@ def require(files: Mapping[str, str], path: Path) -> None:
         return
     raise InputError(
         f"{what}{more}, and it is not of a run that was made here by this user, so it is not executed. Read "
-        "it; to trust it from now on, give --trust (in Python, Run.open(folder, trust=True)), or name code "
-        "of your own: --simulation FILE:Class"
+        "it; to trust it from now on, give --trust (in Python, Run.open(folder, trust=True)), or name other "
+        "code: --simulation FILE:Class"
     )
 
 

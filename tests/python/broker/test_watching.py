@@ -83,7 +83,7 @@ def test_what_a_tool_said_long_ago_blames_no_server(watch: Watch, clock: Clock) 
     view = watch.view()
     assert view.blocking is None
     assert view.servers[0].doing == []
-    assert "not heard of for 4 s" in str(view.tools[0].waits_for)
+    assert "no message for 4 s" in str(view.tools[0].waits_for)
     clock.now += FORGET
     assert watch.view().tools == []
 

@@ -78,7 +78,7 @@ def test_files_among_the_runs_are_left_out(
     assert result.stderr == (f"swarmwright: left out: {tmp_path / 'comparison.png'} is a file and no run\n")
     result = program(*command, "comparison.png")
     assert result.returncode == 2
-    assert "comparison.png is no run folder" in result.stderr
+    assert "comparison.png is not a run folder" in result.stderr
     assert "does not exist" in program(*command, runs / "nnga-1", "nothing").stderr
 
 

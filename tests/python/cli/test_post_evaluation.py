@@ -35,8 +35,10 @@ def test_noisy_runs_end_with_it(program: Any, noisy: Path) -> None:
     assert unseen["low"] < unseen["fitness"] < unseen["high"] < last["best"]["fitness"]
     fitness = f"{unseen['fitness']:.4g} +- {unseen['standard_error']:.2g}"
     chosen = f"best {last['best']['fitness']:.6g} on the seeds it was chosen on"
-    assert f"{chosen}; {fitness} on 30 episodes with unseen seeds\n" in program("runs", "show", "run").stdout
-    assert f" ({fitness} on unseen seeds), 300 evaluations" in program("sweep", "sweep.yaml").stdout
+    assert (
+        f"{chosen}; {fitness} on 30 episodes with held-out seeds\n" in program("runs", "show", "run").stdout
+    )
+    assert f" ({fitness} on held-out seeds), 300 evaluations" in program("sweep", "sweep.yaml").stdout
 
 
 def test_any_run_can_be_asked(program: Any, noisy: Path) -> None:

@@ -143,7 +143,7 @@ def test_a_folder_that_is_no_run(program: Any, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     result = program("replay", "empty")
     assert result.returncode == 2
-    assert "no run folder" in result.stderr
+    assert "not a run folder" in result.stderr
 
 
 def test_simulate_gives_the_fitness_that_the_run_had(program: Any, run: str, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def drawn(view: View, width: int = 160) -> str:
 
 def test_the_table_names_everybody_and_who_is_waited_for() -> None:
     text = drawn(VIEW)
-    assert text.splitlines()[0].rstrip() == f"Waited for: {WORDS}"
+    assert text.splitlines()[0].rstrip() == f"Blocking: {WORDS}"
     for word in ("minisim, exit", "episode, step 7, agent 2", "4.0 s", "12.3/s", "2, has a pause of 3.2 s"):
         assert word in text
     for word in ("r-1", "3 of 9", "8 of 20"):
@@ -58,9 +58,9 @@ def test_cells_of_a_server_of_which_nothing_is_known() -> None:
 
 
 def test_the_headline_says_what_matters_most() -> None:
-    assert headline(VIEW, "b")[0].startswith("Waited for: server 3")
+    assert headline(VIEW, "b")[0].startswith("Blocking: server 3")
     assert "b is lost (gone)" in headline(View([SILENT], [ADA], "gone"), "b")[0]
-    assert headline(View([FREE], [], None), "b")[0] == "1 server, nobody is waited for"
+    assert headline(View([FREE], [], None), "b")[0] == "1 server, none blocking"
     alone = ToolRow({**STATUS, "waiting_for": [], "no_server": {"seconds": 3.0, "found": "none"}}, 0.1)
     assert headline(View([], [alone], None), "b")[0] == "ada: no server for 3.0 s (none)"
 

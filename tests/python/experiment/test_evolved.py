@@ -103,12 +103,12 @@ MISTAKES = [
     (
         "parameters: {maxSteps: 9}",
         "avoidance: {type: real, range: [0, 5]}",
-        "4: controller.kind: parameter_set steers nobody, but agents of minisim wait to be steered; set para",
+        "4: controller.kind: parameter_set steers no agents, but agents of minisim must be steered; set para",
     ),
     (
         "parameters: {}",
         "steering: {type: categorical, choices: [rule, controller]}",
-        "4: controller.kind: parameter_set steers nobody",
+        "4: controller.kind: parameter_set steers no agents",
     ),
 ]
 

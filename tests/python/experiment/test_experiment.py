@@ -95,7 +95,7 @@ def test_only_the_simulation_is_required() -> None:
         ("seed: -1\n", "my.yaml:2: seed: must be at least 0, not -1"),
         ("seed: true\n", "my.yaml:2: seed: must be an integer, not true"),
         ("seed:\n", "my.yaml:2: seed: must be an integer, not nothing"),
-        ("seed: 1\nseed: 2\n", "my.yaml:3: seed: the key stands twice in one mapping (first in line 2)"),
+        ("seed: 1\nseed: 2\n", "my.yaml:3: seed: duplicate key in one mapping (first in line 2)"),
         (
             "mode: offload\n",
             "my.yaml:2: mode: must be one of auto, stepwise, batched, offloaded, not 'offload'; did you mean 'offloaded'?",
@@ -117,12 +117,12 @@ def test_only_the_simulation_is_required() -> None:
         ("timeouts: {step: 0}\n", "my.yaml:2: timeouts.step: must be greater than 0, not 0"),
         (
             "prefix: a/#\n",
-            "my.yaml:2: prefix: must hold no '#', '+' or NUL: MQTT gives them a meaning of their own",
+            "my.yaml:2: prefix: must not contain '#', '+' or NUL, which have a special meaning in MQTT",
         ),
         ("prefix: /a\n", "my.yaml:2: prefix: must begin with neither '/' nor '$'"),
         ("broker: localhost\n", "my.yaml:2: broker: must begin with one of mqtt://, mqtts://, ws://, wss://"),
         ("broker: mqtt://\n", "my.yaml:2: broker: names no host; write it like mqtt://host:1883"),
-        ("broker: mqtt://h:99999\n", "my.yaml:2: broker: has a port that is no number from 1 to 65535"),
+        ("broker: mqtt://h:99999\n", "my.yaml:2: broker: has a port that is not a number from 1 to 65535"),
         ("sensors: 3\n", "my.yaml:2: sensors: minisim has 4, not 3; leave the key out"),
         (
             "parameters: {maxStep: 3}\n",

@@ -105,16 +105,16 @@ def test_no_value(text: str, reason: str) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no expression"),
-        ("a +", "no expression: invalid syntax"),
-        ("a; b", "no expression"),
-        ("a = 1", "no expression"),
-        ("\x00", "no expression"),
-        ("(" * 300 + "a" + ")" * 300, "no expression"),
+        ("", "not a valid expression"),
+        ("a +", "not a valid expression: invalid syntax"),
+        ("a; b", "not a valid expression"),
+        ("a = 1", "not a valid expression"),
+        ("\x00", "not a valid expression"),
+        ("(" * 300 + "a" + ")" * 300, "not a valid expression"),
         ("-" * 900 + "a", "nested too deeply"),
         ("a" * 1001, "has 1001 characters; at most 1000"),
         ("1 + 2", "uses no metric"),
-        ("a.b", "'a.b' cannot stand in a fitness expression"),
+        ("a.b", "'a.b' is not allowed in a fitness expression"),
         ("a[0]", "cannot stand"),
         ("[a]", "cannot stand"),
         ("lambda: a", "cannot stand"),
@@ -139,12 +139,12 @@ def test_no_value(text: str, reason: str) -> None:
         ("a ** 65", "exponent '65'"),
         ("a ** b", "exponent 'b'"),
         ("a ** True", "exponent 'True'"),
-        ("a * True", "True is no number"),
-        ("a * 'b'", "'b' is no number"),
-        ("a * 1j", "1j is no number"),
+        ("a * True", "True is not a number"),
+        ("a * 'b'", "'b' is not a number"),
+        ("a * 1j", "1j is not a number"),
         ("a * 1e999", "a number is too large"),
         ("a * 1" + "0" * 400, "a number is too large"),
-        ("a * ...", "is no number"),
+        ("a * ...", "is not a number"),
     ],
 )
 def test_refused(text: str, words: str) -> None:
@@ -242,9 +242,9 @@ def test_arrays_give_what_python_gives_one_by_one(text: str, rows: list[tuple[fl
 def test_the_whole_of_a_file_s_mistake_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     for fitness, words in [
-        ("arived - steps", "a.yaml:2: fitness: 'arived' is no metric of minisim; did you mean 'arrived'"),
+        ("arived - steps", "a.yaml:2: fitness: 'arived' is not a metric of minisim; did you mean 'arrived'"),
         ("arived - steps", "there is: arrived, caught, distance, steps, fitness"),
-        ("arrived(", "a.yaml:2: fitness: 'arrived(' is no expression"),
+        ("arrived(", "a.yaml:2: fitness: 'arrived(' is not a valid expression"),
         ("os.system", "a.yaml:2: fitness: 'os.system' cannot stand"),
     ]:
         path.write_text(f"simulation: minisim\nfitness: {json.dumps(fitness)}\n")

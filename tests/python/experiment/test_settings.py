@@ -98,8 +98,8 @@ def test_all_problems_come_at_once_with_those_of_the_file(file: Path) -> None:
         ("method.generations", "write KEY=VALUE"),
         ("=5", "write KEY=VALUE"),
         ("a..b=5", "write KEY=VALUE"),
-        ("seed=[1", "the value is no YAML"),
-        ("parameters={a: 1, a: 2}", "the key stands twice"),
+        ("seed=[1", "the value is not plain YAML"),
+        ("parameters={a: 1, a: 2}", "duplicate key"),
         ("seed=!!python/none 1", "has no meaning here"),
     ],
 )

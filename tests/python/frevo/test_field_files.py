@@ -40,7 +40,7 @@ def test_frevos_field_file(tmp_path: Path) -> None:
         (SER[:-1], "ends in the middle"),
         (LIST, "the class java.util.ArrayList writes itself in a way of its own"),
         (SER.replace(b"emergencyexit.Field", b"emergencyexit.Other"), "it holds emergencyexit.Other"),
-        (SER.replace(b"java.awt.Point\xb6", b"java.awt.Paint\xb6"), "something that is no point"),
+        (SER.replace(b"java.awt.Point\xb6", b"java.awt.Paint\xb6"), "an object that is not a point"),
     ],
 )
 def test_another_file_is_refused(tmp_path: Path, data: bytes, answer: str) -> None:
@@ -90,9 +90,9 @@ def test_an_experiment_names_a_field_relative_to_itself(
     ("content", "answer"),
     [
         (None, "exit.yaml:4: parameters.field: {folder}/field.json: there is no such file"),
-        ('{"width":\n4,,', "exit.yaml:4: parameters.field: {folder}/field.json:2: is no JSON"),
+        ('{"width":\n4,,', "exit.yaml:4: parameters.field: {folder}/field.json:2: is not valid JSON"),
         ("[]", "holds a list; expected an object"),
-        ('{"width": NaN}', "NaN is no number"),
+        ('{"width": NaN}', "NaN is not a finite number"),
         (json.dumps({**FIELD, "agents": [[9, 9]]}), "exit.yaml:4: parameters.field: agents[0]: [9,9] found"),
     ],
 )

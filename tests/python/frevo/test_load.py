@@ -278,7 +278,7 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
         ),
         (
             ('key="height"', 'key="width"'),
-            ":13: <problementry>: the key width stands twice (first in line 12)",
+            ":13: <problementry>: duplicate key width (first in line 12)",
         ),
         (("RANDOM_FIELD", "RANDOMFIELD"), "did you mean 'RANDOM_FIELD'"),
         (
@@ -297,7 +297,7 @@ def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_p
         ((METHOD, '<methodentry key="xoverMethod" value="2"/>'), "method.xoverMethod: 2 found"),
         ((METHOD, '<methodentry key="percentage_mutate" value="0.9f"/>'), "does not make a valid experiment"),
         ((METHOD, "<representationentry/>"), "found inside <method>; expected <methodentry>"),
-        (("<ranking", "<rankings><ranking"), "no XML"),
+        (("<ranking", "<rankings><ranking"), "not valid XML"),
     ],
 )
 def test_a_malformed_session_is_refused(edited: Edited, change: tuple[str, str], answer: str) -> None:
@@ -318,7 +318,7 @@ def test_mistakes_on_the_command_line(program: Any, data: Path, tmp_path: Path, 
         (["emergency_exit_stadium.z"], "does not exist; did you mean 'emergency_exit_stadium"),
         (["page.html"], "page.html:1: <html>: found as the outermost element; expected <frevo>"),
         ([name, "--field", "list.json"], "list.json: holds a list; expected an object"),
-        ([name, "--field", "page.html"], "page.html:1: is no JSON"),
+        ([name, "--field", "page.html"], "page.html:1: is not valid JSON"),
         ([name], "problem.Filename: the field"),
     ]:
         shown = program(command, *arguments)

@@ -114,11 +114,11 @@ WEIGHT = '<weight from="3">-1.7659435</weight>'
 @pytest.mark.parametrize(
     ("change", "answer"),
     [
-        (("populations count", "population count"), "no XML: mismatched tag"),
+        (("populations count", "population count"), "not valid XML: mismatched tag"),
         ((WEIGHT, '<weight from="3">much</weight>'), ":75: <weight>: 'much' found, expected a finite number"),
         ((WEIGHT, '<weight from="3">1e39</weight>'), ":75: <weight>: '1e39' found, expected a finite number"),
         ((WEIGHT, ""), ":71: <weights>: 13 weights found, expected 14, one from every node"),
-        ((WEIGHT, '<weight from="2">1</weight>'), "from='2' stands twice (first in line 74)"),
+        ((WEIGHT, '<weight from="2">1</weight>'), "duplicate from='2' (first in line 74)"),
         ((WEIGHT, '<weight from="14">1</weight>'), ":71: <weights>: the weight from 3 is missing"),
         (('<node nr="11"', '<node nr="21"'), "<FullyMeshedNet>: the node 11 is missing; expected 0 to 13"),
         (('nodes="14"', 'nodes="x"'), "nodes 'x' found, expected a whole number"),

@@ -31,18 +31,18 @@ def test_a_dtd_is_not_fetched(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "answer"),
     [
-        ("", "x.xml:1: is no XML: no element found"),
-        ("<a>\n<b></a>", "x.xml:2: is no XML: mismatched tag"),
+        ("", "x.xml:1: is not valid XML: no element found"),
+        ("<a>\n<b></a>", "x.xml:2: is not valid XML: mismatched tag"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "x.xml:1: uses the entity b"),
         ('<!DOCTYPE a [<!ENTITY b SYSTEM "/etc/passwd">]><a>&b;</a>', "uses the entity b"),
         ('<!DOCTYPE a [<!ENTITY % b SYSTEM "x">%b;]><a/>', "uses the entity b"),
-        ("<a>&b;</a>", "is no XML: undefined entity"),
+        ("<a>&b;</a>", "is not valid XML: undefined entity"),
         (
             '<!DOCTYPE a [\n<!ATTLIST b c CDATA "d">]><a><b/></a>',
             "x.xml:2: declares the attribute c of <b> in a DTD; FREVO's files declare none",
         ),
         ("<a>" * 60 + "</a>" * 60, "nested more than 50 deep"),
-        ('<?xml version="1.0" encoding="x-unheard-of"?><a/>', "x.xml:1: is no XML: unknown encoding"),
+        ('<?xml version="1.0" encoding="x-unheard-of"?><a/>', "x.xml:1: is not valid XML: unknown encoding"),
     ],
 )
 def test_bad_xml_is_refused(tmp_path: Path, text: str, answer: str) -> None:

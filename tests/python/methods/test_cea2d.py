@@ -166,7 +166,7 @@ def test_steady_state_sweeps_over_the_cells_that_do_not_stay() -> None:
     ("options", "words"),
     [
         ({"elite": 0.5}, "must add up to 1, not 1.39"),
-        ({"elite": 1.0, "mutate": 0.0, "crossover": 0.0}, "nobody new comes"),
+        ({"elite": 1.0, "mutate": 0.0, "crossover": 0.0}, "no new candidate is made"),
         ({"obstacles": 99}, "must leave 2 of 100 cells"),
     ],
 )

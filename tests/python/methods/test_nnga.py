@@ -132,9 +132,12 @@ def test_partners_are_the_most_different() -> None:
     ("options", "words"),
     [
         ({"elite": 0.5}, "must add up to 1, not 1.35"),
-        ({"population": 2}, "nobody new comes"),
+        ({"population": 2}, "no new candidate is made"),
         ({"populations": 1000, "population": 100_000}, "1000 populations of 100000 have more than 10000000"),
-        ({"elite": 0.0, "random": 0.0, "mutate": 1.0, "crossover": 0.0, "renew": 0.0}, "nobody stays"),
+        (
+            {"elite": 0.0, "random": 0.0, "mutate": 1.0, "crossover": 0.0, "renew": 0.0},
+            "no candidate survives",
+        ),
     ],
 )
 def test_shares_that_make_no_population_are_refused(options: dict[str, Any], words: str) -> None:

@@ -131,10 +131,10 @@ def test_loading_a_best_file_or_its_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("{", "is no JSON"),
-        ("[1, 2]", "is no controller"),
+        ("{", "is not valid JSON"),
+        ("[1, 2]", "is not a controller"),
         ("{}", "controller: "),
-        ("[" * 100_000, r"is nested too deeply|is no JSON"),
+        ("[" * 100_000, r"is nested too deeply|is not valid JSON"),
     ],
 )
 def test_files_that_hold_no_controller(text: str, words: str, tmp_path: Path) -> None:

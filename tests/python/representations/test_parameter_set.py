@@ -93,7 +93,7 @@ def test_the_specification_says_what_the_simulation_gets() -> None:
     assert controller.parameters == {"avoidance": 2.5, "gain": 0.1, "hops": 6, "size": 31, "strategy": "go"}
     assert (controller.sensors, controller.actuators) == (0, 0)
     assert "'hops': 6" in repr(controller)
-    with pytest.raises(InputError, match="is a parameter set, which steers nobody"):
+    with pytest.raises(InputError, match="is a parameter set, which steers no agents"):
         controller([0, 0, 0, 0])
 
 
@@ -179,5 +179,5 @@ def test_what_is_no_parameter_is_refused(parameter: Any, words: str) -> None:
 
 @pytest.mark.parametrize("name", ["seed", "server", "simulation_hash"])
 def test_reserved_names_are_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"'{name}' is no parameter to be evolved"):
+    with pytest.raises(ValueError, match=f"'{name}' is not a parameter that can be evolved"):
         parameter_set({name: ONE_OF_EACH["hops"]})

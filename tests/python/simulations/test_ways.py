@@ -100,7 +100,7 @@ def test_agents_that_steer_themselves(mode: str) -> None:
     assert len(set(here)) == 3
     walk = {"kind": "parameter_set", "parameters": {"steps": {"type": "integer", "range": [1, 4]}}}
     with pytest.raises(
-        InputError, match="parameter_set steers nobody, but agents of walk wait to be steered"
+        InputError, match="parameter_set steers no agents, but agents of walk must be steered"
     ):
         experiment(Walk, parameters={}, controller=walk)
 

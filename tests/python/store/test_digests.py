@@ -225,4 +225,4 @@ def test_verify_takes_several_runs_and_leaves_files_out(
     ]
     assert "left out" in said.err
     assert program(["runs", "verify", str(copy.parent)]) == 2
-    assert "is no run folder" in capsys.readouterr().err
+    assert "is not a run folder" in capsys.readouterr().err

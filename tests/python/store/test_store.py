@@ -123,7 +123,7 @@ def test_without_a_lock_the_first_writer_is_told_of_the_second(copy: Path) -> No
 
 def test_missing_files_are_named(copy: Path) -> None:
     (copy / FILE).unlink()
-    with pytest.raises(InputError, match=r"is no run folder: run.sqlite is missing"):
+    with pytest.raises(InputError, match=r"is not a run folder: run.sqlite is missing"):
         resume(copy, generations=5)
     with pytest.raises(InputError, match="there is no such folder"):
         Run.open(copy / "none")
@@ -146,7 +146,7 @@ def test_a_damaged_store_is_not_touched(copy: Path) -> None:
     ):
         store.write_bytes(damage)
         for attempt in (Run.open, lambda path: resume(path, generations=9)):
-            with pytest.raises(InputError, match=r"run\.sqlite: (is damaged|is no store)"):
+            with pytest.raises(InputError, match=r"run\.sqlite: (is damaged|is not a Swarmwright run store)"):
                 attempt(copy)
         assert store.read_bytes() == damage
 

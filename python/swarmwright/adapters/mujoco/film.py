@@ -77,7 +77,7 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
     """
     kind = load(used_for(run, run.best.generation).simulation)
     if not issubclass(kind, Robots):
-        raise InputError(f"{run.path}: {run.experiment.label} is no simulation of robots in MuJoCo")
+        raise InputError(f"{run.path}: {run.experiment.label} is not a MuJoCo robot simulation")
     parameters = dict(run.experiment.parameters)
     parameters.pop("seed", None)
     values = filled_in(declared(kind.parameters, kind.__name__), parameters)

@@ -70,7 +70,9 @@ class Sweep:
         if source.problems:
             raise InputError("\n".join(f"{file}:{line}: {what}" for _, line, what in source.problems))
         if not isinstance(source.values, Mapping):
-            raise InputError(f"{file}: is no sweep; a sweep begins like 'experiment: minisim.yaml'")
+            raise InputError(
+                f"{file}: is not a sweep file; a sweep file begins like 'experiment: minisim.yaml'"
+            )
         return cls._checked(source, file, out, settings)
 
     @classmethod
@@ -185,7 +187,9 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
         if not isinstance(values, list) or not values:
             raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
         if key == "seed":
-            raise InputError(f"{source.place((*at, key))}seeds are no part of the grid; see the key 'seeds'")
+            raise InputError(
+                f"{source.place((*at, key))}seeds do not belong to the grid; see the key 'seeds'"
+            )
         section, _, option = str(key).partition(".")
         if option and section in grid:
             raise InputError(

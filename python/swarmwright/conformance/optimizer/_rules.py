@@ -7,7 +7,7 @@ GROUPS = {
     "O2": "Episodes",
     "O3": "Actuators",
     "O4": "Wrong messages",
-    "O5": "Servers that let it down",
+    "O5": "Servers that fail",
     "O6": "Extensions",
     "O7": "The end",
 }

@@ -22,7 +22,7 @@ def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
     "O3.1",
     "It answers each sensor message with one actuator message, for its agent and hash.",
     where="protocol.md, An episode, 4",
-    mend="publish actuators when sensors come, once, with the agent and hash of the sensor message",
+    fix="publish actuators when sensors come, once, with the agent and hash of the sensor message",
     d61="6.2 Sensor message, Actuator message",
     needs=["O2.1"],
     seconds=600,
@@ -40,7 +40,7 @@ def one_each(tool: Tool) -> str:
     "O3.2",
     "It sends as many actuators as the server announces.",
     where="protocol.md, Presence",
-    mend="make the controller's outputs as many as capabilities.swarmwright.actuators says",
+    fix="make the controller's outputs as many as capabilities.swarmwright.actuators says",
     needs=["O2.1"],
     seconds=600,
 )
@@ -58,7 +58,7 @@ def as_many(tool: Tool) -> None:
     "O3.3",
     "Actuators are numbers from -1 to +1.",
     where="protocol.md, Topics",
-    mend="limit what the controller puts out to -1..+1 before it is sent",
+    fix="limit what the controller puts out to -1..+1 before it is sent",
     d61="5.1",
     needs=["O2.1"],
     seconds=600,
@@ -75,7 +75,7 @@ def in_range(tool: Tool) -> None:
     "O3.4",
     "Every agent has a state of its own: agents that have sensed the same act the same.",
     where="protocol.md, Controllers; decision 002",
-    mend="keep a controller with its state for each agent of an episode",
+    fix="keep a controller with its state for each agent of an episode",
     needs=["O3.1"],
     seconds=600,
 )
@@ -94,7 +94,7 @@ def own_states(tool: Tool) -> None:
     "O3.5",
     "Controllers are reset when an episode starts: the same candidate does the same in each of its episodes.",
     where="protocol.md, Controllers; decision 002",
-    mend="make or reset the controllers of all agents when an episode starts",
+    fix="make or reset the controllers of all agents when an episode starts",
     needs=["O2.3", "O3.4"],
     seconds=600,
 )
@@ -118,7 +118,7 @@ def reset(tool: Tool) -> str:
     "O3.6",
     "It goes on when agents are asked one at a time, and when agents drop out.",
     where="protocol.md, An episode, 4",
-    mend="answer the sensor messages that come; do not wait for those of all agents",
+    fix="answer the sensor messages that come; do not wait for those of all agents",
     needs=["O3.1"],
     seconds=600,
 )

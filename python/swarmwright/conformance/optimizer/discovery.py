@@ -16,7 +16,7 @@ EPISODE = "protocol.md, An episode"
     "O1.1",
     "It asks with a discovery: simulation and simulation_hash as text, requirements with dimensions.",
     where="protocol.md, Topics; protocol/schemas/discovery.schema.json",
-    mend="publish {simulation, simulation_hash, requirements: {dimensions}} on discovery",
+    fix="publish {simulation, simulation_hash, requirements: {dimensions}} on discovery",
     d61="6.2 Discovery message, Schema 1",
     seconds=600,
 )
@@ -43,7 +43,7 @@ def asks(tool: Tool) -> str:
     "O1.2",
     "It sends parameters and control only to servers that have answered.",
     where=f"{EPISODE}, 1",
-    mend="take the servers from the answers to your discovery, by their hash; presence is for people",
+    fix="take the servers from the answers to your discovery, by their hash; presence is for people",
     d61="6.2 Server message",
     needs=["O1.1"],
     seconds=600,
@@ -75,7 +75,7 @@ class Late(Actor):
     "O1.3",
     "It asks again until a server is free.",
     where=f"{EPISODE}, 1",
-    mend="repeat the discovery while nobody answers, for some seconds at least",
+    fix="repeat the discovery while no server answers, for some seconds at least",
     needs=["O1.2"],
     seconds=600,
 )

@@ -34,7 +34,7 @@ def must_give_back(record: Record) -> None:
     "O7.1",
     "A tool that names itself gives its servers back when its run is over: control with run: false.",
     where=TAKEN,
-    mend="publish control with run: false, tool and the last hash for each server that you have used",
+    fix="publish control with run: false, tool and the last hash for each server that you have used",
     needs=["O2.1"],
     seconds=600,
 )
@@ -50,7 +50,7 @@ def gives_back(tool: Tool) -> str:
     "O7.2",
     "Interrupted (SIGINT), it ends the episodes under way with run: false, and ends.",
     where=TAKEN,
-    mend="on SIGINT publish control with run: false for every server that runs an episode for you",
+    fix="on SIGINT publish control with run: false for every server that runs an episode for you",
     needs=["O2.1"],
     seconds=600,
 )

@@ -110,7 +110,7 @@ def offloaded(tool: Tool) -> Record:
     "O6.1",
     "evaluate has its keys, a controller, whole candidates and seeds; no number of a request comes twice.",
     where=f"{NUMBERS}; protocol/schemas/evaluate.schema.json",
-    mend="write every field with its type; count requests",
+    fix="write every field with its type; count requests",
     needs=["O3.1"],
     seconds=600,
 )
@@ -149,7 +149,7 @@ class Refusing(Offloading):
     "O6.2",
     "What a server refuses as taken is evaluated by another one, or later.",
     where=NUMBERS,
-    mend="send the work of a request with error taken again, to another server or later",
+    fix="send the work of a request with error taken again, to another server or later",
     needs=["O6.1"],
     seconds=600,
 )
@@ -228,7 +228,7 @@ class Batching(Offloading):
     "O6.3",
     "The actuators of a batch have the step and the rows of the sensors that they answer, from -1 to +1.",
     where="protocol.md, Batched stepwise",
-    mend="answer each sensors message with as many rows, the same request and step",
+    fix="answer each sensors message with as many rows, the same request and step",
     needs=["O3.1"],
     seconds=600,
 )

@@ -27,7 +27,7 @@ class TakenByOthers(Actor):
     "O5.1",
     "A server that answered but does not begin is given up: another one gets the episode.",
     where="protocol.md, Who is taken, and when",
-    mend="watch the time since control; without a sensor message look for another server",
+    fix="watch the time since control; without a sensor message look for another server",
     needs=["O3.1"],
     seconds=600,
 )
@@ -56,7 +56,7 @@ class FallsSilent(Actor):
     "O5.2",
     "When a server falls silent in the middle of an episode, another one gets the episode.",
     where="protocol.md, Who is taken, and when",
-    mend="watch the time since the last answer; evaluate the candidate elsewhere",
+    fix="watch the time since the last answer; evaluate the candidate elsewhere",
     needs=["O3.1"],
     seconds=600,
 )
@@ -70,7 +70,7 @@ def lost(tool: Tool) -> str:
     "O5.3",
     "It connects again when the connection to the broker broke, and the run goes on.",
     where="decision 003",
-    mend="let the MQTT client connect again and subscribe again; evaluate once more what was under way",
+    fix="let the MQTT client connect again and subscribe again; evaluate once more what was under way",
     needs=["O3.1"],
     seconds=600,
 )

@@ -24,9 +24,9 @@ class Junk(Trying):
 
 @rule(
     "O4.1",
-    "What is no JSON object in UTF-8 is refused, and the run goes on.",
+    "What is not a JSON object in UTF-8 is refused, and the run goes on.",
     where=READING,
-    mend="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    fix="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
     d61="6.1",
     needs=["O3.1"],
     seconds=600,
@@ -67,7 +67,7 @@ class WrongSensors(Trying):
     "O4.2",
     "Sensor messages with missing keys or values of the wrong type are not answered.",
     where=READING,
-    mend="check agent and sensor before the controller gets them; the right message is still to come",
+    fix="check agent and sensor before the controller gets them; the right message is still to come",
     d61="6.2 Sensor message, Schema 5",
     needs=["O3.1"],
     seconds=600,
@@ -93,7 +93,7 @@ class Foreign(Trying):
     "O4.3",
     "Messages with other hashes belong to others: they are ignored.",
     where="protocol.md, Hash",
-    mend="look the hash up among your discoveries and the episodes under way",
+    fix="look the hash up among your discoveries and the episodes under way",
     d61="6.2 Discovery message",
     needs=["O3.1"],
     seconds=600,
@@ -140,9 +140,9 @@ class WrongFitness(Trying):
 
 @rule(
     "O4.4",
-    "A fitness that is no number is refused; the right one counts.",
+    "A fitness that is not a number is refused; the right one counts.",
     where=READING,
-    mend="check that fitness is a number before you end the episode",
+    fix="check that fitness is a number before you end the episode",
     d61="6.2 Fitness message, Schema 7",
     needs=["O3.1"],
     seconds=600,
@@ -167,7 +167,7 @@ class Chatty(Actor):
     "O4.5",
     "Unknown keys are ignored.",
     where=READING,
-    mend="read the keys that you know, ignore the others",
+    fix="read the keys that you know, ignore the others",
     d61="6.2, Schemas 2, 5 and 7",
     needs=["O3.1"],
     seconds=600,
@@ -204,7 +204,7 @@ class BeyondNumbers(Trying):
     "O4.6",
     "Numbers that are not finite, agents below 0 and more than 127 levels of nesting are refused.",
     where=READING,
-    mend="check numbers once they are read; limit the depth in your JSON reader",
+    fix="check numbers once they are read; limit the depth in your JSON reader",
     needs=["O4.2", "O4.4"],
     seconds=600,
 )
@@ -226,7 +226,7 @@ class Untitled(Actor):
     "O4.7",
     "simulation may be left out of sensor and fitness messages.",
     where=READING,
-    mend="tell episodes apart by the hash alone: D6.1's schemas have simulation, its examples do not",
+    fix="tell episodes apart by the hash alone: D6.1's schemas have simulation, its examples do not",
     needs=["O3.1"],
     seconds=600,
 )
@@ -253,7 +253,7 @@ class AnotherTitle(Trying):
     "O4.8",
     "Sensor and fitness messages that name another simulation are refused; the right ones count.",
     where=READING,
-    mend="compare simulation, where it is there, with the one that you asked for: another server may have "
+    fix="compare simulation, where it is there, with the one that you asked for: another server may have "
     "the same ID",
     needs=["O4.7"],
     seconds=600,

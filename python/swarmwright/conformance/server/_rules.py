@@ -5,7 +5,7 @@ from swarmwright.conformance._rules import Rules
 GROUPS = {
     "S1": "Discovery",
     "S2": "Episodes",
-    "S3": "The same again",
+    "S3": "Determinism",
     "S4": "Actuators",
     "S5": "Wrong messages",
     "S6": "Being taken",

@@ -21,7 +21,7 @@ def effective(server: Server, one: Policy, other: Policy) -> tuple[Course, Cours
     "S4.1",
     "Actuators outside -1 to +1 are clamped.",
     where="protocol.md, Reading",
-    mend="clamp every actuator to -1..+1 when it is read, before the simulation sees it",
+    fix="clamp every actuator to -1..+1 when it is read, before the simulation sees it",
     needs=["S3.2"],
 )
 def clamped(server: Server) -> None:
@@ -42,7 +42,7 @@ def clamped(server: Server) -> None:
     "S4.2",
     "The answers of a step may come in any order.",
     where="protocol.md, An episode, 4",
-    mend="sort actuators by their agent, not by arrival",
+    fix="sort actuators by their agent, not by arrival",
     needs=["S3.2"],
 )
 def any_order(server: Server) -> None:
@@ -67,7 +67,7 @@ def any_order(server: Server) -> None:
     "S4.3",
     "A second answer for one agent and step is refused: the first one counts.",
     where="protocol.md, Reading",
-    mend="when an agent has its actuators in this step refuse others",
+    fix="when an agent has its actuators in this step refuse others",
     needs=["S3.2"],
 )
 def the_first_counts(server: Server) -> None:
@@ -90,7 +90,7 @@ def the_first_counts(server: Server) -> None:
     "S4.4",
     "Actuators are read as the nearest IEEE binary32.",
     where="protocol.md, Reading; decision 002",
-    mend="round to binary32 when actuators are read; in doubt read a double and convert it",
+    fix="round to binary32 when actuators are read; in doubt read a double and convert it",
     needs=["S3.2"],
 )
 def binary32(server: Server) -> None:

@@ -108,7 +108,7 @@ def _seeds(server: Server) -> list[int]:
     "S10.1",
     "A batch gives each episode the fitness that it has stepwise, to the last bit.",
     where=f"{BATCHED}; decision 002",
-    mend="give each episode a simulation of its own; step all of them when the actuators are there",
+    fix="give each episode a simulation of its own; step all of them when the actuators are there",
     needs=["S2.3", "S3.2"],
 )
 def equal(server: Server) -> str:
@@ -146,7 +146,7 @@ def equal(server: Server) -> str:
     "S10.2",
     "Actuators for another step, of another number or not finite are refused, and it waits on.",
     where=BATCHED,
-    mend="compare step and the number of actuators with the last sensors message",
+    fix="compare step and the number of actuators with the last sensors message",
     needs=["S10.1"],
 )
 def refused(server: Server) -> None:
@@ -174,7 +174,7 @@ def refused(server: Server) -> None:
     "S10.3",
     "Actuators without numbers end the batch.",
     where=BATCHED,
-    mend="end the batch when actuators is empty; the tool still has the server",
+    fix="end the batch when actuators is empty; the tool still has the server",
     needs=["S10.1"],
 )
 def ended(server: Server) -> None:
@@ -196,7 +196,7 @@ def ended(server: Server) -> None:
     "S10.4",
     "More episodes than announced, and other wrong requests, are answered with error invalid.",
     where=f"{BATCHED}; protocol.md, Messages of numbers",
-    mend="compare the number of seeds with your batch; check every field before the batch starts",
+    fix="compare the number of seeds with your batch; check every field before the batch starts",
     needs=["S10.1"],
 )
 def invalid(server: Server) -> None:
@@ -221,7 +221,7 @@ def invalid(server: Server) -> None:
     "S10.5",
     "While a batch is under way others get taken, and no discovery is answered.",
     where="protocol.md, Who has the server",
-    mend="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards",
+    fix="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards",
     needs=["S10.1"],
 )
 def taken(server: Server) -> None:
@@ -238,7 +238,7 @@ def taken(server: Server) -> None:
     "S10.6",
     "As many episodes as announced go into one batch.",
     where="protocol.md, Presence",
-    mend="announce in capabilities.swarmwright.batch no more than you can step side by side",
+    fix="announce in capabilities.swarmwright.batch no more than you can step side by side",
     needs=["S10.1"],
     seconds=90,
 )

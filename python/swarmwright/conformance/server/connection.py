@@ -40,7 +40,7 @@ def must_come_back(server: Server, why: str) -> float:
     "S11.1",
     "It connects again when the connection broke.",
     where=BROKER,
-    mend="let the MQTT client connect again by itself, and subscribe again whenever it is connected",
+    fix="let the MQTT client connect again by itself, and subscribe again whenever it is connected",
     needs=["S2.3"],
     seconds=40,
 )
@@ -54,9 +54,9 @@ def connects_again(server: Server) -> str:
 
 @rule(
     "S11.2",
-    "It waits for a broker that is away for seconds.",
+    "It waits for a broker that is unavailable for seconds.",
     where=BROKER,
-    mend="try again without end, with pauses of seconds",
+    fix="try again without end, with pauses of seconds",
     needs=["S11.1"],
     seconds=40,
 )
@@ -64,7 +64,7 @@ def waits(server: Server) -> str:
     """Three seconds without a broker."""
     door(server).shut()
     time.sleep(3)
-    seconds = must_come_back(server, "the broker was away for 3 s")
+    seconds = must_come_back(server, "the broker was unavailable for 3 s")
     server.play()
     return f"back after {seconds:.1f} s"
 
@@ -73,7 +73,7 @@ def waits(server: Server) -> str:
     "S11.3",
     "When its connection breaks, its last will says that it is lost; back, it is ready.",
     where="protocol.md, Presence",
-    mend='give the client a last will: presence, retained, with the state "lost"',
+    fix='give the client a last will: presence, retained, with the state "lost"',
     needs=["S11.1"],
     seconds=40,
 )
@@ -101,9 +101,9 @@ def _must_say(server: Server, wanted: str, sent: str) -> None:
 
 @rule(
     "S11.4",
-    "A message with the retain flag is somebody's leftover: it is ignored.",
+    "A message with the retain flag was left by another client: it is ignored.",
     where="protocol.md, Topics",
-    mend="look at the retain flag of each message; take none but presence with it",
+    fix="look at the retain flag of each message; take none but presence with it",
     needs=["S11.1"],
     seconds=40,
 )
@@ -133,7 +133,7 @@ def leftovers(server: Server) -> None:
             answer = client.next(lambda message: message.maybe.get("simulation_hash") in asked, 0.1)
         if answer is None:
             raise Failure(
-                "it answered no discovery any more", "an answer to a discovery that is not retained"
+                "it no longer answered discoveries", "an answer to a discovery that is not retained"
             )
         wrong = [answer] if answer.maybe.get("simulation_hash") == hash_ else []
         wrong += [m for m in client.drain(server.quiet) if m.maybe.get("simulation_hash") == hash_]
@@ -152,7 +152,7 @@ def leftovers(server: Server) -> None:
     "S11.5",
     "An episode whose connection broke does not keep the server for ever: control with run: false frees it.",
     where="protocol.md, Who is taken, and when",
-    mend="give up the episode when the connection breaks, or listen to its end when it is back",
+    fix="give up the episode when the connection breaks, or listen to its end when it is back",
     needs=["S11.1", "S2.9"],
     seconds=40,
 )

@@ -14,7 +14,7 @@ EPISODE = "protocol.md, An episode, 1"
     "S1.1",
     "A free server answers a discovery of a simulation that it offers.",
     where=EPISODE,
-    mend="subscribe to discovery; publish on server when the title is one of yours and the "
+    fix="subscribe to discovery; publish on server when the title is one of yours and the "
     "requirements are fulfilled",
     d61="5.2.3; 6.2 Discovery message",
 )
@@ -37,7 +37,7 @@ def answers(server: Server) -> None:
     "S1.2",
     "The answer has the hash of the discovery, so that the tool knows which question it answers.",
     where="protocol.md, Topics",
-    mend="copy simulation_hash from the discovery into the answer, as it is",
+    fix="copy simulation_hash from the discovery into the answer, as it is",
     d61="6.2 Server message; 7.2.4, Schemas 8 and 9",
     needs=["S1.1"],
 )
@@ -58,7 +58,7 @@ def echoes(server: Server) -> None:
     "The answer has all its keys: server, simulation_hash, simulations with the title, capabilities "
     "with dimensions.",
     where="protocol/schemas/server.schema.json",
-    mend="send every key that is required, with the type that the schema says",
+    fix="send every key that is required, with the type that the schema says",
     d61="6.2 Server message, Schema 2",
     needs=["S1.2"],
 )
@@ -82,7 +82,7 @@ def has_its_keys(server: Server) -> None:
     "S1.4",
     "It does not answer a discovery of a simulation that it does not offer.",
     where=EPISODE,
-    mend="compare the discovery's simulation with your titles, letter by letter",
+    fix="compare the discovery's simulation with your titles, letter by letter",
     d61="6.2 Discovery message, Server message",
     needs=["S1.2"],
 )
@@ -97,7 +97,7 @@ def other_title(server: Server) -> None:
     "S1.5",
     "It does not answer when another number of dimensions is required.",
     where=EPISODE,
-    mend="answer only when requirements.dimensions equals the dimensions of your capabilities",
+    fix="answer only when requirements.dimensions equals the dimensions of your capabilities",
     needs=["S1.2"],
 )
 def other_dimensions(server: Server) -> None:
@@ -118,7 +118,7 @@ def other_dimensions(server: Server) -> None:
     "S1.6",
     "It answers when no more agents are required than it announces as max_agents, and not when more are.",
     where=EPISODE,
-    mend="answer only when your max_agents is at least that of the requirements; either may be left out",
+    fix="answer only when your max_agents is at least that of the requirements; either may be left out",
     d61="6.2 Discovery message, Schema 1; Server message, Schema 2",
     needs=["S1.2"],
 )
@@ -146,7 +146,7 @@ def compare_agents(server: Server, key: str, most: float) -> None:
     "S1.7",
     "A hash is any text.",
     where="protocol.md, Hash",
-    mend="keep simulation_hash as the text that it is; do not expect 64 hexadecimal digits",
+    fix="keep simulation_hash as the text that it is; do not expect 64 hexadecimal digits",
     d61="6.2 Discovery message, Schema 1",
     needs=["S1.2"],
 )
@@ -162,7 +162,7 @@ def any_hash(server: Server) -> None:
     "S1.8",
     "Unknown keys are ignored.",
     where="protocol.md, Reading",
-    mend="read the keys that you know, ignore the others",
+    fix="read the keys that you know, ignore the others",
     d61="6.2, Schemas 1 to 7",
     needs=["S1.2"],
 )

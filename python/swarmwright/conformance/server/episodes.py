@@ -17,7 +17,7 @@ def begun(server: Server) -> Episode:
     episode.start()
     episode.gather()
     if episode.over:
-        raise Skip("the simulation steers its agents itself, nobody is asked")
+        raise Skip("the simulation steers its agents itself, no agent is asked")
     return episode
 
 
@@ -37,7 +37,7 @@ def until_several(server: Server) -> Episode:
     "S2.1",
     "After parameters and control it publishes sensor messages, or the fitness if agents steer themselves.",
     where="protocol.md, An episode, 2 to 4",
-    mend="keep the parameters by their hash; at control with this hash reset the simulation and "
+    fix="keep the parameters by their hash; at control with this hash reset the simulation and "
     "publish what agents sense",
     d61="6.2 Control message",
     needs=["S1.2"],
@@ -59,7 +59,7 @@ def begins(server: Server) -> None:
     "S2.2",
     "A sensor message has the agent, an integer, and what it senses, a list of finite numbers, not empty.",
     where="protocol.md, Topics; protocol/schemas/sensor.schema.json",
-    mend="publish {simulation_hash, agent, sensor: [numbers]}",
+    fix="publish {simulation_hash, agent, sensor: [numbers]}",
     d61="6.2 Sensor message, Schema 5",
     needs=["S2.1"],
 )
@@ -84,7 +84,7 @@ def first_steps(server: Server) -> Episode:
     "S2.3",
     "The fitness, a finite number, ends the episode.",
     where="protocol.md, An episode, 5",
-    mend="when the simulation is done publish {simulation_hash, fitness}; a fitness that is no "
+    fix="when the simulation is done publish {simulation_hash, fitness}; a fitness that is not a "
     "number cannot be sent",
     d61="6.2 Fitness message, Schema 7",
     needs=["S2.1"],
@@ -113,9 +113,9 @@ def ends(server: Server) -> str:
 
 @rule(
     "S2.4",
-    "Each agent of a step is asked once, and nobody is asked again before it has acted.",
+    "Each agent of a step is asked once, and no agent is asked again before it has acted.",
     where="protocol.md, An episode, 4",
-    mend="publish one sensor message for each live agent when a step begins, none while you wait for "
+    fix="publish one sensor message for each live agent when a step begins, none while you wait for "
     "actuators",
     needs=["S2.3"],
 )
@@ -135,7 +135,7 @@ def asks_once(server: Server) -> None:
     "S2.5",
     "A step is made when all agents that were asked have their actuators, not earlier.",
     where="protocol.md, An episode, 4",
-    mend="count who is still missing, and step the simulation when nobody is",
+    fix="count who is still missing, and step the simulation when none is",
     needs=["S2.4"],
 )
 def waits_for_all(server: Server) -> None:
@@ -162,7 +162,7 @@ def waits_for_all(server: Server) -> None:
     "S2.6",
     "There is one fitness, and after it the episode is over: nothing more comes.",
     where="protocol.md, An episode, 5",
-    mend="publish the fitness once; ignore actuators that come after it",
+    fix="publish the fitness once; ignore actuators that come after it",
     d61="6.2 Fitness message",
     needs=["S2.3"],
 )
@@ -181,9 +181,9 @@ def one_fitness(server: Server) -> None:
 
 @rule(
     "S2.7",
-    "After the fitness it is free for everybody, if the tool did not name itself.",
+    "After the fitness it is free for every tool, if the tool did not name itself.",
     where="protocol.md, Who is taken, and when",
-    mend="answer discovery again as soon as the fitness is published",
+    fix="answer discovery again as soon as the fitness is published",
     d61="5.2.3; 7.2.2",
     needs=["S2.6"],
 )
@@ -197,7 +197,7 @@ def free_afterwards(server: Server) -> None:
     "S2.8",
     "The same parameters serve several episodes: control alone starts another one.",
     where="protocol.md, An episode",
-    mend="keep the parameters of the last hashes after the fitness; D6.1's tools always send them",
+    fix="keep the parameters of the last hashes after the fitness; D6.1's tools always send them",
     needs=["S2.7"],
 )
 def serves_again(server: Server) -> None:
@@ -214,7 +214,7 @@ def serves_again(server: Server) -> None:
     "S2.9",
     "Control with run: false ends an episode, and the server is free.",
     where="protocol.md, An episode, 5",
-    mend="at control with run: false and the hash of the episode forget it, publish nothing, answer "
+    fix="at control with run: false and the hash of the episode forget it, publish nothing, answer "
     "discovery again",
     d61="6.2 Control message, Schema 4",
     needs=["S2.3"],
@@ -238,7 +238,7 @@ def is_ended(server: Server) -> None:
     "S2.10",
     "Control with run: false after parameters, before any episode, frees the server.",
     where="protocol.md, Who is taken, and when",
-    mend="treat a server that was configured like one that runs: run: false with its hash frees it",
+    fix="treat a server that was configured like one that runs: run: false with its hash frees it",
     needs=["S2.9"],
 )
 def is_released(server: Server) -> None:
@@ -253,7 +253,7 @@ def is_released(server: Server) -> None:
     "S2.11",
     "Control without parameters for its hash starts nothing.",
     where="protocol.md, An episode, 3",
-    mend="look the parameters up by the control's hash; without them refuse",
+    fix="look the parameters up by the control's hash; without them refuse",
     needs=["S2.3"],
 )
 def needs_parameters(server: Server) -> None:
@@ -268,7 +268,7 @@ def needs_parameters(server: Server) -> None:
     "S2.12",
     "run and visual may be left out of control: they are true and false then.",
     where="protocol.md, Topics",
-    mend="require no more than server and simulation_hash in control; take run for true where it is missing",
+    fix="require no more than server and simulation_hash in control; take run for true where it is missing",
     d61="6.2 Control message, Schema 4",
     needs=["S2.3"],
 )
@@ -285,7 +285,7 @@ def short_control(server: Server) -> None:
     "S2.13",
     "Agents are numbered from 0 on, and all messages of all agents have as many numbers, as announced.",
     where="protocol.md, Topics; Presence",
-    mend="number agents from 0; send as many numbers for each; announce how many in "
+    fix="number agents from 0; send as many numbers for each; announce how many in "
     "capabilities.swarmwright.sensors",
     needs=["S2.2"],
 )
@@ -310,7 +310,7 @@ def as_many_numbers(server: Server) -> str:
     "S2.14",
     "simulation, left out of control and actuator messages, changes nothing.",
     where="protocol.md, Reading",
-    mend="do not rely on simulation: D6.1's schemas require it, D6.1's examples leave it out",
+    fix="do not rely on simulation: D6.1's schemas require it, D6.1's examples leave it out",
     needs=["S2.3"],
 )
 def bare_control(server: Server) -> None:
@@ -335,7 +335,7 @@ def bare_control(server: Server) -> None:
     "S2.15",
     "Control that names a simulation which the server does not offer starts nothing.",
     where="protocol.md, Who is taken, and when",
-    mend="compare simulation of control, where it is there, with the titles that you offer: the tool may "
+    fix="compare simulation of control, where it is there, with the titles that you offer: the tool may "
     "have taken you for another server with your ID",
     needs=["S2.3"],
 )

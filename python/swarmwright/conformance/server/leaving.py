@@ -14,7 +14,7 @@ from swarmwright.conformance.server.presence import kept
     "S13.1",
     "Asked to end (SIGTERM), it removes its presence and ends.",
     where="protocol.md, Presence",
-    mend="on SIGTERM publish an empty retained presence message, disconnect, exit",
+    fix="on SIGTERM publish an empty retained presence message, disconnect, exit",
     needs=["S1.1"],
 )
 def leaves(server: Server) -> str:

@@ -22,7 +22,7 @@ def names(server: Server) -> list[str]:
     "S8.1",
     "A metric's name is a letter or _, then letters, digits and _.",
     where="protocol.md, Metrics",
-    mend="choose names that can stand in an expression",
+    fix="choose names that can be used in an expression",
     needs=["S1.2"],
 )
 def their_names(server: Server) -> None:
@@ -36,7 +36,7 @@ def their_names(server: Server) -> None:
     "S8.2",
     "All metrics that are announced come with the fitness of an episode.",
     where="protocol.md, Metrics",
-    mend='send "metrics": {name: number, ...} in the fitness message; leave out only what is NaN or infinite',
+    fix='send "metrics": {name: number, ...} in the fitness message; leave out only what is NaN or infinite',
     needs=["S2.3"],
 )
 def they_come(server: Server) -> str:

@@ -63,7 +63,7 @@ def evaluated(server: Server, request: Json) -> Json:
     "S9.1",
     "evaluate is answered with the fitness of every candidate in every episode, row by row.",
     where=f"{OFFLOADED}; protocol/schemas/evaluated.schema.json",
-    mend="publish evaluated on the topic in reply: request, server, fitness (candidates, episodes) "
+    fix="publish evaluated on the topic in reply: request, server, fitness (candidates, episodes) "
     "as binary64, seconds",
     needs=["S2.3"],
 )
@@ -89,7 +89,7 @@ def is_answered(server: Server) -> None:
     "S9.2",
     "With MQTT 5 an answer has the request's correlation data and the content type application/msgpack.",
     where=NUMBERS,
-    mend="set CorrelationData to the request's number, 8 bytes, big-endian, and ContentType",
+    fix="set CorrelationData to the request's number, 8 bytes, big-endian, and ContentType",
     needs=["S9.1"],
 )
 def properties(server: Server) -> None:
@@ -132,7 +132,7 @@ def _equal(server: Server, kind: str) -> str:
     "S9.3",
     "Layered networks give the fitness that they give stepwise, to the last bit.",
     where="decision 002",
-    mend="compute in binary32 in the order of decision 002; replay protocol/vectors/controllers.json",
+    fix="compute in binary32 in the order of decision 002; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def layered(server: Server) -> str:
@@ -144,7 +144,7 @@ def layered(server: Server) -> str:
     "S9.4",
     "Fully meshed networks give the fitness that they give stepwise, to the last bit.",
     where="decision 002",
-    mend="reset the nodes of every agent when an episode starts; replay protocol/vectors/controllers.json",
+    fix="reset the nodes of every agent when an episode starts; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def fully_meshed(server: Server) -> str:
@@ -156,7 +156,7 @@ def fully_meshed(server: Server) -> str:
     "S9.5",
     "Finite-state machines give the fitness that they give stepwise, to the last bit.",
     where="decision 002",
-    mend="reset the state of every agent when an episode starts; replay protocol/vectors/controllers.json",
+    fix="reset the state of every agent when an episode starts; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def mealy_fsm(server: Server) -> str:
@@ -169,7 +169,7 @@ def mealy_fsm(server: Server) -> str:
     "A parameter set for a simulation that asks for actuators is refused as invalid; else it gives "
     "the stepwise fitness.",
     where="protocol.md, Controllers",
-    mend="answer error invalid when the simulation asks an agent although the controller steers nobody",
+    fix="answer error invalid when the simulation asks an agent although the controller steers no agents",
     needs=["S2.3"],
 )
 def parameter_set(server: Server) -> None:
@@ -189,7 +189,7 @@ def parameter_set(server: Server) -> None:
     team = Crew(architecture, np.array([[value]], dtype=np.float32))
     request = evaluation(server, team, [1])
     if server.course is not None and server.course.messages:
-        must_be_refused(server, request, ["invalid"], "agents are asked, and nobody steers them")
+        must_be_refused(server, request, ["invalid"], "agents are asked, and no controller steers them")
         return
     if not reals:
         raise Skip("give --parameters with a number, which the set can hold")
@@ -204,7 +204,7 @@ def parameter_set(server: Server) -> None:
     "S9.7",
     "The metrics that a request names come back, and only those, with the bits that they have stepwise.",
     where="protocol.md, Metrics",
-    mend="send metrics {name: binary64 (candidates, episodes)} for the names in the request",
+    fix="send metrics {name: binary64 (candidates, episodes)} for the names in the request",
     needs=["S9.1", "S3.2"],
 )
 def metrics(server: Server) -> str:
@@ -239,7 +239,7 @@ def metrics(server: Server) -> str:
     "S9.8",
     "Requests of one tool wait for each other; answers come in their order.",
     where=OFFLOADED,
-    mend="queue requests while one is being computed",
+    fix="queue requests while one is being computed",
     needs=["S9.1"],
 )
 def in_order(server: Server) -> None:
@@ -266,7 +266,7 @@ def in_order(server: Server) -> None:
     "A server with which a tool works, or which is held for it, does not answer discovery and "
     "refuses others as taken.",
     where="protocol.md, Who has the server",
-    mend="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards",
+    fix="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards",
     needs=["S9.1", "S2.9"],
 )
 def has_it(server: Server) -> None:
@@ -278,14 +278,14 @@ def has_it(server: Server) -> None:
     must_be_refused(server, reason, ["taken"], f"it is held for {TOOL}")
     evaluated(server, evaluation(server, team, [1]))
     free_again(server)
-    server.must_answer("an answer to everybody", f'control with run: false and "tool": "{TOOL}"')
+    server.must_answer("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
 
 
 @rule(
     "S9.10",
     "While an episode runs for another tool, evaluate is refused as taken, and the episode goes on.",
     where="protocol.md, Who has the server",
-    mend="answer error taken at once; do not touch the simulation",
+    fix="answer error taken at once; do not touch the simulation",
     needs=["S9.1", "S2.9"],
 )
 def not_while_running(server: Server) -> None:
@@ -305,8 +305,7 @@ def not_while_running(server: Server) -> None:
     "S9.11",
     "What cannot be served is answered with error invalid, which names the field.",
     where=NUMBERS,
-    mend="check every field of a request before you compute; answer {kind: invalid, reason} where it "
-    "is wrong",
+    fix="check every field of a request before you compute; answer {kind: invalid, reason} where it is wrong",
     needs=["S9.1"],
 )
 def invalid(server: Server) -> None:
@@ -338,9 +337,9 @@ def invalid(server: Server) -> None:
 
 @rule(
     "S9.12",
-    "What is no request is ignored, unknown keys are ignored, and it answers on topics of tools only.",
+    "What is not a request is ignored, unknown keys are ignored, and it answers on topics of tools only.",
     where=NUMBERS,
-    mend="refuse what is no MessagePack map of a known kind; check that reply begins with "
+    fix="refuse what is not a MessagePack map of a known kind; check that reply begins with "
     "swarmwright/v1/tool/",
     needs=["S9.1"],
 )
@@ -383,7 +382,7 @@ def junk(server: Server) -> None:
     "S9.13",
     "A request that waits until its lease is over is answered with error failed and not computed.",
     where=OFFLOADED,
-    mend="note when a request came; look at its lease when its turn comes",
+    fix="note when a request came; look at its lease when its turn comes",
     needs=["S9.8"],
     seconds=60,
 )

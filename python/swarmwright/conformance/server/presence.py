@@ -47,7 +47,7 @@ def told(server: Server, wanted: str) -> Json:
     "S7.1",
     "What is announced in capabilities.swarmwright has the types of the schema.",
     where=f"{WHERE}; protocol/schemas/server.schema.json",
-    mend="announce what you offer, leave out what you do not; peers ignore modes that they do not know",
+    fix="announce what you offer, leave out what you do not; peers ignore modes that they do not know",
     needs=["S1.3"],
 )
 def announcement(server: Server) -> str:
@@ -73,7 +73,7 @@ def announcement(server: Server) -> str:
     "S7.2",
     "It keeps a retained presence message, which has its keys, and is ready while it is free.",
     where=f"{WHERE}; protocol/schemas/presence.schema.json",
-    mend="publish presence retained when you are connected, and when the state has changed",
+    fix="publish presence retained when you are connected, and when the state has changed",
     needs=["S1.3"],
 )
 def retained(server: Server) -> None:
@@ -96,7 +96,7 @@ def retained(server: Server) -> None:
     "S7.3",
     "Presence offers what the answer to a discovery offers.",
     where=WHERE,
-    mend="make both messages from the same data",
+    fix="make both messages from the same data",
     needs=["S7.2"],
 )
 def consistent(server: Server) -> None:
@@ -113,7 +113,7 @@ def consistent(server: Server) -> None:
     "S7.4",
     "Presence is busy while the server is taken, with the name of the tool, and ready again afterwards.",
     where=WHERE,
-    mend="publish presence when the state has lasted 150 ms; name the tool if it named itself",
+    fix="publish presence when the state has lasted 150 ms; name the tool if it named itself",
     needs=["S7.2", "S2.9"],
 )
 def busy(server: Server) -> None:
@@ -136,7 +136,7 @@ def busy(server: Server) -> None:
     "S7.5",
     "None of the seven topics keeps a message.",
     where="protocol.md, Topics",
-    mend="publish everything but presence without the retain flag",
+    fix="publish everything but presence without the retain flag",
     needs=["S2.3"],
 )
 def nothing_else(server: Server) -> None:

@@ -29,7 +29,7 @@ def seeded(server: Server, seed: int) -> dict[str, object]:
     "S3.1",
     "Same parameters, same actuators: the same episode, to the last bit.",
     where=SAME,
-    mend="take random numbers from the parameter seed alone, use no clock; or declare "
+    fix="take random numbers from the parameter seed alone, use no clock; or declare "
     'capabilities.swarmwright.determinism "statistical" or "none"',
     needs=["S2.5", "S2.8"],
 )
@@ -76,9 +76,9 @@ def _within_tolerance(server: Server, one: Course, two: Course) -> None:
 
 @rule(
     "S3.2",
-    "Nothing is left of the episode before.",
+    "An episode does not depend on the one before it.",
     where=SAME,
-    mend="reset everything when an episode starts: places, counters, controllers, random numbers",
+    fix="reset everything when an episode starts: places, counters, controllers, random numbers",
     needs=["S3.1", "S2.9"],
 )
 def forgets(server: Server) -> None:
@@ -116,7 +116,7 @@ def differing(server: Server) -> tuple[Course, Course]:
     "S3.3",
     "Control starts an episode with the parameters received last for its hash.",
     where="protocol.md, An episode, 3",
-    mend="replace the parameters of a hash when new ones come",
+    fix="replace the parameters of a hash when new ones come",
     needs=["S3.2"],
 )
 def the_last_count(server: Server) -> None:
@@ -135,7 +135,7 @@ def the_last_count(server: Server) -> None:
     "S3.4",
     "Parameters with another hash change nothing.",
     where="protocol.md, An episode, 3",
-    mend="keep parameters by their hash, those of several tools side by side",
+    fix="keep parameters by their hash, those of several tools side by side",
     needs=["S3.2"],
 )
 def by_hash(server: Server) -> None:

@@ -61,7 +61,7 @@ def _short(value: float) -> str:
     "S12.1",
     "Stepwise: episodes and steps per second (measured, not judged).",
     where="explanation/performance.md",
-    mend="switch Nagle's algorithm off (TCP_NODELAY)",
+    fix="switch Nagle's algorithm off (TCP_NODELAY)",
     needs=["S2.8"],
     seconds=60,
 )
@@ -74,7 +74,7 @@ def stepwise(server: Server) -> str:
     "S12.2",
     "Batched: episodes and steps per second (measured, not judged).",
     where="explanation/performance.md",
-    mend="step the episodes of a batch side by side",
+    fix="step the episodes of a batch side by side",
     needs=["S10.1"],
     seconds=60,
 )
@@ -87,7 +87,7 @@ def batched(server: Server) -> str:
     "S12.3",
     "Offloaded: episodes and steps per second (measured, not judged).",
     where="explanation/performance.md",
-    mend="evaluate the candidates of a request without a message between them",
+    fix="evaluate the candidates of a request without a message between them",
     needs=["S9.1"],
     seconds=60,
 )

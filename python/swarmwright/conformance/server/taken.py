@@ -40,7 +40,7 @@ def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> 
     "S6.1",
     "From parameters on it does not answer discovery.",
     where=TAKEN,
-    mend="you are taken when parameters with your ID have come",
+    fix="you are taken when parameters with your ID have come",
     needs=["S2.10"],
 )
 def after_parameters(server: Server) -> None:
@@ -55,7 +55,7 @@ def after_parameters(server: Server) -> None:
     "S6.2",
     "While an episode runs it does not answer discovery, neither another tool's nor that of the same.",
     where=TAKEN,
-    mend="answer discovery only when no episode is under way",
+    fix="answer discovery only when no episode is under way",
     d61="5.2.3; 7.2.2",
     needs=["S2.9"],
 )
@@ -75,7 +75,7 @@ def while_running(server: Server) -> None:
     "S6.3",
     "While an episode runs, another tool's parameters and control with run: false move nothing.",
     where=TAKEN,
-    mend="refuse control with another hash while an episode is under way",
+    fix="refuse control with another hash while an episode is under way",
     needs=["S2.9"],
 )
 def not_moved(server: Server) -> None:
@@ -97,7 +97,7 @@ def not_moved(server: Server) -> None:
     "S6.4",
     "Of two tools that have sent parameters the first control wins.",
     where=TAKEN,
-    mend="keep the parameters of several hashes; take the first control that names one of them",
+    fix="keep the parameters of several hashes; take the first control that names one of them",
     needs=["S2.9"],
 )
 def first_control_wins(server: Server) -> None:
@@ -121,7 +121,7 @@ def first_control_wins(server: Server) -> None:
     "S6.5",
     "Parameters that no control follows keep it for 5 s, not longer and not much shorter.",
     where=TAKEN,
-    mend="note when parameters came; be free again 5 s later if there was no control",
+    fix="note when parameters came; be free again 5 s later if there was no control",
     needs=["S6.1"],
     seconds=30,
 )
@@ -141,7 +141,7 @@ def parameters_time_out(server: Server) -> str:
     "S6.6",
     "It gives up an episode whose actuators do not come, after its time-out, without a fitness.",
     where=TAKEN,
-    mend="watch the time since a step began; after the time-out forget the episode",
+    fix="watch the time since a step began; after the time-out forget the episode",
     needs=["S6.2"],
     seconds=60,
 )
@@ -162,7 +162,7 @@ def gives_up(server: Server) -> str:
     "A tool that names a topic for answers is told there of an episode that failed: kind, version, "
     "server, hash, reason.",
     where="protocol.md, Failures; protocol/schemas/failed.schema.json",
-    mend="publish failed, a MessagePack map, on the topic in reply of control when an episode has no fitness",
+    fix="publish failed, a MessagePack map, on the topic in reply of control when an episode has no fitness",
     needs=["S6.6"],
     seconds=60,
 )
@@ -171,7 +171,7 @@ def tells_of_failures(server: Server) -> str:
     server.announces()
     patience = short_patience(server)
     if server.course is not None and not server.course.messages:
-        raise Skip("the simulation steers its agents itself, nobody is waited for")
+        raise Skip("the simulation steers its agents itself, no agent is waited for")
     episode = server.episode()
     episode.configure()
     sent = episode.start(reply=TO_TOOL + server.token)
@@ -217,9 +217,9 @@ def named(server: Server, tool: str) -> Episode:
 @rule(
     "S6.7",
     "A tool that names itself keeps it after the episode: it answers this tool's discovery and "
-    "nobody else's.",
+    "no other tool's.",
     where=TAKEN,
-    mend="remember tool of the control; while held, answer discoveries with the same tool only",
+    fix="remember tool of the control; while held, answer discoveries with the same tool only",
     needs=["S2.8", "S2.9"],
 )
 def is_held(server: Server) -> None:
@@ -242,14 +242,14 @@ def is_held(server: Server) -> None:
     "S6.8",
     "Control with run: false from its holder frees it at once.",
     where=TAKEN,
-    mend="while held, free the server at run: false with the holder's tool",
+    fix="while held, free the server at run: false with the holder's tool",
     needs=["S6.7"],
 )
 def is_let_go(server: Server) -> None:
     """An episode with a name, then run: false."""
     episode = named(server, "conformance/a")
     sent = episode.stop()
-    server.must_answer("an answer to everybody", sent)
+    server.must_answer("an answer to every tool", sent)
 
 
 @rule(
@@ -257,7 +257,7 @@ def is_let_go(server: Server) -> None:
     "Control with run: false and the hash of an episode, without a name or in another tool's, does not "
     "end what a tool that named itself has begun.",
     where=TAKEN,
-    mend="compare tool of control with that of the one that began the episode, before you end it",
+    fix="compare tool of control with that of the one that began the episode, before you end it",
     needs=["S2.9", "S6.7"],
 )
 def not_ended_by_others(server: Server) -> None:
@@ -283,9 +283,9 @@ def not_ended_by_others(server: Server) -> None:
 
 @rule(
     "S6.9",
-    "Held for a tool that does not come back, it is free for everybody after 5 s.",
+    "Held for a tool that does not come back, it is free for every tool after 5 s.",
     where=TAKEN,
-    mend="note when the episode ended; be free 5 s later",
+    fix="note when the episode ended; be free 5 s later",
     needs=["S6.7"],
     seconds=30,
 )

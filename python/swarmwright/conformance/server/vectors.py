@@ -209,7 +209,7 @@ def cases() -> Iterator[Case]:
     "S9.14",
     "Networks compute what the golden vectors say, to the last bit.",
     where="decision 002; protocol/vectors/controllers.json",
-    mend="replay the vector that is named in your own tests: the function or the network is another one; "
+    fix="replay the vector that is named in your own tests: the function or the network is another one; "
     "subnormal numbers are kept, sums are not reordered, nothing is fused",
     needs=["S9.3"],
     seconds=60,

@@ -25,9 +25,9 @@ def _actuators(hash_: str, *tries: object, agent: object = 0) -> list[Junk]:
 
 @rule(
     "S5.1",
-    "What is no JSON object in UTF-8 is refused, on every topic.",
+    "What is not a JSON object in UTF-8 is refused, on every topic.",
     where=READING,
-    mend="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    fix="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
     d61="6.1",
     needs=["S2.3"],
 )
@@ -45,14 +45,16 @@ def no_json(server: ServerPeer) -> None:
         "{}{}",
     ]
     topics = ("discovery", "parameters", "control", "actuator")
-    disturb(server, lambda _: [(topic, text) for topic in topics for text in texts], "that is no JSON object")
+    disturb(
+        server, lambda _: [(topic, text) for topic in topics for text in texts], "that is not a JSON object"
+    )
 
 
 @rule(
     "S5.2",
     "A message without one of its required keys is refused.",
     where=f"{READING}; protocol/schemas",
-    mend="look for each required key before you use the message",
+    fix="look for each required key before you use the message",
     d61="6.2, Schemas 1, 3, 4 and 6",
     needs=["S2.3"],
 )
@@ -87,7 +89,7 @@ def _messages(server: Server, hash_: str) -> list[tuple[str, Json]]:
     "S5.3",
     "A value of the wrong type is refused: a number in quotes, null, true, a list.",
     where=READING,
-    mend="check the type of each key; do not convert text to numbers or booleans",
+    fix="check the type of each key; do not convert text to numbers or booleans",
     d61="6.2, Schemas 1, 3, 4 and 6",
     needs=["S2.3"],
 )
@@ -135,7 +137,7 @@ def wrong_types(server: ServerPeer) -> None:
     "S5.4",
     "NaN, infinities and numbers beyond binary32 are refused as actuators.",
     where=READING,
-    mend="refuse a message with a number that is not finite once it is read as binary32",
+    fix="refuse a message with a number that is not finite once it is read as binary32",
     needs=["S2.3"],
 )
 def not_finite(server: ServerPeer) -> None:
@@ -147,14 +149,14 @@ def not_finite(server: ServerPeer) -> None:
         head = f'{{"simulation_hash": "{hash_}", "agent": 0, "actuator": '
         return [("actuator", f"{head}[{word}{rest}]}}") for word in words]
 
-    disturb(server, junk, "the actuators are no finite binary32 numbers", free=False)
+    disturb(server, junk, "the actuators are not finite binary32 numbers", free=False)
 
 
 @rule(
     "S5.5",
     "The wrong number of actuators is refused.",
     where=READING,
-    mend="compare the number of actuators with what the simulation has; refuse others as a whole",
+    fix="compare the number of actuators with what the simulation has; refuse others as a whole",
     needs=["S2.3"],
 )
 def wrong_number(server: ServerPeer) -> None:
@@ -168,7 +170,7 @@ def wrong_number(server: ServerPeer) -> None:
     "S5.6",
     "Actuators of an agent that was not asked are refused.",
     where=READING,
-    mend="look the agent up among those that were asked in this step",
+    fix="look the agent up among those that were asked in this step",
     d61="6.2 Actuator message",
     needs=["S2.3"],
 )
@@ -188,7 +190,7 @@ def unknown_agent(server: ServerPeer) -> None:
     "S5.7",
     "Messages with other hashes belong to others: they are ignored.",
     where="protocol.md, Hash",
-    mend="compare simulation_hash with that of the episode under way in actuator messages",
+    fix="compare simulation_hash with that of the episode under way in actuator messages",
     d61="6.2 Discovery message, Actuator message",
     needs=["S2.3"],
 )
@@ -207,7 +209,7 @@ def foreign_hash(server: ServerPeer) -> None:
     "S5.8",
     "Messages for other servers are ignored.",
     where="protocol.md, Topics",
-    mend="compare server in parameters and control with your ID",
+    fix="compare server in parameters and control with your ID",
     d61="6.2 Parameters message, Control message",
     needs=["S2.3"],
 )
@@ -232,7 +234,7 @@ def foreign_server(server: ServerPeer) -> None:
     "S5.9",
     "More than 127 levels of nesting are refused, 100 are not.",
     where=READING,
-    mend="limit the depth in your JSON reader, so that no message overflows the stack",
+    fix="limit the depth in your JSON reader, so that no message overflows the stack",
     needs=["S2.3"],
 )
 def too_deep(server: ServerPeer) -> None:
@@ -261,7 +263,7 @@ def too_deep(server: ServerPeer) -> None:
     "S5.10",
     "More than 1 MiB is refused.",
     where="protocol.md, Topics; Reading",
-    mend="look at the length of a payload before you read it",
+    fix="look at the length of a payload before you read it",
     needs=["S2.3"],
 )
 def too_large(server: ServerPeer) -> None:
@@ -283,7 +285,7 @@ def too_large(server: ServerPeer) -> None:
     "S5.11",
     "1.0 is an integer, 1.5 is none.",
     where=READING,
-    mend="read integers as JSON numbers; take those without a fraction",
+    fix="read integers as JSON numbers; take those without a fraction",
     needs=["S2.3"],
 )
 def integers(server: ServerPeer) -> None:
@@ -312,7 +314,7 @@ def integers(server: ServerPeer) -> None:
     "S5.12",
     "Of repeated keys the last one counts.",
     where=READING,
-    mend="most JSON libraries keep the last of repeated keys",
+    fix="most JSON libraries keep the last of repeated keys",
     needs=["S1.2"],
 )
 def repeated_keys(server: Server) -> None:
@@ -330,7 +332,7 @@ def repeated_keys(server: Server) -> None:
     "S5.13",
     "max agents in requirements is max_agents; without max_agents in its capabilities a server has no limit.",
     where=f"{READING}; An episode, 1",
-    mend="read both spellings: D6.1 prints max_agents in Schema 1, max agents in Schema 2",
+    fix="read both spellings: D6.1 prints max_agents in Schema 1, max agents in Schema 2",
     needs=["S1.6"],
 )
 def either_spelling(server: Server) -> None:

@@ -89,8 +89,8 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "is no sweep"),
-        ("- 1", "is no sweep"),
+        ("", "is not a sweep file"),
+        ("- 1", "is not a sweep file"),
         ("a: [", "methods.yaml:"),
         ("grid: {method.severity: [0.1]}", "experiment: must be the path of an experiment file"),
         ("experiment: nothing.yaml\ngrid: {method.severity: [0.1]}", "nothing.yaml: there is no such file"),
