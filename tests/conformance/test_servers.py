@@ -1,4 +1,4 @@
-"""Every server of this repository keeps every rule. Adding one is a line in SUBJECTS."""
+"""Every server of this repository keeps every rule. Adding one is a line in CASES."""
 
 import sys
 from collections.abc import Callable
@@ -29,7 +29,7 @@ SERVE = (
 
 
 @dataclass(frozen=True)
-class Subject:
+class Case:
     """command: what starts it, or a function that says so. skipped: rules that do not apply to it."""
 
     command: str | Callable[[], str]
@@ -77,32 +77,32 @@ BY_CHANCE = frozenset(
 ROBOTS = {"agents": 3, "steps": 6}
 EXIT = {"steps": 3, "width": 8, "height": 8, "numAgents": 4, "numExits": 1, "numBlockades": 3}
 
-SUBJECTS = {
-    "minisim": Subject(served("minisim"), MANY, rules=""),
-    "java": Subject(java, MANY, rules=""),
-    "cpp": Subject(cpp("minisim"), MANY),
-    "cpp plug-in": Subject(cpp("minisim_plugin"), MANY),
-    "one agent": Subject(
+CASES = {
+    "minisim": Case(served("minisim"), MANY, rules=""),
+    "java": Case(java, MANY, rules=""),
+    "cpp": Case(cpp("minisim"), MANY),
+    "cpp plug-in": Case(cpp("minisim_plugin"), MANY),
+    "one agent": Case(
         served("minisim"), {"maxSteps": 6}, skipped=frozenset({"S2.5", "S3.3", "S3.4", "S4.2", "S4.3"})
     ),
-    "emergency exit": Subject(served("emergency_exit"), {**EXIT, "update": "simultaneous"}),
-    "in turn": Subject(served("emergency_exit"), EXIT, skipped=frozenset({"S2.5", "S4.2", "S4.3"})),
-    "gymnasium": Subject(
+    "emergency exit": Case(served("emergency_exit"), {**EXIT, "update": "simultaneous"}),
+    "in turn": Case(served("emergency_exit"), EXIT, skipped=frozenset({"S2.5", "S4.2", "S4.3"})),
+    "gymnasium": Case(
         served("gymnasium:CartPole-v1"), skipped=frozenset({"S1.6", "S2.5", "S4.1", "S4.2", "S4.3"})
     ),
-    "pettingzoo": Subject(
+    "pettingzoo": Case(
         served("pettingzoo:mpe2.simple_spread_v3"), {"max_cycles": 8}, skipped=frozenset({"S9.5"})
     ),
-    "python": Subject(served(f"{ROOT}/tests/python/simulations/minisim.py:Minisim"), MANY),
-    "numpy": Subject(served(f"{ROOT}/tests/python/simulations/minisim_batch.py:Minisim"), MANY),
-    "mujoco rovers": Subject(served("swarmwright.adapters.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
-    "mujoco quadrotors": Subject(served("swarmwright.adapters.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
-    "vmas": Subject(
+    "python": Case(served(f"{ROOT}/tests/python/simulations/minisim.py:Minisim"), MANY),
+    "numpy": Case(served(f"{ROOT}/tests/python/simulations/minisim_batch.py:Minisim"), MANY),
+    "mujoco rovers": Case(served("swarmwright.adapters.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
+    "mujoco quadrotors": Case(served("swarmwright.adapters.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
+    "vmas": Case(
         served("vmas:navigation"),
         {"max_steps": 5},
         skipped=UNLIMITED | {"S8.1", "S8.2", "S9.5", "S9.7"},
     ),
-    "enki": Subject(served("swarmwright.adapters.enki:EPucks"), ROBOTS, skipped=UNLIMITED | BY_CHANCE),
+    "enki": Case(served("swarmwright.adapters.enki:EPucks"), ROBOTS, skipped=UNLIMITED | BY_CHANCE),
 }
 
 NEEDS = {
@@ -112,20 +112,20 @@ NEEDS = {
 
 
 @pytest.mark.timeout(600)  # it may build the wrappers
-@pytest.mark.parametrize("name", [pytest.param(name, marks=NEEDS.get(name, ())) for name in SUBJECTS])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=NEEDS.get(name, ())) for name in CASES])
 def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", f"{ROOT / 'python'}:{ROOT}")  # where some subjects import from
-    subject = SUBJECTS[name]
-    command = subject.command if isinstance(subject.command, str) else subject.command()
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT / 'python'}:{ROOT}")  # where some servers import from
+    case = CASES[name]
+    command = case.command if isinstance(case.command, str) else case.command()
     report = check_server(
         command=command,
-        parameters=subject.parameters,
-        step_timeout=subject.step_timeout,
-        rules=[subject.rules],
+        parameters=case.parameters,
+        step_timeout=case.step_timeout,
+        rules=[case.rules],
     )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == subject.skipped, [
+    assert set(report.of("skipped")) == case.skipped, [
         (result.id, result.detail) for result in report.results if result.status == "skipped"
     ]
 

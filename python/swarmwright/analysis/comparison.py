@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.analysis.groups import Kin, group
+from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.core.errors import InputError
 from swarmwright.figures.curves import fitness_at
@@ -150,8 +150,8 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
         raise InputError(
             f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
         )
-    kins, notes = group(opened)
-    groups = tuple(_group(kin, at) for kin in kins)
+    grouped, notes = group(opened)
+    groups = tuple(_group(one, at) for one in grouped)
     pairs = tuple(combinations(groups, 2))
     differences = [difference(one.final, other.final) for one, other in pairs]
     corrected = holm([found.p for found in differences])
@@ -167,9 +167,9 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
     )
 
 
-def _group(kin: Kin, at: int | None) -> Group:
-    final = np.array([fitness_at(run, at) for run in kin.runs])
-    return Group(kin.label, kin.differs, kin.runs, final)
+def _group(one: RunGroup, at: int | None) -> Group:
+    final = np.array([fitness_at(run, at) for run in one.runs])
+    return Group(one.label, one.differs, one.runs, final)
 
 
 def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:

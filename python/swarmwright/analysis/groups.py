@@ -16,7 +16,7 @@ _NO_GROUP = ELSEWHERE | {"seed"}
 
 
 @dataclass(frozen=True)
-class Kin:
+class RunGroup:
     """Runs of one kind, and what sets them apart from the others."""
 
     label: str
@@ -25,7 +25,7 @@ class Kin:
     runs: tuple[Run, ...]
 
 
-def group(runs: Sequence[Run]) -> tuple[list[Kin], list[str]]:
+def group(runs: Sequence[Run]) -> tuple[list[RunGroup], list[str]]:
     """Group runs by what differs between their experiments, in the order in which they were given.
 
     A run that is given twice, or was made again with the same experiment and seed, counts once: it is no
@@ -42,10 +42,10 @@ def group(runs: Sequence[Run]) -> tuple[list[Kin], list[str]]:
         # An option that a kind does not have is left out; a parameter may have been left out by its author.
         differs = {key: values.get(key) for key in keys if key in values or key.startswith("parameters.")}
         found.setdefault(json.dumps(differs, sort_keys=True, default=str), (differs, []))[1].append(run)
-    kins = [Kin(label_of(differs), differs, tuple(members)) for differs, members in found.values()]
-    if len(kins) == 1:
-        kins = [Kin(_name(kept[0].experiment), {}, kins[0].runs)]
-    return kins, notes
+    groups = [RunGroup(label_of(differs), differs, tuple(members)) for differs, members in found.values()]
+    if len(groups) == 1:
+        groups = [RunGroup(_name(kept[0].experiment), {}, groups[0].runs)]
+    return groups, notes
 
 
 def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:

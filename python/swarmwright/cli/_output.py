@@ -34,15 +34,15 @@ def show_warnings() -> None:
     """Show what the library warns of, and what takes it long, on standard error, a line each."""
     import logging
 
-    course = logging.getLogger("swarmwright.course")
+    progress = logging.getLogger("swarmwright.progress")
 
     class Handler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             complain(record.getMessage())
 
-    course.setLevel(logging.INFO)
+    progress.setLevel(logging.INFO)
     handler = Handler(logging.INFO)
-    handler.addFilter(lambda record: record.levelno >= logging.WARNING or record.name == course.name)
+    handler.addFilter(lambda record: record.levelno >= logging.WARNING or record.name == progress.name)
     logging.getLogger("swarmwright").addHandler(handler)
 
 

@@ -10,7 +10,7 @@ from types import FrameType
 
 INTERRUPTED = 130
 """Exit status of a command that was interrupted, its results kept."""
-_AGAIN = 0.02
+_RETRY_S = 0.02
 """Seconds after which a signal comes again whose exception nobody could catch."""
 
 
@@ -63,7 +63,7 @@ def _lost(ending: type[KeyboardInterrupt]) -> None:
             _state.again = True
             os.kill(os.getpid(), number)
 
-    timer = threading.Timer(_AGAIN, again)
+    timer = threading.Timer(_RETRY_S, again)
     timer.daemon = True
     timer.start()
 

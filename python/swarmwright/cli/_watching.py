@@ -79,7 +79,7 @@ def headline(view: View, broker: str) -> tuple[str, str]:
     return f"{count} server{'s' if count != 1 else ''}, none blocking", "dim"
 
 
-def _course(tool: ToolRow) -> str:
+def _how_far(tool: ToolRow) -> str:
     """Say how far a tool is, so that it changes now and then."""
     _, run, how_far, _, _ = tool_cells(tool)
     status = tool.status
@@ -150,7 +150,7 @@ class Lines:
             offered = f" ({', '.join(server.simulations)})" if server.simulations else ""
             now[f"server {server.server}"] = f"{server.state or 'known to a tool'}{held}{offered}{pause}"
         for tool in view.tools:
-            now[f"tool {tool.status['tool']}"] = _course(tool)
+            now[f"tool {tool.status['tool']}"] = _how_far(tool)
         blocking = view.blocking
         if view.broker_lost is not None:
             now["broker"] = headline(view, self._broker)[0]

@@ -151,7 +151,7 @@ def _save(output: Output, replay: "Replay", file: Path, speed: float) -> None:
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
     output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")
-    steps = len(recording.course) - 1
+    steps = len(recording.fitness_so_far) - 1
     output.json({"fitness": recording.fitness, "steps": steps, "picture": str(file), **replay.identity()})
 
 

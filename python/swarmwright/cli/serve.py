@@ -134,9 +134,9 @@ def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, resta
 def _title(simulation: str) -> str:
     """The title of what is to be offered; complains before any server is started."""
     from swarmwright.simulations import catalogue
-    from swarmwright.simulations.names import is_own
+    from swarmwright.simulations.names import is_python
 
-    if is_own(simulation):
+    if is_python(simulation):
         return catalogue.title(simulation)
     known = catalogue.titles()
     if simulation not in known:
@@ -195,9 +195,14 @@ class Reporter:
     def _note(self, item: News) -> None:
         """Tell programs."""
         if isinstance(item, Ended):
-            death = item.death
-            event, level, server, pid = "ended", "error" if death.status else "info", death.server, death.pid
-            fields: dict[str, Any] = {"status": death.status, "message": death.words or None}
+            server_exit = item.server_exit
+            event, level, server, pid = (
+                "ended",
+                "error" if server_exit.status else "info",
+                server_exit.server,
+                server_exit.pid,
+            )
+            fields: dict[str, Any] = {"status": server_exit.status, "message": server_exit.words or None}
         elif isinstance(item, Restarted):
             event, level, server, pid, fields = "restarted", "warning", item.server, item.pid, {}
         else:
@@ -222,23 +227,23 @@ class Reporter:
         return f"server {server}: {event}: {rest}"
 
     def _ended(self, item: Ended) -> None:
-        death = item.death
-        error = self._errors.pop(death.server, None)
-        self.status = max(self.status, 2 if death.status == 2 and error else 1)
+        server_exit = item.server_exit
+        error = self._errors.pop(server_exit.server, None)
+        self.status = max(self.status, 2 if server_exit.status == 2 and error else 1)
         self._output.json(
             {
                 "event": "ended",
-                "server": death.server,
-                "pid": death.pid,
-                "status": death.status,
-                "message": error or death.words,
+                "server": server_exit.server,
+                "pid": server_exit.pid,
+                "status": server_exit.status,
+                "message": error or server_exit.words,
                 "restart": item.pause,
             }
         )
         again = "" if item.pause is None else f"; it is started again in {item.pause:g} s"
         if error:
-            complain(f"server {death.server}: {error}{again}")
+            complain(f"server {server_exit.server}: {error}{again}")
             return
-        complain(f"server {death.server} (process {death.pid}) {death.how}{again}")
-        if death.words:
-            aside("its last output:", death.words.split("\n"))
+        complain(f"server {server_exit.server} (process {server_exit.pid}) {server_exit.how}{again}")
+        if server_exit.words:
+            aside("its last output:", server_exit.words.split("\n"))

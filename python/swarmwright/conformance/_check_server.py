@@ -14,7 +14,7 @@ from swarmwright.conformance._results import Report, Result
 from swarmwright.conformance._rules import Profile
 from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
-from swarmwright.conformance._subject import Json, Settings
+from swarmwright.conformance._server_under_test import Json, Settings
 from swarmwright.conformance.server import RULES
 from swarmwright.core.errors import InputError, RunError
 

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from swarmwright.conformance._client import Client, Message, Overdue
 from swarmwright.conformance._rules import Failure, Rule
-from swarmwright.conformance._subject import Episode, Server
+from swarmwright.conformance._server_under_test import Episode, Server
 
 EPISODES = 40
 """Episodes that a rule may play at most; their time is added to its deadline."""
@@ -31,7 +31,7 @@ class ServerPeer(Server):
 
     def _allow(self, seconds: float) -> None:
         """Set the deadline, with the time of some episodes to spare."""
-        episode = self.course.seconds if self.course else self.settings.timeout
+        episode = self.trajectory.seconds if self.trajectory else self.settings.timeout
         self.client.deadline = time.monotonic() + seconds + EPISODES * episode
 
     def recover(self) -> str:

@@ -91,7 +91,7 @@ class Picture:
         trail: length of trails in steps; None: all the way.
         """
         steps = len(self._recording.scenes) - 1
-        so_far = self._recording.course[min(int(time), steps)] + 0.0  # no -0
+        so_far = self._recording.fitness_so_far[min(int(time), steps)] + 0.0  # no -0
         text = f"step {scene.step} of {steps}   fitness {so_far:.3g}"
         artists: list[Artist] = [
             self._axes.text(

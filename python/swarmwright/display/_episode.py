@@ -38,25 +38,25 @@ class Playable(Protocol):
 class Recording:
     """A whole episode: the scene before the first step and after each.
 
-    course: fitness so far at each scene, more is better. step_size: seconds between two scenes when shown.
+    fitness_so_far: at each scene, more is better. step_size: seconds between two scenes when shown.
     """
 
     scenes: tuple[Scene, ...]
-    course: tuple[float, ...]
+    fitness_so_far: tuple[float, ...]
     step_size: float
 
     @property
     def fitness(self) -> float:
         """Fitness of the episode, at its end."""
-        return self.course[-1]
+        return self.fitness_so_far[-1]
 
 
 def record(episode: Playable) -> Recording:
     """Step an episode to its end and keep every scene."""
     scenes = [Scene.parse(episode.scene())]
-    course = [episode.fitness]
+    fitness_so_far = [episode.fitness]
     while not episode.done:
         episode.step()
         scenes.append(Scene.parse(episode.scene()))
-        course.append(episode.fitness)
-    return Recording(tuple(scenes), tuple(course), episode.step_size)
+        fitness_so_far.append(episode.fitness)
+    return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size)

@@ -125,19 +125,19 @@ class LocalServers:
     def check(self) -> None:
         """Log servers that have been given up since the last check; raise RunError when none is left."""
         lost = self._supervisor.given_up()
-        for death in lost:
-            if death.server not in self._told:
-                self._told.add(death.server)
-                _log.warning("%s\nIt is not started again: it keeps failing at start.", death.obituary)
+        for server_exit in lost:
+            if server_exit.server not in self._told:
+                self._told.add(server_exit.server)
+                _log.warning("%s\nIt is not started again: it keeps failing at start.", server_exit.report)
         if self._supervisor.all_given_up():
-            endings = "\n".join(death.obituary for death in lost)
+            endings = "\n".join(server_exit.report for server_exit in lost)
             raise RunError(f"no simulation server is left:\n{endings}")
 
     def _heard(self, news: News) -> None:
         if not self._ready:
             self._started.put(news)
         elif isinstance(news, Ended) and not self._attached and news.pause is not None:
-            _log.warning("%s", news.death.obituary)
+            _log.warning("%s", news.server_exit.report)
 
     def _wait_until_ready(self) -> None:
         deadline = time.monotonic() + START
@@ -148,7 +148,7 @@ class LocalServers:
             except queue.Empty:
                 raise RunError(f"a simulation server did not start within {START:g} s") from None
             if isinstance(news, Ended):
-                raise RunError(news.death.obituary)
+                raise RunError(news.server_exit.report)
             if isinstance(news, Event) and news.report.get("event") == "ready":
                 waiting -= 1
         self._ready = True

@@ -19,7 +19,7 @@ from swarmwright.evaluation.local_servers import LocalServers, automatic_count, 
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import is_own
+from swarmwright.simulations.names import is_python
 from swarmwright.user_code.changes import files_of
 
 
@@ -96,7 +96,7 @@ def open_backend(
 
 def has_workers(simulation: str) -> bool:
     """Whether `servers: local` means processes of their own: for code in Python that others find, too."""
-    return is_own(simulation) and not simulation.startswith("__main__:")
+    return is_python(simulation) and not simulation.startswith("__main__:")
 
 
 def in_process_is_better(experiment: Experiment) -> bool:
@@ -154,7 +154,7 @@ def open_servers(
     else:
         # Others may have servers on this broker; ids must differ.
         address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
-    files = files_of(experiment.simulation) if is_own(experiment.simulation) else {}
+    files = files_of(experiment.simulation) if is_python(experiment.simulation) else {}
     settings = [
         {
             "simulation": experiment.simulation,
@@ -223,4 +223,4 @@ def _require_here(experiment: Experiment) -> None:
 def _in_process(experiment: Experiment) -> Backend:
     from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend  # noqa: PLC0415 - NumPy and hosts, not for servers
 
-    return (PythonBackend if is_own(experiment.simulation) else InProcessBackend)(experiment)
+    return (PythonBackend if is_python(experiment.simulation) else InProcessBackend)(experiment)

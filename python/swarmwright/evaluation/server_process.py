@@ -25,7 +25,7 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.errors import SwarmwrightError, engine_errors
-from swarmwright.evaluation.supervision.marked import mark_output
+from swarmwright.evaluation.supervision.marked_output import mark_output
 from swarmwright.evaluation.supervision.process import STACK_SIGNAL
 from swarmwright.simulations import catalogue
 

@@ -19,7 +19,7 @@ from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.simulations.names import is_own, name_of
+from swarmwright.simulations.names import is_python, name_of
 from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
@@ -240,7 +240,7 @@ class Experiment:
     @property
     def label(self) -> str:
         """What the simulation is called in figures and folders: its title, or its class."""
-        return self.simulation.rpartition(":")[2] if is_own(self.simulation) else self.simulation
+        return self.simulation.rpartition(":")[2] if is_python(self.simulation) else self.simulation
 
     @property
     def generations(self) -> int:

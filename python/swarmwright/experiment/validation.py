@@ -25,7 +25,7 @@ from swarmwright.rankings import RankingOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, is_own, of_run
+from swarmwright.simulations.names import absolute, is_python, of_run
 from swarmwright.store import FILE
 
 Report = Callable[[Path_, str], None]
@@ -94,7 +94,7 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     simulation = values.get("simulation")
     if not isinstance(simulation, str):
         return False
-    if not is_own(simulation):
+    if not is_python(simulation):
         return simulation in catalogue.titles()
     find = of_run if (folder / FILE).exists() else absolute
     values["simulation"] = find(simulation, folder)

@@ -42,7 +42,7 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     left, right = figure.subplots(1, 2, width_ratios=[6.0, width])
     drawn = []
     for index, one in enumerate(groups):
-        drawn.append(_course(left, one, index, x, extremes=len(groups) <= _CLEAR))
+        drawn.append(_curve(left, one, index, x, extremes=len(groups) <= _CLEAR))
         _final(right, one, index)
     zoom(left, drawn)
     dress(left, x=AXES[x], y="best fitness so far (more is better)")
@@ -111,7 +111,7 @@ def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None
         axes.set_title(meaning, loc="left", fontsize=10, color=SOFT)
 
 
-def _course(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> Drawn:
+def _curve(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> Drawn:
     """Draw how a group got on; return x, and the least and the greatest that is drawn there."""
     color, dashes = look(index)
     places, values, shortest = together(one.runs, x)

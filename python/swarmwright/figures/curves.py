@@ -1,4 +1,4 @@
-"""The course of runs: the best fitness so far, on an axis that several runs share."""
+"""The best_so_far of runs: the best fitness so far, on an axis that several runs share."""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ def fitness_at(run: "Run", evaluations: int | None = None) -> float:
     return best if math.isfinite(best) else math.nan
 
 
-def course(run: "Run", x: str) -> tuple[Values, Values]:
+def best_so_far(run: "Run", x: str) -> tuple[Values, Values]:
     """Return x of each finished generation, and the best fitness so far there.
 
     x: "evaluations" done at its end, or its number ("generations").
@@ -43,15 +43,15 @@ def together(runs: Sequence["Run"], x: str) -> tuple[Values, Values, float]:
         The axis, (points,); best fitness so far of each run there, (runs, points), NaN before its first
         generation was finished, the last value after its end; and where the shortest run ends.
     """
-    courses = [course(run, x) for run in runs]
-    axis = np.unique(np.concatenate([places for places, _ in courses]))
+    curves = [best_so_far(run, x) for run in runs]
+    axis = np.unique(np.concatenate([places for places, _ in curves]))
     if len(axis) > _POINTS:
         axis = axis[np.unique(np.linspace(0, len(axis) - 1, _POINTS).round().astype(int))]
     values = np.full((len(runs), len(axis)), np.nan)
-    for row, (places, fitness) in zip(values, courses, strict=True):
+    for row, (places, fitness) in zip(values, curves, strict=True):
         index = np.searchsorted(places, axis, side="right") - 1
         row[index >= 0] = fitness[index[index >= 0]]
-    return axis, values, min(places[-1] for places, _ in courses)
+    return axis, values, min(places[-1] for places, _ in curves)
 
 
 def bands(values: Values) -> Values:

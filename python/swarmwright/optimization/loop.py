@@ -20,7 +20,7 @@ from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
-from swarmwright.optimization.memory import LARGE, candidates, course
+from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.rankings._base import Ranking, best_first
 from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, StoreReader, StoreWriter
@@ -207,7 +207,7 @@ class Loop:
     def _say(self, what: str) -> None:
         """Say what comes now, where generations are so large that each part of it takes long."""
         if self._large:
-            course.info("%s", what)
+            progress.info("%s", what)
 
     def _commit(
         self, evaluated: Evaluated, journal: list[dict[str, Any]], on_generation: OnGeneration | None

@@ -12,7 +12,7 @@ LARGE = 100_000
 """Candidates of a generation from which on it is said what takes so long."""
 _COPIES = 4  # of each genome at a time: asked for, its weights, the method's, the record's
 _BESIDE = 200  # bytes of a candidate beside its genes and results
-course = logging.getLogger("swarmwright.course")
+progress = logging.getLogger("swarmwright.progress")
 """Says what is done now where that takes long; the command line shows it, programs may."""
 
 
@@ -30,7 +30,7 @@ def check_memory(experiment: Experiment, representation: Representation) -> None
     free = available()
     what = f"{count:,} candidates with {representation.genome_size:,} genes each"
     if free is None:
-        course.info("%s: about %s of memory is needed", what, size(needed))
+        progress.info("%s: about %s of memory is needed", what, size(needed))
         return
     if genomes > free:
         raise InputError(
@@ -38,7 +38,7 @@ def check_memory(experiment: Experiment, representation: Representation) -> None
             f"{size(free)} are available; take a smaller population"
         )
     fits = "enough" if needed <= free else "perhaps too little: take a smaller population if it ends early"
-    course.log(
+    progress.log(
         logging.INFO if needed <= free else logging.WARNING,
         *("%s: about %s of memory is needed, %s are available, %s", what, size(needed), size(free), fits),
     )

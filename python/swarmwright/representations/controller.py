@@ -135,12 +135,12 @@ class Controller:
         rows = np.ascontiguousarray(np.atleast_2d(values))
         if not np.isfinite(rows).all():
             raise InputError("sensors: hold a number that is not finite")
-        self._be(len(rows))
+        self._set_agents(len(rows))
         with engine_errors("sensors: "):
             actuators = np.stack([agent.step(row) for agent, row in zip(self._agents, rows, strict=True)])
         return actuators if values.ndim == 2 else actuators[0]
 
-    def _be(self, agents: int) -> None:
+    def _set_agents(self, agents: int) -> None:
         if self._started not in {0, agents}:
             raise InputError(
                 f"sensors: {agents} agent(s) now, {self._started} before; call reset() in between"

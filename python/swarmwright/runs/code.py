@@ -16,7 +16,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, is_own, name_of
+from swarmwright.simulations.names import absolute, is_python, name_of
 from swarmwright.user_code import notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
 from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of
@@ -38,7 +38,7 @@ def parts_of(experiment: Experiment) -> list[Part]:
     """
     simulation = experiment.simulation
     parts = of_plug_ins(experiment)
-    if not is_own(simulation):
+    if not is_python(simulation):
         return parts
     held = Copy.holding(Path(simulation.rpartition(":")[0]).absolute())
     part = choose(*held).part if held is not None else of_simulation(simulation)
@@ -284,7 +284,7 @@ def _check_trusted(run: "Run", experiment: Experiment, copy: Copy | None, *, acc
 
     accepted: whether what has changed since its copy was made may.
     """
-    if not is_own(experiment.simulation):
+    if not is_python(experiment.simulation):
         return
     if copy is not None and "simulation" in copy.parts:
         kept = copy.parts["simulation"]
@@ -349,12 +349,12 @@ def _is_copied(simulation: str) -> bool:
 def _keeps(simulation: str) -> bool:
     """Whether runs of a simulation keep a copy of its source."""
     module = simulation.partition(":")[0].partition(".")[0]
-    return is_own(simulation) and not is_adapted(simulation) and module not in {"__main__", "swarmwright"}
+    return is_python(simulation) and not is_adapted(simulation) and module not in {"__main__", "swarmwright"}
 
 
 def _check_there(run: "Run", simulation: str) -> None:
     place, _, wanted = simulation.rpartition(":")
-    if is_own(simulation) and place.endswith(".py") and not Path(place).is_file():
+    if is_python(simulation) and place.endswith(".py") and not Path(place).is_file():
         raise InputError(
             f"{run.path}: the code of its simulation is gone: there is no {place}, and the run holds no copy "
             f"of it; put {Path(place).name} beside the run folder, or name the file: "
@@ -365,7 +365,7 @@ def _check_there(run: "Run", simulation: str) -> None:
 def _with(experiment: Experiment, simulation: str | type) -> Experiment:
     """Return the experiment with another class. Raises InputError when that does not fit the run."""
     name = name_of(simulation) if isinstance(simulation, type) else simulation
-    if not is_own(name):
+    if not is_python(name):
         raise InputError(
             f"simulation: {name!r} names no class in Python: FILE.py:Class or package.module:Class"
         )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.simulations.names import is_own
+from swarmwright.simulations.names import is_python
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def _description(title: str) -> str:
         return _engine.describe(title)
 
 
-def _own_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
     from swarmwright.simulations.loading import load
 
     return _described(load(name))  # the class may be another one when its file was edited
@@ -40,7 +40,7 @@ def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
 
 def is_here(simulation: str) -> bool:
     """Whether a simulation can be run by this machine: it is built in, or named by its class."""
-    return simulation in titles() or is_own(simulation)
+    return simulation in titles() or is_python(simulation)
 
 
 def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
@@ -48,7 +48,7 @@ def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
 
     Raises InputError for a class that cannot be loaded.
     """
-    if not is_own(simulation):
+    if not is_python(simulation):
         return simulation
     from swarmwright.simulations.host import Host
     from swarmwright.simulations.loading import load
@@ -61,10 +61,10 @@ def shown_as(simulation: str) -> Literal["scene", "picture"]:
 
     Raises InputError for a class that cannot be loaded, or has nothing to show.
     """
-    if not is_own(simulation):
+    if not is_python(simulation):
         return "scene"
     from swarmwright.simulations.loading import load
-    from swarmwright.simulations.shown import shown_as
+    from swarmwright.simulations.visualization import shown_as
 
     return shown_as(load(simulation))
 
@@ -73,14 +73,14 @@ def drawing(simulation: str) -> "Host":
     """Return a host of a class that draws pictures. Raises InputError when it cannot."""
     from swarmwright.simulations.host import Host
     from swarmwright.simulations.loading import load
-    from swarmwright.simulations.shown import drawing
+    from swarmwright.simulations.visualization import drawing
 
     return Host(drawing(load(simulation)))
 
 
 def title(simulation: str) -> str:
     """Return the title of a simulation in discovery. Raises InputError for a class that cannot be loaded."""
-    return str(_own_description(simulation).title) if is_own(simulation) else simulation
+    return str(_python_description(simulation).title) if is_python(simulation) else simulation
 
 
 def description(simulation: str) -> dict[str, Any]:
@@ -89,8 +89,8 @@ def description(simulation: str) -> dict[str, Any]:
     Title, dimensions, max_agents, sensors, actuators, parameters, and metrics (name -> unit, description).
     Raises InputError for a class that cannot be loaded.
     """
-    if is_own(simulation):
-        plain: dict[str, Any] = _own_description(simulation).plain()
+    if is_python(simulation):
+        plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
     described: dict[str, Any] = json.loads(_description(simulation))
     return described
@@ -103,7 +103,7 @@ def parameter_names(simulation: str) -> list[str]:
 
 def takes_any(simulation: str) -> bool:
     """Return whether any other parameter is possible, too: in a class that declares none."""
-    return is_own(simulation) and not description(simulation)["parameters"]
+    return is_python(simulation) and not description(simulation)["parameters"]
 
 
 def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
@@ -113,7 +113,7 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
     """
     text = json.dumps(parameters, allow_nan=False)
     with engine_errors():
-        if is_own(simulation):
+        if is_python(simulation):
             from swarmwright.simulations.host import Host
             from swarmwright.simulations.loading import load
 
@@ -126,8 +126,8 @@ def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | Non
     """Return what is wrong with the parameters of a simulation that is here, None when nothing is."""
     try:
         text = json.dumps(parameters, allow_nan=False)
-        if is_own(simulation):
-            filled_in(_own_description(simulation).parameters, parameters)
+        if is_python(simulation):
+            filled_in(_python_description(simulation).parameters, parameters)
             return None
         with engine_errors():
             _engine.check_parameters(simulation, text)

@@ -16,9 +16,9 @@ from swarmwright import _engine
 from swarmwright.core.errors import InputError, SimulationError
 from swarmwright.core.tracebacks import is_installed, shown
 from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.description import Description, describe
-from swarmwright.simulations.lanes import Lanes, Many
 from swarmwright.simulations.parameters import filled_in
 
 Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
@@ -159,7 +159,7 @@ class Host:
         return self._started(values, seeds)
 
     def _started(self, values: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
-        self._many = Lanes(self.sensors, len(seeds), self.max_agents, self._fail)
+        self._many = BatchChecks(self.sensors, len(seeds), self.max_agents, self._fail)
         return self._many.seen("reset", self._call("reset", values, seeds), self._call)
 
     def go(self, actions: NDArray[np.float32]) -> Many:

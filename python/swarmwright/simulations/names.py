@@ -10,16 +10,16 @@ from swarmwright.core.errors import InputError
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import beside
 
-_OWN = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
+_PYTHON_NAME = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 FROM_FILE = "swarmwright simulation "
 """Begins the name of modules that are named by their file."""
 files: dict[str, ModuleType] = {}
 """Path of a file -> its module."""
 
 
-def is_own(simulation: str) -> bool:
+def is_python(simulation: str) -> bool:
     """Whether a simulation is named by its class, or as another library's environment, not by a title."""
-    return _OWN.fullmatch(simulation) is not None or is_adapted(simulation)
+    return _PYTHON_NAME.fullmatch(simulation) is not None or is_adapted(simulation)
 
 
 def absolute(name: str, folder: Path | None = None) -> str:

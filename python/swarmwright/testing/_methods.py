@@ -40,35 +40,37 @@ def check_method(kind: str) -> None:
         if np.isfinite(one.bounds).any():
             _check_bounds(kind, one)
     _check_choices(kind)
-    subject = suitable[0]
-    _check_budget(kind, subject)
-    _check_failures(kind, subject)
-    _check_fitness(kind, subject)
-    _check_target(kind, subject)
-    _check_kept(kind, subject)
-    check_replay(_new(kind, subject))
-    check_steady_state(METHODS.get(kind), subject)
-    _check_start(kind, subject)
+    representation = suitable[0]
+    _check_budget(kind, representation)
+    _check_failures(kind, representation)
+    _check_fitness(kind, representation)
+    _check_target(kind, representation)
+    _check_kept(kind, representation)
+    check_replay(_new(kind, representation))
+    check_steady_state(METHODS.get(kind), representation)
+    _check_start(kind, representation)
 
 
-def _new(kind: str, subject: Representation, seed: int = 1, **options: Any) -> Method:  # noqa: ANN401
+def _new(kind: str, representation: Representation, seed: int = 1, **options: Any) -> Method:  # noqa: ANN401
     component = METHODS.get(kind)
-    return component(component.options_model(**{"generations": _GENERATIONS, **options}), subject, seed=seed)
+    return component(
+        component.options_model(**{"generations": _GENERATIONS, **options}), representation, seed=seed
+    )
 
 
-def _accepts(kind: str, subject: Representation) -> bool:
+def _accepts(kind: str, representation: Representation) -> bool:
     component = METHODS.get(kind)
-    reason = component.unsuitable(subject)
+    reason = component.unsuitable(representation)
     if reason is None:
         return True
     assert reason, "unsuitable must return the reason"
     try:
-        _new(kind, subject)
+        _new(kind, representation)
     except InputError as error:
         if not str(error).startswith("method.kind: "):
             raise AssertionError(f"the message must name method.kind: {error}") from error
         return False
-    raise AssertionError(f"{kind} says that {subject.kind} is unsuitable, and takes it")
+    raise AssertionError(f"{kind} says that {representation.kind} is unsuitable, and takes it")
 
 
 def _bytes(asked: list[Genomes]) -> list[bytes]:
@@ -118,8 +120,8 @@ def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
     return asked
 
 
-def _check_determinism(kind: str, subject: Representation) -> None:
-    asked = _conversation(_new(kind, subject))
+def _check_determinism(kind: str, representation: Representation) -> None:
+    asked = _conversation(_new(kind, representation))
     assert len(asked) == _GENERATIONS, f"{len(asked)} generations instead of {_GENERATIONS}"
 
     def meddling(genomes: Genomes) -> Fitness:
@@ -127,11 +129,11 @@ def _check_determinism(kind: str, subject: Representation) -> None:
         random.random()
         return _sphere(genomes)
 
-    assert _bytes(asked) == _bytes(_conversation(_new(kind, subject), meddling)), (
+    assert _bytes(asked) == _bytes(_conversation(_new(kind, representation), meddling)), (
         "the same seed and fitness must give the same genomes, whatever random numbers others draw"
     )
     before = _shared_state()
-    others = _conversation(_new(kind, subject, 2))
+    others = _conversation(_new(kind, representation, 2))
     assert _bytes(asked) != _bytes(others), "another seed must give others"
     assert _shared_state() == before, "the random numbers that Python and NumPy share must be left alone"
 
@@ -141,36 +143,36 @@ def _shared_state() -> tuple[Any, ...]:
     return random.getstate(), state[1].tobytes(), state[2:]
 
 
-def _check_bounds(kind: str, subject: Representation) -> None:
+def _check_bounds(kind: str, representation: Representation) -> None:
     """Far better beyond the bounds: a method goes there, and must come back."""
 
     def far(genomes: Genomes) -> Fitness:
         sums: Fitness = np.add.accumulate(genomes.astype(np.float64), axis=1)[:, -1]
         return sums
 
-    _conversation(_new(kind, subject), far)
-    _conversation(_new(kind, subject), lambda genomes: -far(genomes))
+    _conversation(_new(kind, representation), far)
+    _conversation(_new(kind, representation), lambda genomes: -far(genomes))
 
 
 def _check_choices(kind: str) -> None:
-    subject = Choices()
-    if _accepts(kind, subject):
-        for genomes in _conversation(_new(kind, subject)):
+    representation = Choices()
+    if _accepts(kind, representation):
+        for genomes in _conversation(_new(kind, representation)):
             assert set(genomes.ravel().tolist()) <= {0.0, 1.0, 2.0, 3.0}, (
                 "genes of a representation that is not continuous are choices: "
                 "vary them by its operators, or refuse it by `unsuitable`"
             )
 
 
-def _check_budget(kind: str, subject: Representation) -> None:
-    method = _new(kind, subject)
+def _check_budget(kind: str, representation: Representation) -> None:
+    method = _new(kind, representation)
     budget = method.budget
     asked = _conversation(method)
     assert sum(map(len, asked)) == method.evaluations, "evaluations is not what was evaluated"
     assert method.evaluations <= budget, "more was evaluated than budget says"
 
 
-def _check_failures(kind: str, subject: Representation) -> None:
+def _check_failures(kind: str, representation: Representation) -> None:
     """Candidates that fail must neither stop a method nor lead it."""
 
     def half(genomes: Genomes) -> Fitness:
@@ -179,47 +181,51 @@ def _check_failures(kind: str, subject: Representation) -> None:
         fitness[1:2] = -np.inf
         return fitness
 
-    _conversation(_new(kind, subject), half)
+    _conversation(_new(kind, representation), half)
     generations = iter(range(1_000_000))
 
     def rarely(genomes: Genomes) -> Fitness:
         works = next(generations) % 3 == 1
         return _sphere(genomes) if works else np.full(len(genomes), np.nan)
 
-    assert _conversation(_new(kind, subject), rarely), "generations that fail as a whole must not stop it"
+    assert _conversation(_new(kind, representation), rarely), (
+        "generations that fail as a whole must not stop it"
+    )
 
 
-def _check_fitness(kind: str, subject: Representation) -> None:
+def _check_fitness(kind: str, representation: Representation) -> None:
     """Any sign, any size, any difference."""
     for scale in (1e300, 1e-300, -1e300, 1e20, 0.0):
-        _conversation(_new(kind, subject), partial(_scaled, scale))
+        _conversation(_new(kind, representation), partial(_scaled, scale))
     turns = iter(range(1_000_000))
 
     def jumping(genomes: Genomes) -> Fitness:
         return _scaled(10.0 ** (100 * (next(turns) % 4) - 150), genomes)
 
-    _conversation(_new(kind, subject), jumping)
+    _conversation(_new(kind, representation), jumping)
     mixed = np.array([1.7e308, -1.7e308, 0.0, 1e-320, np.nan])
-    _conversation(_new(kind, subject), lambda genomes: np.resize(mixed, len(genomes)))
+    _conversation(_new(kind, representation), lambda genomes: np.resize(mixed, len(genomes)))
 
 
-def _check_target(kind: str, subject: Representation) -> None:
-    method = _new(kind, subject, target=-1e9)
+def _check_target(kind: str, representation: Representation) -> None:
+    method = _new(kind, representation, target=-1e9)
     method.tell(_sphere(method.ask()))
     assert method.done, "a target that is reached must end the method"
 
 
-def _check_kept(kind: str, subject: Representation) -> None:
+def _check_kept(kind: str, representation: Representation) -> None:
     """Members that stay may be evaluated again, with any result."""
-    method = _new(kind, subject)
+    method = _new(kind, representation)
     found = 0
-    lower, upper = subject.bounds
+    lower, upper = representation.bounds
     while not method.done:
         genomes = method.ask()
         members = method.kept()
         found += len(members)
         assert members.dtype == np.float32, f"kept returns {members.dtype}, not float32"
-        assert members.shape == (len(members), subject.genome_size), f"kept returns shape {members.shape}"
+        assert members.shape == (len(members), representation.genome_size), (
+            f"kept returns shape {members.shape}"
+        )
         assert ((lower <= members) & (members <= upper)).all(), "kept returns genes outside of bounds"
         again = _sphere(members) - method.generation
         again[1::5] = np.nan
@@ -234,11 +240,11 @@ def _check_kept(kind: str, subject: Representation) -> None:
     assert (found > 0) == method.keeps_members, "keeps_members must say whether members are kept"
 
 
-def _check_start(kind: str, subject: Representation) -> None:
+def _check_start(kind: str, representation: Representation) -> None:
     """Check that a method which starts from given genomes does, and another one says so."""
     component = METHODS.get(kind)
-    given = _away(subject)
-    method, other = _new(kind, subject), _new(kind, subject)
+    given = _away(representation)
+    method, other = _new(kind, representation), _new(kind, representation)
     if component.start_as is None:
         try:
             method.start_from(given)
@@ -253,12 +259,12 @@ def _check_start(kind: str, subject: Representation) -> None:
     else:
         near, far = (np.abs(asked.mean(axis=0) - given[0]).sum() for asked in (first, usual))
         assert near < far, f"{kind}: the first sample is not around the given genome"
-    again = _new(kind, subject)
+    again = _new(kind, representation)
     again.start_from(given)
     assert again.ask().tobytes() == first.tobytes(), f"{kind}: starts differently the second time"
 
 
-def _away(subject: Representation) -> Genomes:
+def _away(representation: Representation) -> Genomes:
     """Return a genome away from the middle of the initial range, (1, genome_size)."""
-    lower, upper = subject.initial_range
+    lower, upper = representation.initial_range
     return np.asarray((lower + 0.9 * (upper - lower)).astype(np.float32)[np.newaxis])

@@ -17,7 +17,7 @@ from swarmwright.display.files import FORMATS
 from swarmwright.display.pictures import PictureRecording, record, save
 from swarmwright.display.pictures import _record as recording
 from swarmwright.runs.replay import Replay
-from swarmwright.simulations.shown import drawing, shown_as
+from swarmwright.simulations.visualization import drawing, shown_as
 
 CART = "gymnasium:CartPole-v1"
 SPREAD = "pettingzoo:mpe2.simple_spread_v3?max_cycles=6"
@@ -39,8 +39,8 @@ def test_the_pictures_are_those_of_the_recorded_episode(name: str, tmp_path: Pat
     replay = Replay.of(run)
     pictures = replay.pictures()
     assert pictures.fitness == run.best.fitness
-    assert len(pictures.pictures) == len(pictures.course)
-    assert pictures.steps == tuple(range(len(pictures.course)))
+    assert len(pictures.pictures) == len(pictures.fitness_so_far)
+    assert pictures.steps == tuple(range(len(pictures.fitness_so_far)))
     assert len(set(pictures.pictures)) > len(pictures.pictures) / 2
     assert replay.outcome(pictures.fitness).count("Fitness") == 1
     assert "in the run it was" in replay.outcome(pictures.fitness + 1)
@@ -181,7 +181,7 @@ def test_long_episodes_are_thinned_and_keep_their_end(monkeypatch: pytest.Monkey
     for count in (0, 1, 9, 10, 57, 100):
         pictures = kept(count)
         assert len(pictures.pictures) <= 11
-        assert (pictures.steps[0], pictures.steps[-1], len(pictures.course)) == (0, count, count + 1)
+        assert (pictures.steps[0], pictures.steps[-1], len(pictures.fitness_so_far)) == (0, count, count + 1)
         for index, step in enumerate(pictures.steps):
             assert pictures.image(index).getpixel((0, 0)) == (step, step, step)
 

@@ -39,7 +39,7 @@ def test_it_is_said_how_much_is_needed(
 ) -> None:
     monkeypatch.setattr(memory, "available", lambda: free)
     experiment = large(200_000, 2)
-    with caplog.at_level(logging.INFO, "swarmwright.course"):
+    with caplog.at_level(logging.INFO, "swarmwright.progress"):
         memory.check_memory(experiment, experiment.representation())
     (record,) = caplog.records
     assert record.levelno == level
@@ -48,7 +48,7 @@ def test_it_is_said_how_much_is_needed(
 
 
 def test_small_populations_and_steady_state_are_no_matter(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, "swarmwright.course"):
+    with caplog.at_level(logging.INFO, "swarmwright.progress"):
         for experiment in (large(50, 2), large(200_000, 2, operation="steady_state")):
             memory.check_memory(experiment, experiment.representation())
     assert not caplog.records

@@ -9,7 +9,7 @@ import pytest
 from swarmwright import Experiment, InputError, Parameter, Simulation
 from swarmwright.simulations.description import describe
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.names import absolute, is_own, name_of
+from swarmwright.simulations.names import absolute, is_python, name_of
 from swarmwright.simulations.parameters import declared, filled_in
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk
@@ -133,8 +133,10 @@ def test_an_experiment_is_checked_against_the_class(parameters: dict[str, Any], 
 
 
 def test_names() -> None:
-    assert all(map(is_own, ("a.py:B", "/a b/c.py:D", "a:B", "a.b.c:D")))
-    assert not any(map(is_own, ("minisim", "a:b c", "gazebo: stadium", "a.py", "a.b", "9:B", "http://a:b")))
+    assert all(map(is_python, ("a.py:B", "/a b/c.py:D", "a:B", "a.b.c:D")))
+    assert not any(
+        map(is_python, ("minisim", "a:b c", "gazebo: stadium", "a.py", "a.b", "9:B", "http://a:b"))
+    )
     assert absolute("../a.py:B", Path("/x/y")) == "/x/a.py:B"
     assert absolute("a.b:C") == "a.b:C"
 

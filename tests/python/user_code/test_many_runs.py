@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError, Run, RunError, compare, optimize
-from swarmwright.analysis.sweep import Crew, Sweep, tasks
+from swarmwright.analysis.sweep import Executor, Sweep, tasks
 from swarmwright.evaluation.local_servers import LocalServers
 from swarmwright.user_code.changes import files_of
 from tests.python.user_code.conftest import edit
@@ -17,15 +17,15 @@ def test_a_sweep_is_of_one_code(project: Path) -> None:
     )
     sweep = Sweep.load("sweep.yaml")
     first, second = tasks(sweep)
-    with Crew(sweep) as crew:
-        crew.run(first)
+    with Executor(sweep) as executor:
+        executor.run(first)
         assert first.found() is not None
         edit(project / "helper.py", "0.1", "0.25")
         with pytest.raises(InputError, match=r"helper\.py was edited(.|\n)*Runs of different code"):
-            crew.run(first)
+            executor.run(first)
         edit(project / "helper.py", "0.25", "0.1")
-        assert crew.run(first).state == "done"
-        assert crew.run(second).state == "done"
+        assert executor.run(first).state == "done"
+        assert executor.run(second).state == "done"
 
 
 def test_runs_of_different_code_are_no_group(project: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from swarmwright.analysis.sweep.course import Listener
+from swarmwright.analysis.sweep.execution import Listener
 from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.optimization.loop import Generation

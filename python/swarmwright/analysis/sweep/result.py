@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.analysis.comparison import Comparison, compare
 from swarmwright.analysis.groups import distinguishing, flattened_of
-from swarmwright.analysis.sweep.course import Listener, conduct
+from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks

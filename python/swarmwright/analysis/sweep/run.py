@@ -91,7 +91,7 @@ def reason(error: Exception) -> str:
     return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
 
 
-class Crew:
+class Executor:
     """Broker and servers for runs of a sweep, one after the other.
 
     A context manager: what it started ends with it.

@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.sweep.file import Sweep, Variant
-from swarmwright.analysis.sweep.run import Crew, Task, reason
+from swarmwright.analysis.sweep.run import Executor, Task, reason
 from swarmwright.core.errors import SwarmwrightError
 from swarmwright.evaluation import reports as incidents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.optimization.loop import Generation
-from swarmwright.optimization.memory import course
+from swarmwright.optimization.memory import progress
 
 EVERY = 0.25
 """Seconds between two reports of how far a generation is."""
@@ -68,12 +68,12 @@ class Worker:
             sweep = Sweep(tuple(variants), (), Path())
             with (
                 self._forwarding(settings["reports"]),
-                Crew(sweep, broker=settings["broker"], servers=settings["servers"]) as crew,
+                Executor(sweep, broker=settings["broker"], servers=settings["servers"]) as executor,
             ):
                 self._tell("ready")
                 while line := self._lines.get():
                     task = json.loads(line)
-                    self._do(crew, Task(variants[task["variant"]], task["seed"], Path(task["folder"])))
+                    self._do(executor, Task(variants[task["variant"]], task["seed"], Path(task["folder"])))
         except KeyboardInterrupt:
             return 0
         except SwarmwrightError as error:
@@ -81,11 +81,11 @@ class Worker:
             return error.exit_status
         return 0
 
-    def _do(self, crew: Crew, task: Task) -> None:
+    def _do(self, executor: Executor, task: Task) -> None:
         with self._changing:
             self._busy = True
         try:
-            run = crew.run(task, self._generation, self._evaluating)
+            run = executor.run(task, self._generation, self._evaluating)
             self._tell("interrupted" if run.interrupted else "done")
         except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
             self._tell("failed", message=reason(error))
@@ -119,7 +119,7 @@ class Worker:
                 tell("log", logger=record.name, level=record.levelno, message=record.getMessage())
 
         logging.getLogger("swarmwright").addHandler(Handler())
-        course.setLevel(logging.INFO)
+        progress.setLevel(logging.INFO)
         with ExitStack() as stack:
             if reports:
                 listening = incidents.listening(

@@ -13,7 +13,7 @@ from contextlib import suppress
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from swarmwright.analysis.sweep.course import Listener
+from swarmwright.analysis.sweep.execution import Listener
 from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.core.errors import InputError, RunError
@@ -84,7 +84,7 @@ class _Process:
             with suppress(BrokenPipeError):
                 self.process.stdin.close()
 
-    def obituary(self) -> str:
+    def exit_report(self) -> str:
         """Say how it ended."""
         status = self.process.wait()
         how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
@@ -221,7 +221,7 @@ class SideBySide:
         self._selector.unregister(process.events)
         self._processes[place] = None
         task, ready = process.task, process.ready
-        words = process.obituary()
+        words = process.exit_report()
         process.close(time.monotonic())
         if task is not None:
             self._listener.failed(task, words)

@@ -5,10 +5,19 @@ from swarmwright.conformance.optimizer import (  # noqa: I001 - the order of the
     episodes,
     actuators,
     wrong_messages,
-    trouble,
+    failures,
     extensions,
     ending,
 )
 from swarmwright.conformance.optimizer._rules import RULES
 
-__all__ = ["RULES", "actuators", "discovery", "ending", "episodes", "extensions", "trouble", "wrong_messages"]
+__all__ = [
+    "RULES",
+    "actuators",
+    "discovery",
+    "ending",
+    "episodes",
+    "extensions",
+    "failures",
+    "wrong_messages",
+]

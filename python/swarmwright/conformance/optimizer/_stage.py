@@ -33,7 +33,7 @@ class Played:
     answers: dict[tuple[int, int], list[Any]] = field(default_factory=dict)
     ended: str = ""
 
-    def course(self) -> str:
+    def trajectory(self) -> str:
         """All answers in order, as text to be compared."""
         return json.dumps([self.answers.get(key) for key in sorted(self.asked)])
 

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import is_number
+from swarmwright.conformance._server_under_test import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
@@ -99,19 +99,20 @@ def own_states(tool: Tool) -> None:
     seconds=600,
 )
 def reset(tool: Tool) -> str:
-    """Every candidate senses the same in all of its episodes, so its courses must be the same."""
+    """Every candidate senses the same in all of its episodes, so its trajectories must be the same."""
     episodes = tool.settings.episodes
     if episodes is None or episodes < 2:
         raise Skip("give --episodes K, in how many episodes the tool evaluates each candidate, 2 at least")
-    courses = Counter(episode.course() for episode in tool.plain().finished)
-    odd = [course for course, count in courses.items() if count % episodes]
+    trajectories = Counter(episode.trajectory() for episode in tool.plain().finished)
+    odd = [trajectory for trajectory, count in trajectories.items() if count % episodes]
     if odd:
-        total = sum(courses.values())
+        total = sum(trajectories.values())
         came = (
-            f"{total} episodes with {len(courses)} different courses; {odd[0]} came {courses[odd[0]]} times"
+            f"{total} episodes with {len(trajectories)} different trajectories; {odd[0]} came "
+            f"{trajectories[odd[0]]} times"
         )
-        raise Failure(came, f"each course {episodes} times, or a multiple of it")
-    return f"{len(courses)} different courses in {sum(courses.values())} episodes"
+        raise Failure(came, f"each trajectory {episodes} times, or a multiple of it")
+    return f"{len(trajectories)} different trajectories in {sum(trajectories.values())} episodes"
 
 
 @rule(

@@ -4,7 +4,7 @@ import json
 import time
 
 from swarmwright.conformance._rules import Failure
-from swarmwright.conformance._subject import is_number
+from swarmwright.conformance._server_under_test import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json
 from swarmwright.conformance.optimizer._tool import Tool

@@ -8,8 +8,8 @@ import msgpack
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.conformance._blocks import decoded
 from swarmwright.conformance._client import TO_TOOL, Message
+from swarmwright.conformance._extensions import decoded
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Record, sensed

@@ -7,12 +7,12 @@ from swarmwright.conformance._rules import Failure
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
-from swarmwright.conformance.optimizer._trying import Trying, both
+from swarmwright.conformance.optimizer._wrong_first import WrongFirst, both
 
 READING = "protocol.md, Reading"
 
 
-class Junk(Trying):
+class Junk(WrongFirst):
     """Sends what is no JSON object."""
 
     at_once = 6
@@ -40,7 +40,7 @@ def _without(right: Json, key: str) -> Json:
     return {name: value for name, value in right.items() if name != key}
 
 
-class WrongSensors(Trying):
+class WrongSensors(WrongFirst):
     """Sends sensor messages that do not fit their schema, and sense something else."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
@@ -78,7 +78,7 @@ def wrong_sensors(tool: Tool) -> None:
     must_go_on(tool, "wrong sensors", both(WrongSensors), sent)
 
 
-class Foreign(Trying):
+class Foreign(WrongFirst):
     """Speaks for others: sensors, fitness and offers with hashes that nobody asked for."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
@@ -125,7 +125,7 @@ def foreign(tool: Tool) -> None:
                 )
 
 
-class WrongFitness(Trying):
+class WrongFitness(WrongFirst):
     """Sends a fitness that does not fit its schema."""
 
     at_once = 5
@@ -178,7 +178,7 @@ def unknown_keys(tool: Tool) -> None:
     must_go_on(tool, "chatty", [Chatty(1), Chatty(2)], sent)
 
 
-class BeyondNumbers(Trying):
+class BeyondNumbers(WrongFirst):
     """Sends numbers that no JSON or no binary number holds, agents that are none, and deep nesting."""
 
     at_once = 4
@@ -236,7 +236,7 @@ def untitled(tool: Tool) -> None:
     must_go_on(tool, "untitled", [Untitled(1), Untitled(2)], sent)
 
 
-class AnotherTitle(Trying):
+class AnotherTitle(WrongFirst):
     """Speaks under its hash for another simulation, which senses something else, and ends soon."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:

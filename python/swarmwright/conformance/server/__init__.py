@@ -3,10 +3,10 @@
 from swarmwright.conformance.server import (  # noqa: I001 - the order of the rules
     discovery,
     episodes,
-    same_again,
+    determinism,
     actuators,
     wrong_messages,
-    taken,
+    reservation,
     presence,
     metrics,
     offloaded,
@@ -14,7 +14,7 @@ from swarmwright.conformance.server import (  # noqa: I001 - the order of the ru
     batches,
     connection,
     speed,
-    leaving,
+    shutdown,
 )
 from swarmwright.conformance.server._rules import RULES
 
@@ -23,15 +23,15 @@ __all__ = [
     "actuators",
     "batches",
     "connection",
+    "determinism",
     "discovery",
     "episodes",
-    "leaving",
     "metrics",
     "offloaded",
     "presence",
-    "same_again",
+    "reservation",
+    "shutdown",
     "speed",
-    "taken",
     "vectors",
     "wrong_messages",
 ]

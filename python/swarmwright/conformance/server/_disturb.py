@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from swarmwright.conformance._client import shown
 from swarmwright.conformance._rules import Failure, Skip, WentOn
 from swarmwright.conformance._server_peer import ServerPeer
-from swarmwright.conformance._subject import new_hash
+from swarmwright.conformance._server_under_test import new_hash
 
 Junk = tuple[str, str | bytes]
 """A topic and a payload."""
@@ -53,7 +53,7 @@ def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -
     episode.gather()
     if episode.over:
         return  # it steers its agents itself
-    course = episode.course
+    trajectory = episode.trajectory
     agents = [agent for agent, _, _ in episode.pending]
     pieces = junk(episode.hash)
     sent = f"while it waited for actuators: {_listed(pieces)}"
@@ -65,14 +65,14 @@ def _running(server: ServerPeer, junk: Maker, why: str, *, waits: bool = True) -
         episode.play()
     except Failure as failure:
         raise Failure(failure.came, "the episode goes on with the right actuators", sent) from None
-    difference = server.reference.difference(course) if repeatable else ""
+    difference = server.reference.difference(trajectory) if repeatable else ""
     if difference:
         raise Failure(difference, "the episode as if nothing had come between", sent)
 
 
 def _repeatable(server: ServerPeer) -> bool:
     """Whether the episode can be compared with the reference; the server is free afterwards."""
-    if server.course is None or not server.course.messages:
+    if server.trajectory is None or not server.trajectory.messages:
         return False
     tried = server.deterministic is None and server.repeats is None
     repeatable = server.repeatable

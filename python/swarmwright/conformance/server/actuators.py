@@ -1,20 +1,20 @@
 """S4: what becomes of actuators."""
 
-from swarmwright.conformance._course import Always, Course, Policy, Wander
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Server
+from swarmwright.conformance._server_under_test import Server
+from swarmwright.conformance._trajectory import Always, Policy, Trajectory, Wander
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import until_several
 
 
-def effective(server: Server, one: Policy, other: Policy) -> tuple[Course, Course]:
-    """Two courses that differ; skips the rule when actuators change nothing that could be seen."""
+def effective(server: Server, one: Policy, other: Policy) -> tuple[Trajectory, Trajectory]:
+    """Two trajectories that differ; skips the rule when actuators change nothing that could be seen."""
     server.comparable()
     _ = server.reference
-    courses = server.play(one), server.play(other)
-    if not courses[0].difference(courses[1]):
+    trajectories = server.play(one), server.play(other)
+    if not trajectories[0].difference(trajectories[1]):
         raise Skip("other actuators change nothing that can be seen; give --parameters with longer episodes")
-    return courses
+    return trajectories
 
 
 @rule(
@@ -29,8 +29,8 @@ def clamped(server: Server) -> None:
     count = server.actuators
     plus, _ = effective(server, Always((1.0,) * count), Wander(count))
     minus = server.play(Always((-1.0,) * count))
-    for value, limit, course in ((7.5, "+1", plus), (-1e30, "-1", minus), (1.0000001, "+1", plus)):
-        difference = course.difference(server.play(Always((value,) * count)))
+    for value, limit, trajectory in ((7.5, "+1", plus), (-1e30, "-1", minus), (1.0000001, "+1", plus)):
+        difference = trajectory.difference(server.play(Always((value,) * count)))
         if difference:
             came = f"with {value:g} instead of {limit} {difference}"
             raise Failure(
@@ -58,7 +58,7 @@ def any_order(server: Server) -> None:
         for agent, turn, numbers in reversed(list(episode.pending)):
             episode.answer(agent, server.policy(agent, turn, numbers))
         episode.gather()
-    difference = server.reference.difference(episode.course)
+    difference = server.reference.difference(episode.trajectory)
     if difference:
         raise Failure(difference, "the same episode", "the last agent's actuators first in each step")
 
@@ -79,9 +79,9 @@ def the_first_counts(server: Server) -> None:
     episode.answer(agent, values)
     sent = episode.answer(agent, [-value if value else 1.0 for value in values])
     episode.must_wait(agents, "other agents have no actuators yet", sent)
-    course = episode.play()
+    trajectory = episode.play()
     if server.deterministic:
-        difference = server.reference.difference(course)
+        difference = server.reference.difference(trajectory)
         if difference:
             raise Failure(difference, "the episode without the second answer", sent)
 

@@ -6,23 +6,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.conformance._blocks import (
+from swarmwright.conformance._extensions import (
     OTHER,
     TOOL,
     answer_to,
     batch,
-    crew,
+    controller_set,
     error_of,
     free_again,
     must_be_refused,
     numbers,
     played,
 )
-from swarmwright.conformance._course import Course, Steer, same
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._trajectory import Steer, Trajectory, same
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.taken import must_be_taken
+from swarmwright.conformance.server.reservation import must_be_taken
 
 BATCHED = "protocol.md, Batched stepwise"
 
@@ -115,14 +115,14 @@ def equal(server: Server) -> str:
     """Three episodes with three seeds, agents with a state."""
     _steps(server)
     server.comparable()
-    team, seeds = crew(server, "fully_meshed", 1), _seeds(server)
-    teams = [Steer(team.specification(0)) for _ in seeds]
+    controllers, seeds = controller_set(server, "fully_meshed", 1), _seeds(server)
+    steering = [Steer(controllers.specification(0)) for _ in seeds]
     turns: dict[tuple[int, int], int] = {}
 
     def act(episode: int, agent: int, sensors: NDArray[np.float32]) -> Sequence[float]:
         turn = turns.get((episode, agent), 0)
         turns[episode, agent] = turn + 1
-        return teams[episode](agent, turn, sensors)
+        return steering[episode](agent, turn, sensors)
 
     wanted = list(server.announced.get("metrics") or [])
     more: Json = {"metrics": wanted} if wanted else {}
@@ -130,14 +130,16 @@ def equal(server: Server) -> str:
     one.play(act)
     free_again(server)
     for episode, seed in enumerate(seeds):
-        course: Course = played(server, team, 0, seed)
-        if not same(course.fitness, one.fitness.get(episode)):
-            came = f"seed {seed}: {one.fitness.get(episode)!r} batched, {course.fitness!r} stepwise"
+        trajectory: Trajectory = played(server, controllers, 0, seed)
+        if not same(trajectory.fitness, one.fitness.get(episode)):
+            came = f"seed {seed}: {one.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
             raise Failure(came, "the same bits")
         for name in wanted:
-            if name in course.metrics and not same(course.metrics[name], one.metrics[episode].get(name)):
+            if name in trajectory.metrics and not same(
+                trajectory.metrics[name], one.metrics[episode].get(name)
+            ):
                 batched = one.metrics[episode].get(name)
-                came = f"{name}, seed {seed}: {batched!r} batched, {course.metrics[name]!r} stepwise"
+                came = f"{name}, seed {seed}: {batched!r} batched, {trajectory.metrics[name]!r} stepwise"
                 raise Failure(came, "the same bits")
     return f"{len(seeds)} episodes, {one.step} steps"
 

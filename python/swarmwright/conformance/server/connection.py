@@ -6,7 +6,7 @@ import time
 from swarmwright.conformance._client import PRESENCE, shown
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Server, new_hash
+from swarmwright.conformance._server_under_test import Server, new_hash
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.presence import kept
@@ -170,8 +170,8 @@ def cut_short(server: Server) -> None:
         raise Failure(
             f"it answered no discovery for {BACK:g} s", "free again", f"the connection was cut, then {sent}"
         )
-    course = server.play()
-    difference = server.reference.difference(course) if server.deterministic else ""
+    trajectory = server.play()
+    difference = server.reference.difference(trajectory) if server.deterministic else ""
     if difference:
         raise Failure(
             difference, "an episode like any other", "an episode after the connection was cut in another"

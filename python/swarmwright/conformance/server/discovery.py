@@ -4,7 +4,7 @@ import json
 
 from swarmwright.conformance._client import shown
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Server, is_number, new_hash
+from swarmwright.conformance._server_under_test import Server, is_number, new_hash
 from swarmwright.conformance.server._rules import rule
 
 EPISODE = "protocol.md, An episode, 1"

@@ -4,9 +4,9 @@ import statistics
 import time
 from contextlib import suppress
 
-from swarmwright.conformance._course import Always
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Episode, Server
+from swarmwright.conformance._server_under_test import Episode, Server
+from swarmwright.conformance._trajectory import Always
 from swarmwright.conformance.server._rules import rule
 
 
@@ -66,7 +66,7 @@ def begins(server: Server) -> None:
 def sensors(server: Server) -> str:
     """The messages of the first steps."""
     episode = first_steps(server)
-    lengths = {len(numbers) for readings in episode.course.readings.values() for numbers in readings}
+    lengths = {len(numbers) for readings in episode.trajectory.readings.values() for numbers in readings}
     return f"{' or '.join(map(str, sorted(lengths)))} numbers"
 
 
@@ -90,7 +90,7 @@ def first_steps(server: Server) -> Episode:
     needs=["S2.1"],
 )
 def ends(server: Server) -> str:
-    """A whole episode, each message answered at once; its course is what others are compared with."""
+    """A whole episode, each message answered at once; its trajectory is what others are compared with."""
     episode = server.episode()
     sent = episode.configure()
     episode.start()
@@ -102,13 +102,13 @@ def ends(server: Server) -> str:
         last = time.monotonic()
         episode.hear(sent)
         waits.append(time.monotonic() - last)
-    course = episode.course
-    course.seconds = time.monotonic() - start
-    server.course = course
+    trajectory = episode.trajectory
+    trajectory.seconds = time.monotonic() - start
+    server.trajectory = trajectory
     server.listen_for(3 * statistics.median(waits))
-    agents = len(course.readings)
-    messages = f"{course.messages} sensor messages of {agents} agents in {course.seconds:.3f} s"
-    return f"fitness {course.fitness}; {messages}"
+    agents = len(trajectory.readings)
+    messages = f"{trajectory.messages} sensor messages of {agents} agents in {trajectory.seconds:.3f} s"
+    return f"fitness {trajectory.fitness}; {messages}"
 
 
 @rule(
@@ -174,8 +174,8 @@ def one_fitness(server: Server) -> None:
     episode.play()
     server.must_be_silent("the episode is over")
     sent = ""
-    for agent in episode.course.readings:
-        sent = episode.answer(agent, server.policy(agent, 0, episode.course.readings[agent][0]))
+    for agent in episode.trajectory.readings:
+        sent = episode.answer(agent, server.policy(agent, 0, episode.trajectory.readings[agent][0]))
     server.must_be_silent("the episode is over", sent)
 
 
@@ -293,7 +293,7 @@ def as_many_numbers(server: Server) -> str:
     """The messages of the first steps."""
     episode = first_steps(server)
     wanted = server.announced.get("sensors")
-    lengths = {agent: {len(row) for row in rows} for agent, rows in episode.course.readings.items()}
+    lengths = {agent: {len(row) for row in rows} for agent, rows in episode.trajectory.readings.items()}
     for agent, found in lengths.items():
         if agent < 0:
             raise Failure(f"a sensor message of agent {agent} came", "agents from 0")

@@ -3,7 +3,7 @@
 import re
 
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Server
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.server._rules import rule
 
 
@@ -42,10 +42,11 @@ def their_names(server: Server) -> None:
 def they_come(server: Server) -> str:
     """The fitness messages of all episodes so far: one that never came is missing."""
     wanted = names(server)
-    course = server.play()
+    trajectory = server.play()
     missing = [name for name in wanted if name not in server.seen_metrics]
     if missing:
         raise Failure(
-            f"metrics {', '.join(course.metrics) or 'none'} came", f"{missing[0]} as well, in some episode"
+            f"metrics {', '.join(trajectory.metrics) or 'none'} came",
+            f"{missing[0]} as well, in some episode",
         )
     return ", ".join(wanted)

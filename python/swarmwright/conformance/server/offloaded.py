@@ -5,12 +5,12 @@ import time
 import msgpack
 import numpy as np
 
-from swarmwright.conformance._blocks import (
+from swarmwright.conformance._extensions import (
     OTHER,
     TOOL,
-    Crew,
+    ControllerSet,
     answer_to,
-    crew,
+    controller_set,
     decoded,
     error_of,
     evaluation,
@@ -19,12 +19,12 @@ from swarmwright.conformance._blocks import (
     numbers,
     played,
 )
-from swarmwright.conformance._course import Course, same
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
-from swarmwright.conformance.server.taken import must_be_taken
+from swarmwright.conformance.server.reservation import must_be_taken
 
 OFFLOADED = "protocol.md, Offloaded evaluation"
 NUMBERS = "protocol.md, Messages of numbers"
@@ -34,10 +34,10 @@ LONG = 0.5
 """Seconds of a request during which any other must have come."""
 
 
-def some(server: Server, candidates: int = CANDIDATES) -> Crew:
+def some(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
     """Controllers of the first kind that is announced and steers agents."""
     server.announces(mode="offloaded")
-    if server.course is not None and not server.course.messages:
+    if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself")
     kinds = [
         kind
@@ -46,7 +46,7 @@ def some(server: Server, candidates: int = CANDIDATES) -> Crew:
     ]
     if not kinds:
         raise Skip("not announced: no kind of controller that the kit knows")
-    return crew(server, kinds[0], candidates)
+    return controller_set(server, kinds[0], candidates)
 
 
 def evaluated(server: Server, request: Json) -> Json:
@@ -112,18 +112,19 @@ def _equal(server: Server, kind: str) -> str:
         raise Skip(f"not announced: capabilities.swarmwright.controllers lacks {kind!r}")
     server.comparable()
     _ = server.reference
-    team = crew(server, kind, CANDIDATES)
-    fitness = numbers(evaluated(server, evaluation(server, team, SEEDS)), "fitness", "<f8")
+    controllers = controller_set(server, kind, CANDIDATES)
+    fitness = numbers(evaluated(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
     free_again(server)
     for candidate in range(CANDIDATES):
         for episode, seed in enumerate(SEEDS):
-            course: Course = played(server, team, candidate, seed)
+            trajectory: Trajectory = played(server, controllers, candidate, seed)
             value = float(fitness[candidate * len(SEEDS) + episode])
-            if not same(course.fitness, value):
+            if not same(trajectory.fitness, value):
                 raise Failure(
-                    f"candidate {candidate}, seed {seed}: {value!r} offloaded, {course.fitness!r} stepwise",
+                    f"candidate {candidate}, seed {seed}: {value!r} offloaded, {trajectory.fitness!r} "
+                    "stepwise",
                     "the same bits",
-                    f"evaluate with {CANDIDATES} controllers {team.architecture}",
+                    f"evaluate with {CANDIDATES} controllers {controllers.architecture}",
                 )
     return f"{len(set(fitness.tolist()))} different values"
 
@@ -186,18 +187,18 @@ def parameter_set(server: Server) -> None:
     name, value = next(iter(reals.items()), ("conformance", 1))
     kind = "integer" if isinstance(value, int) else "real"
     architecture = {"version": 1, "kind": "parameter_set", "parameters": [{"name": name, "type": kind}]}
-    team = Crew(architecture, np.array([[value]], dtype=np.float32))
-    request = evaluation(server, team, [1])
-    if server.course is not None and server.course.messages:
+    controllers = ControllerSet(architecture, np.array([[value]], dtype=np.float32))
+    request = evaluation(server, controllers, [1])
+    if server.trajectory is not None and server.trajectory.messages:
         must_be_refused(server, request, ["invalid"], "agents are asked, and no controller steers them")
         return
     if not reals:
         raise Skip("give --parameters with a number, which the set can hold")
     fitness = numbers(evaluated(server, request), "fitness", "<f8")
     free_again(server)
-    course = server.play(parameters={**given, "seed": 1})
-    if server.deterministic is not False and not same(course.fitness, float(fitness[0])):
-        raise Failure(f"{float(fitness[0])!r} offloaded, {course.fitness!r} stepwise", "the same bits")
+    trajectory = server.play(parameters={**given, "seed": 1})
+    if server.deterministic is not False and not same(trajectory.fitness, float(fitness[0])):
+        raise Failure(f"{float(fitness[0])!r} offloaded, {trajectory.fitness!r} stepwise", "the same bits")
 
 
 @rule(
@@ -209,27 +210,27 @@ def parameter_set(server: Server) -> None:
 )
 def metrics(server: Server) -> str:
     """None, one, all."""
-    team = some(server, 1)
+    controllers = some(server, 1)
     announced = server.announced.get("metrics") or []
-    answer = evaluated(server, evaluation(server, team, [1]))
+    answer = evaluated(server, evaluation(server, controllers, [1]))
     if answer.get("metrics"):
         raise Failure(f"metrics {sorted(answer['metrics'])} came", "none, for none were asked for")
-    unknown = evaluation(server, team, [1], metrics=["no_such_metric"])
+    unknown = evaluation(server, controllers, [1], metrics=["no_such_metric"])
     must_be_refused(server, unknown, ["invalid"], "there is no such metric")
     if not announced:
         raise Skip("not announced: no capabilities.swarmwright.metrics")
     answers = {}
     for wanted in ([announced[-1]], list(announced)):
-        answer = evaluated(server, evaluation(server, team, [1], metrics=wanted))
+        answer = evaluated(server, evaluation(server, controllers, [1], metrics=wanted))
         found = answer.get("metrics")
         if not isinstance(found, dict) or sorted(found) != sorted(wanted):
             raise Failure(f"metrics {sorted(found or {})} came", f"{sorted(wanted)}, as asked for")
         answers = {name: float(numbers(found, name, "<f8")[0]) for name in wanted}
     free_again(server)
     server.comparable()
-    course: Course = played(server, team, 0, 1)
+    trajectory: Trajectory = played(server, controllers, 0, 1)
     for name, value in answers.items():
-        stepwise = course.metrics.get(name)
+        stepwise = trajectory.metrics.get(name)
         if stepwise is not None and not same(stepwise, value):
             raise Failure(f"{name} is {value!r} offloaded, {stepwise!r} stepwise", "the same bits")
     return ", ".join(answers)
@@ -244,8 +245,8 @@ def metrics(server: Server) -> str:
 )
 def in_order(server: Server) -> None:
     """Five requests at once."""
-    team = some(server)
-    requests = [evaluation(server, team, SEEDS) for _ in range(5)]
+    controllers = some(server)
+    requests = [evaluation(server, controllers, SEEDS) for _ in range(5)]
     sent = ""
     for request in requests:
         sent = server.request(request)
@@ -271,12 +272,12 @@ def in_order(server: Server) -> None:
 )
 def has_it(server: Server) -> None:
     """After an evaluation: discoveries, another's request, our own, then run: false."""
-    team = some(server)
-    evaluated(server, evaluation(server, team, [1]))
+    controllers = some(server)
+    evaluated(server, evaluation(server, controllers, [1]))
     must_be_taken(server, f"it is held for {TOOL}", "evaluate")
-    reason = evaluation(server, team, [1], tool=OTHER)
+    reason = evaluation(server, controllers, [1], tool=OTHER)
     must_be_refused(server, reason, ["taken"], f"it is held for {TOOL}")
-    evaluated(server, evaluation(server, team, [1]))
+    evaluated(server, evaluation(server, controllers, [1]))
     free_again(server)
     server.must_answer("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
 
@@ -290,11 +291,11 @@ def has_it(server: Server) -> None:
 )
 def not_while_running(server: Server) -> None:
     """Evaluate in the middle of an episode."""
-    team = some(server)
+    controllers = some(server)
     episode = begun(server)
-    must_be_refused(server, evaluation(server, team, [1]), ["taken"], "an episode is under way")
-    course = episode.play()
-    difference = server.reference.difference(course) if server.deterministic else ""
+    must_be_refused(server, evaluation(server, controllers, [1]), ["taken"], "an episode is under way")
+    trajectory = episode.play()
+    difference = server.reference.difference(trajectory) if server.deterministic else ""
     if difference:
         raise Failure(
             difference, "the episode as if nothing had come between", "evaluate in the middle of an episode"
@@ -310,29 +311,29 @@ def not_while_running(server: Server) -> None:
 )
 def invalid(server: Server) -> None:
     """Each field of evaluate, wrong in a way of its own."""
-    team = some(server)
-    architecture = team.architecture
+    controllers = some(server)
+    architecture = controllers.architecture
     wrong: list[tuple[str, Json]] = [
         ("version", {"version": 2}),
         ("simulation", {"simulation": "nobody has this"}),
         ("controller.kind", {"controller": {**architecture, "kind": "abacus"}}),
         ("controller.sensors", {"controller": {**architecture, "sensors": server.sensors + 1}}),
         ("controller.actuators", {"controller": {**architecture, "actuators": server.actuators + 1}}),
-        ("genomes", {"genomes": team.weights.tobytes()[:-4]}),
-        ("genomes", {"genomes": team.weights.tobytes()[:-1]}),
-        ("genomes", {"genomes": np.full_like(team.weights, np.nan).tobytes()}),
-        ("genomes", {"genomes": team.weights.tolist()}),
+        ("genomes", {"genomes": controllers.weights.tobytes()[:-4]}),
+        ("genomes", {"genomes": controllers.weights.tobytes()[:-1]}),
+        ("genomes", {"genomes": np.full_like(controllers.weights, np.nan).tobytes()}),
+        ("genomes", {"genomes": controllers.weights.tolist()}),
         ("seeds", {"seeds": b""}),
         ("parameters", {"parameters": [1]}),
     ]
     for field, changes in wrong:
-        request = evaluation(server, team, [1], **changes)
+        request = evaluation(server, controllers, [1], **changes)
         must_be_refused(server, request, ["invalid"], f"{field} is wrong")
     for field in ("controller", "genomes", "seeds", "simulation"):
-        request = evaluation(server, team, [1])
+        request = evaluation(server, controllers, [1])
         del request[field]
         must_be_refused(server, request, ["invalid"], f"{field} is missing")
-    evaluated(server, evaluation(server, team, [1]))
+    evaluated(server, evaluation(server, controllers, [1]))
 
 
 @rule(
@@ -345,7 +346,7 @@ def invalid(server: Server) -> None:
 )
 def junk(server: Server) -> None:
     """Junk, an unknown kind, a reply elsewhere; then a request with keys that nobody knows."""
-    team = some(server)
+    controllers = some(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (
         b"",
@@ -357,8 +358,8 @@ def junk(server: Server) -> None:
     ):
         server.client.publish(topic, payload)
     elsewhere = f"conformance/{server.token}"
-    sent = server.request(evaluation(server, team, [1], reply=elsewhere))
-    request = evaluation(server, team, [1], note={"deep": [1, None]})
+    sent = server.request(evaluation(server, controllers, [1], reply=elsewhere))
+    request = evaluation(server, controllers, [1], note={"deep": [1, None]})
     server.request(request)
     strays = []
 
@@ -393,7 +394,7 @@ def lease(server: Server) -> None:
     """
     small = some(server)
     for times in (1, 8, 64, 512):
-        large = Crew(small.architecture, np.tile(small.weights, (min(times, 64) * 16, 1)))
+        large = ControllerSet(small.architecture, np.tile(small.weights, (min(times, 64) * 16, 1)))
         first = evaluation(server, large, range(max(1, times // 8)))
         second = evaluation(server, small, [1], lease=1e-6)
         server.request(first)

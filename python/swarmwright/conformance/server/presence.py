@@ -6,7 +6,7 @@ import time
 
 from swarmwright.conformance._client import PRESENCE, TOPICS, Client, Message, shown
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Json, Server, is_number
+from swarmwright.conformance._server_under_test import Json, Server, is_number
 from swarmwright.conformance.server._rules import rule
 
 WHERE = "protocol.md, Presence"

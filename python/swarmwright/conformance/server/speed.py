@@ -4,9 +4,9 @@ import json
 import time
 
 from swarmwright import _engine
-from swarmwright.conformance._blocks import crew
+from swarmwright.conformance._extensions import controller_set
 from swarmwright.conformance._rules import Skip
-from swarmwright.conformance._subject import Server
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.server._rules import rule
 
 LASTS = 0.5
@@ -40,9 +40,9 @@ def _measured(server: Server, mode: str) -> str:
         count, seconds, rate = 1, 0.0, 0.0
         while seconds < LASTS / 4:
             count = max(count * 2, min(100_000, int(count * LASTS / max(seconds, LASTS / 64))))
-            team = crew(server, "layered", count)
+            controllers = controller_set(server, "layered", count)
             start = time.perf_counter()
-            pool.evaluate(json.dumps(team.architecture), team.weights, [1])
+            pool.evaluate(json.dumps(controllers.architecture), controllers.weights, [1])
             seconds = time.perf_counter() - start
             rate = count / seconds
             if count >= 100_000:

@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.conformance._blocks import Crew, evaluation, free_again, numbers
-from swarmwright.conformance._course import Always, same
+from swarmwright.conformance._extensions import ControllerSet, evaluation, free_again, numbers
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._trajectory import Always, same
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.offloaded import evaluated
 
@@ -139,8 +139,8 @@ def architecture(server: Server, like: Json, **changes: object) -> Json:
 
 def fitness(server: Server, form: Json, rows: Sequence[Floats]) -> list[float]:
     """Return the fitness of each row of weights, offloaded."""
-    team = Crew(form, np.array(rows, np.float32))
-    answer = evaluated(server, evaluation(server, team, [SEED]))
+    controllers = ControllerSet(form, np.array(rows, np.float32))
+    answer = evaluated(server, evaluation(server, controllers, [SEED]))
     return [float(value) for value in numbers(answer, "fitness", "<f8")]
 
 

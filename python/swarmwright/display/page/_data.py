@@ -48,7 +48,7 @@ def episode_data(recording: Recording, *, speed: float) -> dict[str, Any]:
         "grid": first.grid,
         "step_seconds": max(recording.step_size, 0.02),
         "speed": speed,
-        "fitness": [_number(value, 9) for value in recording.course],
+        "fitness": [_number(value, 9) for value in recording.fitness_so_far],
         "bodies": [_body(scenes, index) for index in range(count)],
         "looks": Looks(scenes).plain(),
         **_TABLES,
@@ -71,7 +71,7 @@ def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, An
         "grid": False,
         "step_seconds": max(recording.step_size, 0.02),
         "speed": speed,
-        "fitness": [_number(value, 9) for value in recording.course],
+        "fitness": [_number(value, 9) for value in recording.fitness_so_far],
         "bodies": [],
         "looks": {},
         **_TABLES,
@@ -88,14 +88,14 @@ def _jpeg(image: "Image") -> str:
 
 
 def _body(scenes: Sequence[Scene], index: int) -> dict[str, Any]:
-    course = [scene.bodies[index] if index < len(scene.bodies) else None for scene in scenes]
-    known = next(body for body in course if body is not None)
+    bodies = [scene.bodies[index] if index < len(scene.bodies) else None for scene in scenes]
+    known = next(body for body in bodies if body is not None)
     return {
         "kind": known.kind,
         "radius": _number(known.radius, _DIGITS),
-        "x": _series([None if body is None else body.x for body in course]),
-        "y": _series([None if body is None else body.y for body in course]),
-        "states": _changes(course),
+        "x": _series([None if body is None else body.x for body in bodies]),
+        "y": _series([None if body is None else body.y for body in bodies]),
+        "states": _changes(bodies),
     }
 
 
@@ -104,9 +104,9 @@ def _series(values: Sequence[float | None]) -> Any:  # noqa: ANN401 - a list, or
     return numbers[0] if numbers[0] is not None and len(set(numbers)) == 1 else numbers
 
 
-def _changes(course: Sequence[Body | None]) -> list[tuple[int, str]]:
+def _changes(bodies: Sequence[Body | None]) -> list[tuple[int, str]]:
     changes: list[tuple[int, str]] = []
-    for index, body in enumerate(course):
+    for index, body in enumerate(bodies):
         if body is not None and (not changes or changes[-1][1] != body.state):
             changes.append((index, body.state))
     return changes

@@ -90,7 +90,10 @@ def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: fl
         left, top = 8 + column * (width + 8), 8 + _LINE + row * (height + _LINE + 8)
         step = recording.steps[index]
         draw.text(
-            (left, top), f"step {step}   fitness {recording.course[step] + 0.0:.4g}", fill=INK, font=font
+            (left, top),
+            f"step {step}   fitness {recording.fitness_so_far[step] + 0.0:.4g}",
+            fill=INK,
+            font=font,
         )
         sheet.paste(image, (left, top + _LINE - 2))
         draw.rectangle((left - 1, top + _LINE - 3, left + width, top + _LINE - 2 + height), outline=BORDER)

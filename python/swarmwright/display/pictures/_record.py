@@ -28,19 +28,19 @@ Draw = Callable[[], NDArray[np.uint8]]
 class PictureRecording:
     """A whole episode in pictures.
 
-    pictures: as PNG. steps: the step of each, the first and the last one among them. course: fitness so far,
+    pictures: as PNG. steps: the step of each, the first and the last one among them. fitness_so_far:
     before the first step and after each. step_size: seconds between two steps when shown.
     """
 
     pictures: tuple[bytes, ...]
     steps: tuple[int, ...]
-    course: tuple[float, ...]
+    fitness_so_far: tuple[float, ...]
     step_size: float
 
     @property
     def fitness(self) -> float:
         """Fitness of the episode, at its end."""
-        return self.course[-1]
+        return self.fitness_so_far[-1]
 
     def image(self, index: int) -> "Image":
         """Return a picture, RGB."""
@@ -54,7 +54,7 @@ class PictureRecording:
 
         most: pictures. shortest: seconds that one stands at least. speed: how many times faster than life.
         """
-        seconds = max(self.step_size, 0.02) * (len(self.course) - 1) / speed
+        seconds = max(self.step_size, 0.02) * (len(self.fitness_so_far) - 1) / speed
         count = max(1, min(len(self.pictures), most, int(seconds / shortest) + 1))
         indices = np.unique(np.linspace(0, len(self.pictures) - 1, count).round().astype(int)).tolist()
         return indices, max(seconds / max(len(indices) - 1, 1), shortest)
@@ -99,11 +99,11 @@ class Pictured:
 
 def record(episode: Playable, draw: Draw) -> PictureRecording:
     """Step an episode to its end and keep pictures of it."""
-    pictures, steps, course, every = [_png(draw())], [0], [episode.fitness], 1
+    pictures, steps, fitness_so_far, every = [_png(draw())], [0], [episode.fitness], 1
     while not episode.done:
         episode.step()
-        course.append(episode.fitness)
-        step = len(course) - 1
+        fitness_so_far.append(episode.fitness)
+        step = len(fitness_so_far) - 1
         if step % every and not episode.done:
             continue
         pictures.append(_png(draw()))
@@ -112,7 +112,7 @@ def record(episode: Playable, draw: Draw) -> PictureRecording:
             every *= 2
             kept = [index for index, step in enumerate(steps) if step % every == 0]
             pictures, steps = [pictures[index] for index in kept], [steps[index] for index in kept]
-    return PictureRecording(tuple(pictures), tuple(steps), tuple(course), episode.step_size)
+    return PictureRecording(tuple(pictures), tuple(steps), tuple(fitness_so_far), episode.step_size)
 
 
 def _png(drawn: NDArray[np.uint8]) -> bytes:

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from swarmwright.evaluation.supervision.death import Death, split
 from swarmwright.evaluation.supervision.progress import Progress
+from swarmwright.evaluation.supervision.server_exit import ServerExit, split
 
 LAST_LINES = 20
 """Lines before the stack that are shown of what a server wrote last."""
@@ -116,7 +116,7 @@ class Process:
                 self._on_event(self, report)
         self._on_end()
 
-    def end(self) -> Death | None:
+    def end(self) -> ServerExit | None:
         """Return how it ended, None while it runs; ends what it has left behind."""
         if self.process.returncode is None:
             try:
@@ -131,7 +131,7 @@ class Process:
         for thread in self._threads:
             thread.join(1.0)
         lines, stack = split([line for line in tuple(self._lines) if line])
-        return Death(
+        return ServerExit(
             self.identifier, self.pid, self.process.returncode, self.hung, lines[-LAST_LINES:], stack
         )
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.evaluation.supervision.death import Death
 from swarmwright.evaluation.supervision.output import Output
 from swarmwright.evaluation.supervision.process import Process
 from swarmwright.evaluation.supervision.progress import Sample
+from swarmwright.evaluation.supervision.server_exit import ServerExit
 
 if TYPE_CHECKING:
     from swarmwright import _engine
@@ -47,7 +47,7 @@ class Ended:
     pause: seconds after which it is started again; None when it is not.
     """
 
-    death: Death
+    server_exit: ServerExit
     pause: float | None
 
 
@@ -81,7 +81,7 @@ class _Place:
     since: float = 0.0
     """When it was first seen to be there."""
     episode_since: float = 0.0
-    last: Death | None = None
+    last: ServerExit | None = None
     given_up: bool = False
     """Whether it will not be started again."""
     left: bool = False
@@ -137,7 +137,7 @@ class Supervisor:
         with self._lock:
             return [place.process.pid for place in self._places.values() if place.process is not None]
 
-    def given_up(self) -> list[Death]:
+    def given_up(self) -> list[ServerExit]:
         """How those ended last that will not be started again."""
         with self._lock:
             places = self._places.values()
@@ -255,9 +255,9 @@ class Supervisor:
                 process.end_hung("did not answer in time")
         elif process.hung is None and (why := self._hangs(place, process, now)) is not None:
             process.end_hung(why)
-        death = process.end()
-        if death is not None:
-            self._ended(place, process, death)
+        server_exit = process.end()
+        if server_exit is not None:
+            self._ended(place, process, server_exit)
 
     def _hangs(self, place: _Place, process: Process, now: float) -> str | None:
         """Why a process is to be ended, if it is."""
@@ -282,42 +282,44 @@ class Supervisor:
             return f"was at one episode for {self._episode:g} s"
         return None
 
-    def _ended(self, place: _Place, process: Process, death: Death) -> None:
+    def _ended(self, place: _Place, process: Process, server_exit: ServerExit) -> None:
         """A process has ended: tell everybody, and say when it is to be started again."""
         sample = process.progress.read()
         with self._lock:
-            place.process, place.last = None, death
-            pause = self._pause(place, process, death, sample)
+            place.process, place.last = None, server_exit
+            pause = self._pause(place, process, server_exit, sample)
             supervision = self._supervision
         place_of = None if supervision is None else supervision.place(sample.request)
         whose = ""
         if place_of is not None and sample.candidates == 1:
             whose = self._output.named(place_of, sample.first, sample.episode or 0)
-        self._output.say(death.server, f"[{death.how}]", whose)
+        self._output.say(server_exit.server, f"[{server_exit.how}]", whose)
         if supervision is not None:
             supervision.ended(
-                death.server,
-                death.pid,
-                f"a simulation server {death.how}",
-                stack=death.words or None,
-                outside=death.outside,
+                server_exit.server,
+                server_exit.pid,
+                f"a simulation server {server_exit.how}",
+                stack=server_exit.words or None,
+                outside=server_exit.outside,
                 at=sample.place,
             )
         process.close()
-        self._tell(Ended(death, pause))
+        self._tell(Ended(server_exit, pause))
         with self._lock:
             place.again_at = None if pause is None else time.monotonic() + pause
             place.given_up = pause is None
             self._count()
         self._news.set()
 
-    def _pause(self, place: _Place, process: Process, death: Death, sample: Sample) -> float | None:
+    def _pause(
+        self, place: _Place, process: Process, server_exit: ServerExit, sample: Sample
+    ) -> float | None:
         """How long to wait before it is started again; None: not at all."""
         if not self._restart or not place.was_ready or place.left:
             return None  # of one that never was ready: what is wrong now will be wrong again
         place.failed_starts = 0 if process.ready else place.failed_starts + 1
         place.ends = 0 if sample.ended else place.ends + 1
-        wasted = not sample.ended and not sample.candidates and not death.outside
+        wasted = not sample.ended and not sample.candidates and not server_exit.outside
         place.fruitless = place.fruitless + 1 if wasted else 0
         if place.failed_starts >= MOST_STARTS or place.fruitless >= 2 * MOST_STARTS:
             return None

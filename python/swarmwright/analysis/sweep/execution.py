@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
-from swarmwright.analysis.sweep.run import Crew, Task, reason
+from swarmwright.analysis.sweep.run import Executor, Task, reason
 from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
@@ -138,11 +138,11 @@ def _one_after_another(
     sweep: Sweep, tasks: Sequence[Task], listener: Listener, broker: str | None, servers: Servers | None
 ) -> bool:
     """Do tasks in this process; return whether all were done."""
-    with Crew(sweep, broker=broker, servers=servers) as crew:
+    with Executor(sweep, broker=broker, servers=servers) as executor:
         for task in tasks:
             listener.begun(task)
             try:
-                run = crew.run(task, _of(listener.generation, task), _of(listener.evaluating, task))
+                run = executor.run(task, _of(listener.generation, task), _of(listener.evaluating, task))
             except BrokenPipeError:  # nobody reads what the listener prints
                 raise
             except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on

@@ -12,10 +12,10 @@ import msgpack
 import numpy as np
 
 from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message, shown
-from swarmwright.conformance._course import Course, Numbers, Policy, Wander
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._rules import Failure, Skip, WentOn
+from swarmwright.conformance._trajectory import Numbers, Policy, Trajectory, Wander
 
 QUIET = 0.05
 """Seconds in which a quick server that would say something has said it."""
@@ -64,7 +64,7 @@ class Server:
         self.id = settings.server
         self.token = secrets.token_hex(8)
         self.capabilities: Json = {}
-        self.course: Course | None = None
+        self.trajectory: Trajectory | None = None
         self.quiet = QUIET
         self.deterministic: bool | None = None
         self.repeats: bool | None = None
@@ -99,7 +99,7 @@ class Server:
         known = self.settings.sensors or self.announced.get("sensors")
         if isinstance(known, int):
             return known
-        for readings in (self.course or Course()).readings.values():
+        for readings in (self.trajectory or Trajectory()).readings.values():
             return len(readings[0])
         raise Skip("no agent is asked: the simulation steers its agents itself")
 
@@ -112,13 +112,13 @@ class Server:
         raise Skip("the server does not announce how many actuators an agent has; give --actuators")
 
     @property
-    def reference(self) -> Course:
-        """The undisturbed course of `self.policy`; skips the rule when nobody is asked."""
-        if self.course is None:
+    def reference(self) -> Trajectory:
+        """The undisturbed trajectory of `self.policy`; skips the rule when no agent is asked."""
+        if self.trajectory is None:
             raise Skip("no undisturbed episode to compare with")
-        if not self.course.messages:
+        if not self.trajectory.messages:
             raise Skip("the simulation steers its agents itself, no agent is asked")
-        return self.course
+        return self.trajectory
 
     @property
     def policy(self) -> Policy:
@@ -146,7 +146,7 @@ class Server:
         return self.repeats
 
     def comparable(self) -> None:
-        """Skip the rule when courses cannot be compared."""
+        """Skip the rule when trajectories cannot be compared."""
         if self.deterministic is False:
             raise Skip("episodes cannot be compared: the server declares that it is not deterministic")
 
@@ -254,7 +254,7 @@ class Server:
             self.tools.add(made.tool)
         return made
 
-    def play(self, policy: Policy | None = None, parameters: Mapping[str, Any] | None = None) -> Course:
+    def play(self, policy: Policy | None = None, parameters: Mapping[str, Any] | None = None) -> Trajectory:
         """A whole episode, and the server free again."""
         episode = self.episode(parameters)
         episode.configure()
@@ -294,7 +294,7 @@ class Episode:
         self.parameters = parameters
         self.hash = hash_ or new_hash()
         self.tool = tool
-        self.course = Course()
+        self.trajectory = Trajectory()
         self.pending: list[tuple[int, int, Numbers]] = []
         self.repeated: list[Message] = []
         self.over = True
@@ -312,7 +312,7 @@ class Episode:
     def start(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
         """Send control; what was sent."""
         self.over = False
-        self.course, self.pending, self.repeated = Course(), [], []
+        self.trajectory, self.pending, self.repeated = Trajectory(), [], []
         fields = {
             "server": self.server.id,
             "simulation_hash": self.hash,
@@ -338,8 +338,8 @@ class Episode:
         message = self.server.client.next(self.is_mine, seconds)
         if message is None:
             came = f"nothing came within {seconds:g} s"
-            if self.course.messages:
-                came += f" after {self.course.messages} sensor messages"
+            if self.trajectory.messages:
+                came += f" after {self.trajectory.messages} sensor messages"
             raise Failure(came, "a sensor message, or the fitness, with the hash of the episode", sent)
         return self.take(message)
 
@@ -371,9 +371,9 @@ class Episode:
             raise Failure(f"{message} came", '"sensor" is a list of finite numbers, at least one')
         with np.errstate(over="ignore"):
             numbers = np.array(sensors, dtype=np.float32)
-        turn = len(self.course.readings[agent])
-        self.course.readings[agent].append(numbers)
-        self.course.messages += 1
+        turn = len(self.trajectory.readings[agent])
+        self.trajectory.readings[agent].append(numbers)
+        self.trajectory.messages += 1
         if any(asked == agent for asked, _, _ in self.pending):
             self.repeated.append(message)
             self.pending = [entry for entry in self.pending if entry[0] != agent]
@@ -385,10 +385,10 @@ class Episode:
         fitness, metrics = content.get("fitness"), content.get("metrics")
         if not is_number(fitness):
             raise Failure(f"{message} came", '"fitness" is a finite number')
-        self.course.fitness = float(fitness)
+        self.trajectory.fitness = float(fitness)
         if isinstance(metrics, dict):
             found = {name: float(value) for name, value in metrics.items() if is_number(value)}
-            self.course.metrics = found
+            self.trajectory.metrics = found
             self.server.seen_metrics |= found.keys()
 
     def answer(self, agent: int, actuators: Iterable[float], **changes: Any) -> str:  # noqa: ANN401 - JSON
@@ -420,7 +420,7 @@ class Episode:
                 raise WentOn(f"{message} came", f"silence: {why}", sent)
             self.take(message)
 
-    def play(self, policy: Policy | None = None) -> Course:
+    def play(self, policy: Policy | None = None) -> Trajectory:
         """Answer until the fitness comes; all that happened."""
         # A simulation that steers its agents itself needs no policy.
         chosen = policy
@@ -430,7 +430,7 @@ class Episode:
                 chosen = chosen or self.server.policy
                 sent = self.answer(agent, chosen(agent, turn, sensors))
             self.hear(sent)
-        return self.course
+        return self.trajectory
 
 
 def is_number(value: object) -> TypeGuard[int | float]:

@@ -2,10 +2,10 @@
 
 import time
 
-from swarmwright.conformance._blocks import decoded
 from swarmwright.conformance._client import TO_TOOL
+from swarmwright.conformance._extensions import decoded
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Episode, Server
+from swarmwright.conformance._server_under_test import Episode, Server
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 
@@ -85,10 +85,10 @@ def not_moved(server: Server) -> None:
     other.over = True
     server.must_be_silent("another tool has the server", sent, but=episode)
     try:
-        course = episode.play()
+        trajectory = episode.play()
     except Failure as failure:
         raise Failure(failure.came, "the episode goes on", sent) from None
-    difference = server.reference.difference(course) if server.deterministic else ""
+    difference = server.reference.difference(trajectory) if server.deterministic else ""
     if difference:
         raise Failure(difference, "the episode of the tool that was first", sent)
 
@@ -102,7 +102,7 @@ def not_moved(server: Server) -> None:
 )
 def first_control_wins(server: Server) -> None:
     """Parameters of A, of B; control of A, of B: an episode for A alone."""
-    if server.course is not None and not server.course.messages:
+    if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, it may be over before the second control")
     first, second = server.episode(), server.episode()
     first.configure()
@@ -170,7 +170,7 @@ def tells_of_failures(server: Server) -> str:
     """An episode with reply, given up for want of actuators."""
     server.announces()
     patience = short_patience(server)
-    if server.course is not None and not server.course.messages:
+    if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, no agent is waited for")
     episode = server.episode()
     episode.configure()
@@ -263,7 +263,7 @@ def is_let_go(server: Server) -> None:
 def not_ended_by_others(server: Server) -> None:
     """run: false without a name and with another one, in the middle of an episode."""
     server.announces()
-    if server.course is not None and not server.course.messages:
+    if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, it may be over before it could be ended")
     episode = server.episode(tool="conformance/a")
     episode.configure()
@@ -272,10 +272,10 @@ def not_ended_by_others(server: Server) -> None:
     sent = server.client.send("control", **fields)
     sent += f", then {server.client.send('control', **fields, tool='conformance/b')}"
     try:
-        course = episode.play()
+        trajectory = episode.play()
     except Failure as failure:
         raise Failure(failure.came, "the episode of conformance/a goes on", sent) from None
-    difference = server.reference.difference(course) if server.deterministic else ""
+    difference = server.reference.difference(trajectory) if server.deterministic else ""
     if difference:
         raise Failure(difference, "the episode of conformance/a", sent)
     episode.stop()

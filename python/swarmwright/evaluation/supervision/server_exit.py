@@ -26,7 +26,7 @@ def signal_name(number: int) -> str:
 
 
 @dataclass(frozen=True)
-class Death:
+class ServerExit:
     """The end of a server's process.
 
     server: its id. status: exit status, negative for the signal that killed it. hung: why its supervisor
@@ -70,7 +70,7 @@ class Death:
         return "\n".join((*self.lines, *self.stack))
 
     @property
-    def obituary(self) -> str:
+    def report(self) -> str:
         """How it ended and what it wrote last."""
         words = self.words
         return f"simulation server {self.server} {self.how}" + (f":\n{words}" if words else "")

@@ -13,7 +13,7 @@ Tried = defaultdict[str, int]
 """How many wrong messages have been sent on each topic, by all servers of a scene."""
 
 
-class Trying(Actor):
+class WrongFirst(Actor):
     """Sends some wrong messages before each right one, until each kind has been sent once.
 
     tried: shared by the servers of a scene.
@@ -91,7 +91,7 @@ class Trying(Actor):
             notes |= {"reaction": what, "reaction to": self.wrong}
 
 
-def both(kind: type[Trying]) -> list[Actor]:
+def both(kind: type[WrongFirst]) -> list[Actor]:
     """Two servers that share the work."""
     tried: Tried = defaultdict(int)
     return [kind(1, tried), kind(2, tried)]

@@ -69,7 +69,7 @@ class Steer:
 
 
 @dataclass
-class Course:
+class Trajectory:
     """What each agent sensed, in order, and how the episode ended.
 
     fitness: None when it was not played to its end. messages: sensor messages. seconds: from control to
@@ -82,8 +82,8 @@ class Course:
     messages: int = 0
     seconds: float = 0.0
 
-    def difference(self, other: "Course") -> str:
-        """Where another course departs from this one, in words; empty when all bits are the same."""
+    def difference(self, other: "Trajectory") -> str:
+        """Where another trajectory departs from this one, in words; empty when all bits are the same."""
         for agent in sorted({*self.readings, *other.readings}):
             mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
             for turn, (one, two) in enumerate(zip(mine, theirs, strict=False)):

@@ -14,7 +14,7 @@ MARK = b"\x1e"
 _LINE = re.compile(rb"[^\n]*\n|[^\n]+")
 
 
-class Marked(io.RawIOBase):
+class MarkedOutput(io.RawIOBase):
     """Writes to a file descriptor.
 
     Args:
@@ -65,7 +65,7 @@ def mark_output(progress: int) -> None:
     progress: file descriptor of this process's progress.
     """
     for name, target in (("stdout", 1), ("stderr", 2)):
-        stream = io.BufferedWriter(Marked(target, progress))
+        stream = io.BufferedWriter(MarkedOutput(target, progress))
         wrapped = io.TextIOWrapper(stream, "utf-8", "backslashreplace", line_buffering=True)
         setattr(sys, name, wrapped)
         setattr(sys, f"__{name}__", wrapped)

@@ -11,7 +11,7 @@ Many = tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.bool_]]
 Call = Callable[..., Any]
 
 
-class Lanes:
+class BatchChecks:
     """Episodes that are stepped together.
 
     Args:

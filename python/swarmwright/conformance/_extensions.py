@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.conformance._client import TO_TOOL, Message
-from swarmwright.conformance._course import Steer
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Json, Server
+from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._trajectory import Steer
 from swarmwright.core.errors import InputError
 from swarmwright.core.random_numbers import Streams
 from swarmwright.representations import REPRESENTATIONS
@@ -29,7 +29,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Crew:
+class ControllerSet:
     """Controllers of one kind for several candidates.
 
     architecture: specification without weights. weights: (candidates, weights) float32.
@@ -43,7 +43,7 @@ class Crew:
         return {**self.architecture, "weights": [float(str(value)) for value in self.weights[candidate]]}
 
 
-def crew(server: Server, kind: str, candidates: int) -> Crew:
+def controller_set(server: Server, kind: str, candidates: int) -> ControllerSet:
     """Controllers that fit the server, the same in every run; skips the rule where they are too large."""
     component = REPRESENTATIONS.get(kind)
     options = component.options_model.model_validate(OPTIONS[kind])
@@ -52,10 +52,10 @@ def crew(server: Server, kind: str, candidates: int) -> Crew:
         genomes = made.initials(Streams(1, "conformance", 0, range(candidates)))
     except InputError as error:
         raise Skip(f"such a controller is too large here: {error}") from None
-    return Crew(made.architecture(), np.ascontiguousarray(made.weights(genomes), dtype=np.float32))
+    return ControllerSet(made.architecture(), np.ascontiguousarray(made.weights(genomes), dtype=np.float32))
 
 
-def evaluation(server: Server, team: Crew, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401
+def evaluation(server: Server, controllers: ControllerSet, seeds: Sequence[int], /, **changes: Any) -> Json:  # noqa: ANN401
     """A request for offloaded evaluation."""
     return {
         "kind": "evaluate",
@@ -65,8 +65,8 @@ def evaluation(server: Server, team: Crew, seeds: Sequence[int], /, **changes: A
         "reply": TO_TOOL + server.token,
         "simulation": server.settings.title,
         "parameters": server.settings.parameters,
-        "controller": team.architecture,
-        "genomes": team.weights.astype("<f4").tobytes(),
+        "controller": controllers.architecture,
+        "genomes": controllers.weights.astype("<f4").tobytes(),
         "seeds": np.array(seeds, dtype="<u8").tobytes(),
         "attempt": 1,
         "lease": 0.0,
@@ -163,6 +163,8 @@ def free_again(server: Server, tool: str = TOOL) -> None:
     server.client.send("control", **fields)
 
 
-def played(server: Server, team: Crew, candidate: int, seed: int) -> "Any":  # noqa: ANN401 - a course
+def played(server: Server, controllers: ControllerSet, candidate: int, seed: int) -> "Any":  # noqa: ANN401
     """The same episode stepwise, with our controllers."""
-    return server.play(Steer(team.specification(candidate)), {**server.settings.parameters, "seed": seed})
+    return server.play(
+        Steer(controllers.specification(candidate)), {**server.settings.parameters, "seed": seed}
+    )

@@ -1,8 +1,8 @@
 """S3: what an episode depends on."""
 
-from swarmwright.conformance._course import Course, Wander
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Server, is_number
+from swarmwright.conformance._server_under_test import Server, is_number
+from swarmwright.conformance._trajectory import Trajectory, Wander
 from swarmwright.conformance.server._rules import rule
 
 SAME = "decision 002; protocol.md, Presence"
@@ -14,9 +14,9 @@ def declared(server: Server) -> str | None:
     return found if isinstance(found, str) else None
 
 
-def another(server: Server) -> Course:
+def another(server: Server) -> Trajectory:
     """An episode with other actuators and another seed."""
-    policy = Wander(server.actuators, seed=77) if server.course and server.course.messages else None
+    policy = Wander(server.actuators, seed=77) if server.trajectory and server.trajectory.messages else None
     return server.play(policy, {**server.settings.parameters, "seed": 77})
 
 
@@ -58,7 +58,7 @@ def deterministic(server: Server) -> str | None:
     return 'declared "bitwise"' if said else None
 
 
-def _within_tolerance(server: Server, one: Course, two: Course) -> None:
+def _within_tolerance(server: Server, one: Trajectory, two: Trajectory) -> None:
     tolerance = server.announced.get("tolerance")
     if not is_number(tolerance):
         return
@@ -103,8 +103,8 @@ def forgets(server: Server) -> None:
         raise Failure(f"{difference}, the second time after {after}", "the same bits whatever was before")
 
 
-def differing(server: Server) -> tuple[Course, Course]:
-    """The courses of seeds 1 and 2; skips the rule when they are the same."""
+def differing(server: Server) -> tuple[Trajectory, Trajectory]:
+    """The trajectories of seeds 1 and 2; skips the rule when they are the same."""
     server.comparable()
     one, two = (server.play(parameters=seeded(server, seed)) for seed in (1, 2))
     if not one.difference(two):

@@ -5,7 +5,7 @@ import signal
 from swarmwright.conformance._client import PRESENCE
 from swarmwright.conformance._process import GRACE
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._subject import Server
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.presence import kept
 
