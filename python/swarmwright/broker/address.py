@@ -1,4 +1,4 @@
-"""Where the broker is: addresses and topic prefixes, checked before anything connects."""
+"""Addresses of brokers and topic prefixes, checked before anything connects."""
 
 from urllib.parse import urlsplit
 

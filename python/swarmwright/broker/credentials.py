@@ -21,7 +21,7 @@ _PORTS = {"mqtt": 1883, "tcp": 1883, "mqtts": 8883, "ssl": 8883, "tls": 8883, "w
 
 
 def prepare(broker: str) -> None:
-    """Look up the password for a broker (`from_keyring`), and warn once if it would travel in the clear.
+    """Look up the password for a broker (`from_keyring`), and warn once if it would be sent unencrypted.
 
     Raises:
         InputError: As `from_keyring`.
@@ -80,7 +80,7 @@ def from_keyring(broker: str) -> None:
                 return
     except NoKeyringError:
         return
-    except Exception as error:  # a backend is anybody's, and so is what it raises
+    except Exception as error:  # third-party backends may raise anything
         raise InputError(
             f"the password of {user} cannot be read from the keyring ({type(error).__name__}); unlock it, or "
             "set SWARMWRIGHT_PASSWORD_FILE"

@@ -1,4 +1,4 @@
-"""A ready-made Mosquitto configuration: TLS with an authority of one's own, and an account for each role.
+"""A ready-made Mosquitto configuration: TLS with its own certificate authority, and an account for each role.
 
 Roles:
     tool     asks for servers, configures and steers them, reads what they answer
@@ -200,7 +200,7 @@ def _variables(folder: Path, account: Account, host: str, port: int) -> str:
 
 
 def _write(path: Path, text: str, mode: int) -> None:
-    """Make a file that nobody but those meant could open at any moment; one that is there is an error."""
+    """Create a file with restrictive permissions from the start; an existing file is an error."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         os.fchmod(descriptor, mode)

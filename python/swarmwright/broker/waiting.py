@@ -1,4 +1,4 @@
-"""Waiting for a broker that does not answer yet: one that is started at the same time, say."""
+"""Waiting for a broker that does not answer yet: for example one that is started at the same time."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ LONGEST_PAUSE = 2.0
 def patiently(connect: Callable[[], Result], seconds: float, tell: Callable[[str], None]) -> Result:
     """Return what `connect` returns, called again as long as no broker answers.
 
-    Whatever else is wrong, as credentials and certificates, is raised at once: waiting does not mend it.
+    Other errors, such as wrong credentials or certificates, are raised at once: waiting does not fix them.
 
     Args:
         connect: connects to the broker.

@@ -1,4 +1,4 @@
-"""Who is on a broker, what everybody does, who is waited for: what servers and tools say, put together."""
+"""The state of a broker's peers: servers, tools and blocking servers, collected from their messages."""
 
 import json
 import time
@@ -10,11 +10,11 @@ from swarmwright import _engine
 from swarmwright.broker.credentials import prepare
 
 SILENCE = 1.0
-"""Seconds after which a server that has work and says nothing is named."""
+"""Seconds after which a server with work that sends nothing counts as blocking."""
 STALE = 2.5
-"""Seconds after which what a tool said is old: it says it each second while it evaluates."""
+"""Seconds after which a tool's status is out of date: tools send it every second while they evaluate."""
 FORGET = 30.0
-"""Seconds after which a tool that says nothing any more is left out: it was killed."""
+"""Seconds after which a silent tool is dropped: it was killed."""
 
 Json = dict[str, Any]
 
@@ -27,16 +27,16 @@ class _Tool:
 
 @dataclass(frozen=True)
 class ServerRow:
-    """One server as it stands."""
+    """The state of one server."""
 
     server: int
     state: str | None
-    """ready, busy, lost; None of a server that knows D6.1 alone and so does not say."""
+    """ready, busy, lost; None for a server of the D6.1 profile, which does not report it."""
     simulations: Sequence[str]
     tool: str | None
-    """Who holds it."""
+    """The tool that has reserved it."""
     presence: Json | None = None
-    """All that it says of itself."""
+    """Its presence message."""
     doing: Sequence[Json] = ()
     """Its work, as in the status message, each with the `tool` that waits for it; silent longest first."""
     use: Json = field(default_factory=dict)
@@ -44,7 +44,7 @@ class ServerRow:
 
     @property
     def silent(self) -> float:
-        """Seconds since it last said something of use, while somebody waits for it; 0 when nobody does."""
+        """Seconds since its last useful message while a tool waits for it; 0 when no tool waits."""
         return max((float(work["silent"]) for work in self.doing), default=0.0)
 
     def record(self) -> Json:
@@ -61,16 +61,16 @@ class ServerRow:
 
 @dataclass(frozen=True)
 class ToolRow:
-    """One optimization tool at work."""
+    """One active optimization tool."""
 
     status: Json
-    """Its last status message, with what it waits for in words too."""
+    """Its last status message, with a description of what it waits for."""
     heard: float
-    """Seconds since it came."""
+    """Seconds since the status message arrived."""
 
     @property
     def waits_for(self) -> str | None:
-        """What it waits for, in words; None while everything moves."""
+        """What it waits for, in words; None while nothing blocks."""
         if self.heard > STALE:
             return f"no message for {self.heard:.0f} s: it is computing, stopped or killed"
         alone = self.status.get("no_server")
@@ -82,7 +82,7 @@ class ToolRow:
 
 @dataclass(frozen=True)
 class View:
-    """Everything at one moment."""
+    """A snapshot of servers and tools."""
 
     servers: Sequence[ServerRow]
     tools: Sequence[ToolRow]
@@ -91,7 +91,7 @@ class View:
 
     @property
     def blocking(self) -> ServerRow | None:
-        """The server that is waited for and has been silent for the longest time; None while all moves."""
+        """The blocking server that has been silent for the longest time; None if there is none."""
         silent = [server for server in self.servers if server.silent >= SILENCE]
         return max(silent, key=lambda server: server.silent, default=None)
 
@@ -111,14 +111,14 @@ class View:
 
 
 def words(server: ServerRow) -> str:
-    """Say what is waited for from a server that has work."""
+    """Return which message a server with work owes, in words."""
     return str(max(server.doing, key=lambda work: float(work["silent"]))["words"])
 
 
 class Watch:
-    """Puts together what came; knows no broker.
+    """Collects what peers announce; independent of the connection.
 
-    clock: seconds, from wherever.
+    clock: returns seconds, from any origin.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -128,7 +128,7 @@ class Watch:
         self._broker_lost: str | None = None
 
     def hear(self, news: Mapping[str, Any]) -> None:
-        """Take one piece of news, as of `_engine.Watcher.poll`."""
+        """Process one event of `_engine.Watcher.poll`."""
         if "presence" in news:
             self._presences[news["presence"]["server"]] = news["presence"]
         elif "left" in news:
@@ -140,11 +140,11 @@ class Watch:
         elif "broker" in news:
             self._broker_lost = news["reason"] if news["broker"] == "lost" else None
             if self._broker_lost is None:
-                # Whoever left meanwhile did not say so here; who is there is retained, and comes again.
+                # Peers may have left unnoticed meanwhile; those present are retained and announced again.
                 self._presences.clear()
 
     def view(self) -> View:
-        """Return how it stands now."""
+        """Return the current state."""
         now = self._clock()
         for token in [token for token, tool in self._tools.items() if now - tool.heard > FORGET]:
             del self._tools[token]
@@ -173,7 +173,7 @@ class Watch:
 
 
 def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:
-    """Return the work and the use of each server; of two tools the one that gave it work knows more."""
+    """Return the work and the use of each server; the tool that gave it work takes precedence."""
     doing: dict[int, list[Json]] = {}
     use: dict[int, Json] = {}
     for tool in tools:
@@ -188,7 +188,7 @@ def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[in
 
 
 def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View]:
-    """Connect to a broker and yield how it stands, every so many seconds, for ever.
+    """Connect to a broker and yield its state every `every` seconds, without end.
 
     Raises the engine's errors: no broker, refused, a prefix that cannot be.
     """
@@ -198,7 +198,7 @@ def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View
         watch = Watch()
         first = True
         while True:
-            # The first look is soon: what is retained comes at once.
+            # The first view is early: retained messages arrive at once.
             until = time.monotonic() + (min(every, 0.5) if first else every)
             first = False
             while (left := until - time.monotonic()) > 0:

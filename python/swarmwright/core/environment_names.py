@@ -19,7 +19,7 @@ def is_adapted(simulation: str) -> bool:
 
 
 def split(name: str) -> tuple[str, str, dict[str, Any]]:
-    """Return library, environment and options. Raises InputError for options that are no `name=value`."""
+    """Return library, environment and options. Raises InputError for options that are not `name=value`."""
     match = _NAME.fullmatch(name)
     assert match is not None
     options = {}

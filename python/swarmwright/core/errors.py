@@ -1,6 +1,6 @@
-"""The errors that Swarmwright shows to people.
+"""Errors with a message for users.
 
-Complete in themselves, each with the exit status it leads to.
+Each message is complete, and each class has the exit status of a command line tool that ends with it.
 """
 
 import traceback
@@ -12,7 +12,7 @@ from swarmwright.core.untrusted import one_line
 
 
 class SwarmwrightError(Exception):
-    """Base of all errors of Swarmwright. The message says what is wrong, where, and how to mend it."""
+    """Base of all errors of Swarmwright. The message says what is wrong, where, and how to fix it."""
 
     exit_status: ClassVar[int] = 1
     """What a command line tool that ends with this error exits with."""
@@ -45,7 +45,7 @@ class SimulationError(RunError):
 
 
 def explained(error: BaseException) -> str:
-    """Return kind and text of an exception of somebody else's code; without text, the line that raised it."""
+    """Return kind and text of an exception raised by third-party code; or the line that raised it."""
     kind, words = type(error).__name__, str(error).strip()
     if words:
         return f"{kind}: {words}"
@@ -61,8 +61,8 @@ def explained(error: BaseException) -> str:
 def engine_errors(where: str = "") -> Iterator[None]:
     """Turn the compiled engine's errors into InputError and RunError.
 
-    They may name what peers have said, and are of one line, see `untrusted`. `where` is put before an input
-    error's message.
+    Their messages may quote peers, and are reduced to one line, see `untrusted`. `where` is put before an
+    input error's message.
     """
     from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help
 

@@ -19,20 +19,20 @@ _KINDS = (
 def read_bytes(path: Path, largest: int) -> bytes:
     """Return what a regular file holds.
 
-    Anything else of that name could hold the process up, or never come to an end: a pipe, /dev/zero.
+    Other kinds of files could block the process or never end: a pipe, /dev/zero.
 
     largest: bytes.
 
-    Raises OSError when it cannot be read, and InputError when it is no regular file, or is larger.
+    Raises OSError when it cannot be read, and InputError when it is not a regular file or is larger.
     """
     _check_kind(path, path.stat().st_mode)
-    # Without waiting for a pipe's other end, should it be one by now.
+    # Non-blocking, in case the file has been replaced by a pipe.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         _check_kind(path, status.st_mode)
         if status.st_size <= largest:
-            # What says of itself to be empty, as files in /proc do, may not be.
+            # Files in /proc report size 0 although they have content.
             data = file.read(status.st_size + 1)
             while len(data) <= largest and (more := file.read(_PIECE)):
                 data += more

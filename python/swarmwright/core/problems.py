@@ -62,7 +62,7 @@ _LIMITS = {
 
 
 def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
-    """Return a value as it could stand in a YAML file, shortened."""
+    """Return a value as it would be written in a YAML file, shortened."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -12,6 +12,6 @@ from swarmwright._engine import Stream, Streams
 
 __all__ = ["Stream", "Streams"]
 
-# NumPy hands the engine its interface at the first array, by code of its own. Were a signal raised in there
-# that came meanwhile, as Ctrl-C in the first long computation would be, the engine could not go on.
+# NumPy passes its interface to the engine at the first array. Do this now: a signal handler that raises
+# during it, such as Ctrl-C in the first long computation, would leave the engine unusable.
 Streams(0, "first array", 0, [0]).units(1)

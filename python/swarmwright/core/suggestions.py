@@ -12,7 +12,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:
-    """Say that `name` is no known `what`, with the nearest known name and the list of all."""
+    """Say that `name` is not a known `what`, with the nearest known name and the list of all."""
     names = sorted(known)
     hint = did_you_mean(name, names) or ";"
     return f"unknown {what} {name!r}{hint} there is: {', '.join(names)}"

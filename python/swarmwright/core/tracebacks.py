@@ -1,4 +1,4 @@
-"""Files that stand in tracebacks: how they are shown, and whose they are."""
+"""Files in tracebacks: how they are shown, and what they belong to."""
 
 import contextlib
 import sysconfig

@@ -1,8 +1,7 @@
-"""Text of peers and files, escaped for showing: it can neither steer a terminal nor pose as another line.
+"""Text of peers and files, escaped for output: it can neither control a terminal nor imitate another line.
 
-Servers and tools choose their titles, names and reasons freely, and so do files. A terminal obeys escape
-sequences (ESC and C1), takes a line break for the end of what was said, and turns text round at Unicode's
-marks of direction.
+Servers and tools choose their titles, names and reasons freely, and so do files. A terminal interprets escape
+sequences (ESC and C1), line breaks, and Unicode's direction marks.
 """
 
 import re
@@ -25,7 +24,7 @@ def one_line(text: str) -> str:
 def lines(text: str) -> list[str]:
     """Return the lines of a text of several, each escaped; tabs stay.
 
-    Whoever shows them puts them in: where they begin at the margin they could pose as a line of ours.
+    The caller must indent them: at the left margin they could be mistaken for a line of Swarmwright.
     """
     return ["\t".join(map(one_line, line.split("\t"))) for line in text.removesuffix("\n").split("\n")]
 

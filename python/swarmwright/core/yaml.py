@@ -71,7 +71,7 @@ class Source:
         """Return the path, or the nearest thing whose place is known."""
         while path and path not in self.options and path not in self.lines:
             below = next((one for one in self.options if one[: len(path)] == path), None)
-            if below is not None:  # an option has made what stands here
+            if below is not None:  # an option created this value
                 return below
             path = path[:-1]
         return path
@@ -129,7 +129,7 @@ def parse(text: str, name: str) -> Source:
 
 
 class _Composer(Composer):
-    """Gives up in time on a file of more values than can be wanted."""
+    """Stops at a file with more values than the limit."""
 
     _composed = 0
 

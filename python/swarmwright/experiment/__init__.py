@@ -1,1 +1,1 @@
-"""Experiments: reading and checking them, with the place of every mistake; their schema and reference."""
+"""Experiments: reading and checking them, with the line of every error; their schema and reference."""

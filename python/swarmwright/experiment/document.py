@@ -59,37 +59,38 @@ class Timeouts(Options):
     """How long to wait, in seconds."""
 
     connect: float = Field(default=0.0, ge=0, le=31 * 86_400)
-    """For a broker that does not answer, at the start: for one that is started at the same time, say. Refused
-    credentials and certificates are told at once. The option `--wait` goes before it."""
+    """For a broker that does not answer at the start, for example because it is started at the same time.
+    Refused credentials and certificates are reported at once. The option `--wait` takes precedence."""
     discovery: float = Field(default=10.0, gt=0, le=86_400)
     """For a fitting simulation server, at the start."""
     step: float = Field(default=60.0, gt=0, le=86_400)
-    """For a simulation server's next message, before the episode is given to another server. Of an evaluation
-    that travels to the server whole, the result is the next message."""
+    """For a simulation server's next message, before the episode is given to another server. In offloaded
+    mode the next message is the result."""
     least: float = Field(default=1.0, gt=0, le=86_400)
-    """A server that is silent for much longer than it ever was, and for this long at least, is doubted:
-    another one gets its work as well, and the first result counts. `step` bounds it from above."""
+    """A server that is silent for much longer than ever before, and at least for this time, counts as slow:
+    another server gets a backup of its work, and the first result counts. Bounded from above by `step`."""
     episode: float = Field(default=86_400.0, gt=0, le=31 * 86_400)
-    """For an episode that is stepwise, before it is given to another server although messages still come."""
+    """For a whole stepwise episode, before it is given to another server although messages still arrive."""
 
 
 class Faults(Options):
-    """What is done about servers and evaluations that fail, are slow, or wrong."""
+    """How failing, slow and wrong servers and evaluations are treated."""
 
     attempts: int = Field(default=3, ge=1, le=1000)
-    """How often an evaluation is tried before it has failed. Tries together with others, of which nobody
-    knows which one was to blame, do not count, nor do those on servers that succeed with nothing
-    afterwards. Servers that declare themselves deterministic to the bit need say only twice that it
-    failed."""
+    """Attempts at an evaluation before it has failed. Attempts in a batch whose failure cannot be attributed
+    to one evaluation do not count, nor do attempts on servers that complete no other evaluation afterwards.
+    For servers that declare themselves bit-identical, two reported failures are sufficient."""
     quarantine: int = Field(default=3, ge=1, le=1000)
-    """After how many servers that went down, or hung, with nothing but one evaluation it has failed, too. Of
-    servers that the run did not start, at least 3, which did well with others while no other was lost."""
+    """Servers that may crash or hang while working on a single evaluation before it is quarantined as failed.
+    Of servers that the run did not start, at least 3, which completed other evaluations while no other server
+    was lost."""
     backup: bool = True
-    """Whether idle servers get copies of what slow or silent ones are at."""
+    """Whether work on slow or silent servers is speculatively re-dispatched to idle ones; the first result
+    counts."""
     audit: float = Field(default=0.0, ge=0, le=1)
-    """The share of evaluations that are repeated on another server before they count. Where two do not find
-    the same, a third one decides: the server that is alone is not used any more, and what it did is done
-    again. Needs servers that declare how far their results can be repeated: two, and to decide three."""
+    """The share of evaluations that are audited: repeated on another server before they count. If two servers
+    disagree, a third one decides: the outvoted server is no longer used, and its evaluations are repeated.
+    Needs servers that declare their determinism: two, and three to decide."""
 
 
 class Document(Options):
@@ -107,9 +108,9 @@ class Document(Options):
     """Parameters of the simulation, sent as they are. Those of built-in simulations and of classes are
     checked before the run."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
-    """Numbers an agent senses. Needed only when a server does not announce them."""
+    """Sensor values of an agent. Needed only when a server does not announce them."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
-    """Numbers an agent is steered by. Needed only when a server does not announce them."""
+    """Actuator values of an agent. Needed only when a server does not announce them."""
     fitness: str | None = Field(default=None, min_length=1)
     """Fitness of an episode, an expression over the metrics that the simulation reports, numbers, and
     `fitness`, the simulation's own: "arrived - 0.01 * steps". There is + - * / **, comparisons, and, or, not,
@@ -118,9 +119,9 @@ class Document(Options):
     start_from: StartFrom = None
     """Controllers that evolution starts from: the path of a run folder (its best) or of a controller's file
     (best.json), `{run: PATH, generation: G, candidate: N}`, or a list of these; paths are relative to this
-    file. They take the first places of the first generation, or the first of them is where a distribution
-    starts; methods that cannot do it say so. They are read once and kept in the run, which does not need
-    their files any more. Default: random ones."""
+    file. They take the first places of the first generation, or the first one is the center of the initial
+    distribution; methods that do not support it reject it. They are read once and kept in the run, which does
+    not need their files any more. Default: random ones."""
     controller: dict[str, Any] = Field(default={})
     """The representation: what the genome stands for."""
     method: dict[str, Any] = Field(default={})
@@ -134,21 +135,21 @@ class Document(Options):
     auto: of each server the fastest that it offers. A mode that is named excludes servers that do not offer
     it. A run that is shown is stepwise."""
     servers: Servers = "auto"
-    """Who evaluates when no broker is given: a number of servers started on the embedded broker; auto: as
-    many as there are processors, 2 to 8, or in a notebook local; local: built-in simulations run in this
-    process, those in Python in worker processes, one per processor, which are servers of the run's own;
+    """Where evaluations run when no broker is given: a number of servers started on the embedded broker;
+    auto: as many as there are processors, 2 to 8, or in a notebook local; local: built-in simulations run in
+    this process, those in Python in worker processes, one per processor, which are servers of the run's own;
     in-process: all of them run in this process, where code that crashes or hangs takes the run with it.
     Started servers that end or hang are started again. With a broker, the servers found there."""
     broker: str | None = None
     """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
-    no part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or
+    not part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or
     SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
     prefix: str = ""
     """Put before every topic, with a slash, to keep several groups on one broker apart."""
     timeouts: Timeouts = Field(default_factory=Timeouts)
     """How long to wait."""
     faults: Faults = Field(default_factory=Faults)
-    """What is done about servers and evaluations that fail, are slow, or wrong."""
+    """How failing, slow and wrong servers and evaluations are treated."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
 

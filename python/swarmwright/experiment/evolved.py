@@ -50,7 +50,7 @@ def problems(
 
 
 def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each name that is no parameter of a simulation, with what to say of it."""
+    """Yield each name that is not a parameter of a simulation, with the message about it."""
     if catalogue.takes_any(simulation):
         return
     known, title = catalogue.parameter_names(simulation), catalogue.title(simulation)

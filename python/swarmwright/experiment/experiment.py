@@ -301,7 +301,7 @@ class Experiment:
     def first_seed(self) -> int:
         """Simulation seed of episode 0.
 
-        `parameters.seed`, default 0. Raises InputError when it is no integer.
+        `parameters.seed`, default 0. Raises InputError when it is not an integer.
         """
         seed = self.parameters.get("seed", 0)
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:

@@ -50,7 +50,7 @@ class FitnessExpression:
         text: such as "arrived - 0.01 * steps".
 
     Raises:
-        ExpressionError: the text is none.
+        ExpressionError: the text is not a valid expression.
     """
 
     def __init__(self, text: str) -> None:

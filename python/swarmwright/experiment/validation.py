@@ -204,7 +204,7 @@ def _check_section(
 
 
 def _check_reevaluation(checked: Checked, report: Report) -> None:
-    """Check that the ranking's wishes fit the method."""
+    """Check that the ranking's options fit the method."""
     ranking, method = checked.get("ranking"), checked.get("method")
     if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
         return
@@ -227,7 +227,7 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
-    """Return a path without the parts that stand nowhere in the file: names of variants that were tried."""
+    """Return a path without the parts that are not in the file: names of union variants that were tried."""
     written: list[str | int] = []
     for index, part in enumerate(path):
         if _holds(values, part):

@@ -37,7 +37,8 @@ class MethodOptions(Options):
     """Stop as soon as a candidate's fitness is at least this; without it the whole budget is used."""
     operation: Literal["generational", "steady_state"] = "generational"
     """generational: candidates are asked for and told in whole generations. steady_state: one by one, so that
-    nobody waits for the slowest of a generation; methods that cannot do it say so."""
+    servers do not wait for the slowest candidate of a generation; methods that do not support it reject
+    it."""
     in_flight: int = Field(default=16, ge=1, le=1_000_000)
     """Steady state only: candidates that may be evaluated at the same time. Part of what a run is: candidate
     n is made when the results of candidates 0 to n - in_flight are known, and no later one, however many
@@ -128,7 +129,7 @@ class Method(SteadyState):
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
-        """Return what speaks against these options for this representation: option -> reason.
+        """Return which options are invalid for this representation: option -> reason.
 
         Args:
             options: the method's section of the experiment.
@@ -197,8 +198,8 @@ class Method(SteadyState):
     def kept(self) -> Genomes:
         """Return the members that stay, (k, genome_size), after `ask`; none with most methods.
 
-        Where evaluations are noisy, a lucky one would stay for ever: these can be evaluated again along with
-        those asked for, and `tell` takes what came out.
+        Where evaluations are noisy, a member with a lucky evaluation would stay permanently: these can be
+        evaluated again along with those asked for, and `tell` takes what came out.
         """
         return np.empty((0, self.representation.genome_size), dtype=np.float32)
 

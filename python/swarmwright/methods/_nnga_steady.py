@@ -75,7 +75,7 @@ class SteadyMembers:
         return np.asarray(children[0])
 
     def _crossed(self, ranked: list[int], streams: Callable[[str], Streams]) -> Genome | None:
-        """Return a child of two that is no member yet; None when none is found."""
+        """Return a child of two that is not a member yet; None when none is found."""
         known = {genome.tobytes() for genome in self._genomes[: self._count]}
         parents, varying = streams("nnga.parent")[0], streams("nnga.crossover")[0]
         for _ in range(_TRIALS):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 LARGEST = 1e100
 """Up to here costs are minus the fitness; beyond, they grow with its logarithm."""
 FAILED = 1e200
-"""Worse than every cost there is."""
+"""Larger than every other cost."""
 _LARGEST_GENE = float(np.finfo(np.float32).max)
 
 

@@ -1,4 +1,4 @@
-"""Methods candidate by candidate: a run that no server waits for and that does not depend on servers."""
+"""Steady state: candidate by candidate, without idle servers and independent of the servers' timing."""
 
 from abc import ABC
 from collections import deque
@@ -20,7 +20,7 @@ class SteadyState(ABC):
 
     Candidate n is made when the results of candidates 0 to n - in_flight have been told, in order of their
     index, and of no later one. So it depends on `in_flight`, and not on how many servers there are, how fast
-    they answer or when somebody asks. Results that arrive earlier wait outside until their turn has come.
+    they answer or when candidates are asked for. The caller keeps results that arrive earlier.
     """
 
     options: "MethodOptions"
@@ -79,7 +79,7 @@ class SteadyState(ABC):
         self._check_not_done()
         if self.evaluations == self._handed_out:
             raise InputError("there is nothing to tell: ask for a candidate first")
-        # All that may not know of this result are made before it counts.
+        # Make all candidates that must not depend on this result before it is told.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
         value = float(fitness) if np.isfinite(fitness) else np.nan
         self._told(self.evaluations, self._untold.popleft(), value)

@@ -30,7 +30,7 @@ class Cea2dOptions(MethodOptions):
     neighbourhood: Literal["grid", "random"] = "grid"
     """grid: the 8 cells around a cell. random: 8 cells drawn once from all."""
     obstacles: int = Field(default=0, ge=0)
-    """Cells that hold nobody, drawn at random; they keep regions apart."""
+    """Empty cells, drawn at random; they separate regions."""
     elite: float = Field(default=0.11, ge=0, le=1)
     """Share of a neighbourhood, the cell itself included, that stays: of 9 cells, with the default, the
     best."""
@@ -58,7 +58,7 @@ class Cea2dOptions(MethodOptions):
 
     @property
     def members(self) -> int:
-        """Cells that are no obstacles."""
+        """Cells that are not obstacles."""
         return self.width * self.height - self.obstacles
 
 
@@ -74,9 +74,9 @@ class Cea2d(Method):
     members the one in the later cell is ahead, as in FREVO, but FREVO gets there by adding 1e-6 times the
     cell's number to the fitness, which reorders members that are closer than that. A torus less than three
     cells wide counts each neighbour once and no cell as its own neighbour. A member whose evaluation failed
-    is no parent: in its cell an elite neighbour is mutated where FREVO crosses, and a neighbourhood in which
-    all failed is renewed. And where the whole population is elite, which FREVO then never leaves, one cell
-    is mutated. FREVO's three fixed patterns of obstacles do not exist here.
+    is not a parent: in its cell an elite neighbour is mutated where FREVO crosses, and a neighbourhood in
+    which all failed is renewed. And where the whole population is elite, which FREVO then never leaves, one
+    cell is mutated. FREVO's three fixed patterns of obstacles do not exist here.
     """
 
     kind: ClassVar[str] = "cea2d"
@@ -179,7 +179,7 @@ class Cea2d(Method):
     def _told(self, index: int, genome: Genome, fitness: float) -> None:
         cell = self._places.pop(index)
         if self._stays(cell) and not fitness > self._fitness[cell]:
-            return  # another candidate for this cell has come before and is one of the best meanwhile
+            return  # an earlier candidate for this cell is one of the best meanwhile
         self._genomes[cell], self._fitness[cell] = genome, fitness
 
     def _elite(self, cell: int) -> list[int]:

@@ -31,7 +31,7 @@ class CmaEs(Cma):
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
-        """Refuse what is discrete, and genomes for whose matrix there is no room."""
+        """Refuse discrete representations, and genomes whose covariance matrix would be too large."""
         if representation.genome_size > _LARGEST:
             return (
                 f"{representation.genome_size} genes need a covariance matrix of as many rows and columns; "

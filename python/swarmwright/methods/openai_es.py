@@ -44,10 +44,10 @@ class OpenaiEs(Method):
 
     Source: Salimans, Ho, Chen, Sidor and Sutskever, "Evolution strategies as a scalable alternative to
     reinforcement learning", 2017 (arXiv:1703.03864), and Kingma and Ba, "Adam", ICLR 2015. It differs in
-    three points. Equal fitness has an equal rank, so a plateau pushes nowhere. Failed candidates share the
-    lowest rank, and a generation that failed as a whole moves nothing. And sizes are relative to the initial
-    range of each gene, so that weights, biases and bounded parameters need no settings of their own; genes
-    with bounds are cut to them.
+    three points. Equal fitness has an equal rank, so a plateau does not move the center. Failed candidates
+    share the lowest rank, and a generation that failed as a whole does not move the center. And sizes are
+    relative to the initial range of each gene, so that weights, biases and bounded parameters need no
+    settings of their own; genes with bounds are cut to them.
     """
 
     kind: ClassVar[str] = "openai_es"

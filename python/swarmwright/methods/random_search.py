@@ -1,4 +1,4 @@
-"""Random search: the yardstick that every other method must beat."""
+"""Random search: the baseline for every other method."""
 
 from typing import ClassVar, Literal
 

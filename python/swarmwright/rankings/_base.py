@@ -24,18 +24,18 @@ class RankingOptions(Options):
     the seed parameters.seed + g * episodes, so that evolution cannot fit itself to a few episodes."""
     reevaluate: bool = False
     """Whether members that stay are evaluated again in every generation. Their fitness is then made of all
-    their episodes since they came, so that a lucky evaluation does not rule for ever, and the best candidate
-    of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the evaluations
-    of the members that stay. Only for methods that keep members: nnga, cea2d, .."""
+    their episodes since they came, so that one lucky evaluation does not dominate permanently, and the best
+    candidate of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the
+    evaluations of the members that stay. Only for methods that keep members: nnga, cea2d, .."""
     unseen_episodes: int | None = Field(default=None, ge=0, le=100_000)
-    """Episodes with seeds that the run did not use, in which the best is evaluated when the run has ended:
-    the best of many noisy evaluations is the luckiest, and these say what it is worth. They change nothing of
+    """Episodes with held-out seeds, in which the best is evaluated when the run has ended: the fitness of the
+    best of many noisy evaluations is biased upwards, and these estimate it without bias. They do not change
     the record. 0: none. Default: where fitness depends on the seed, 60 or four times `episodes`, but at most
     a twentieth of the run's episodes, and none if these are fewer than 10."""
     failed: Literal["last", "stop"] = "last"
     """What a failed evaluation leads to. last: the candidate ranks below all others, and the run goes on;
     a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and
-    `swarmwright resume` goes on when the reason is mended."""
+    `swarmwright resume` continues when the cause is fixed."""
 
 
 class Ranking(ABC):
@@ -76,7 +76,7 @@ class Ranking(ABC):
         scores = np.full(len(rows), np.nan)
         worked = [index for index, row in enumerate(rows) if all(map(math.isfinite, row))]
         if worked:
-            # Adding 0.0 turns -0.0 into 0.0: "the goal is reached" has one spelling.
+            # Adding 0.0 turns -0.0 into 0.0: equal fitness has one representation.
             scores[worked] = self._score([rows[index] for index in worked]) + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores

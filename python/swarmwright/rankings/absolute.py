@@ -1,4 +1,4 @@
-"""Absolute ranking: the fitness is what the episodes say, whoever else there is."""
+"""Absolute ranking: a candidate's fitness depends on its own episodes only."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

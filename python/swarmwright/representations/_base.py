@@ -25,8 +25,8 @@ class Representation(ABC):
 
     Args:
         options: this representation's section of the experiment.
-        sensors: numbers an agent senses each step, at least 1.
-        actuators: numbers an agent is steered by each step, at least 1.
+        sensors: sensor values of an agent in each step, at least 1.
+        actuators: actuator values of an agent in each step, at least 1.
     """
 
     kind: ClassVar[str]

@@ -33,7 +33,7 @@ class FullyMeshed(NodeNetwork):
     options: FullyMeshedOptions
 
     def node_sizes(self) -> Sequence[int]:
-        """Return the number of all nodes, for each node that is no input."""
+        """Return the number of all nodes, for each node that is not an input."""
         computed = self.options.hidden + self.actuators
         return [self.sensors + computed] * computed
 

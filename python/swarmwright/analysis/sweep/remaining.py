@@ -59,7 +59,7 @@ class UnderWay:
 class Status(Listener):
     """Keeps what there is to show of a sweep.
 
-    total: runs of the sweep. clock: seconds, from wherever.
+    total: runs of the sweep. clock: returns seconds, from any origin.
     """
 
     def __init__(self, total: int, clock: Callable[[], float] = time.monotonic) -> None:
