@@ -1,1 +1,1 @@
-"""What many runs say: comparisons with statistical tests, diversity, sweeps."""
+"""Analysis of many runs: comparisons with statistical tests, diversity, sweeps."""

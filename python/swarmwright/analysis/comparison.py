@@ -1,4 +1,4 @@
-"""Runs beside each other: groups, their final fitness, and whether the groups differ."""
+"""Comparison of runs: groups, their final fitness, and whether the groups differ."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FEW = 5
-"""Runs of a group below which a test says little."""
+"""Runs of a group below which a test has little power."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Group:
     """Runs whose experiments differ in nothing but the seed."""
 
     label: str
-    """What sets the group apart, in words."""
+    """What distinguishes the group, in words."""
     differs: dict[str, Any]
     """Keys of the experiment that differ between the groups, with this group's values."""
     runs: tuple[Run, ...]
@@ -91,7 +91,7 @@ class Comparison:
     at: int | None
     """Evaluations after which fitness is compared; None: at each run's end."""
     notes: tuple[str, ...]
-    """What to keep in mind, a sentence each."""
+    """Caveats, a sentence each."""
 
     def __str__(self) -> str:
         from swarmwright.analysis.table import table
@@ -137,7 +137,7 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
             earlier count with what they had.
 
     Raises:
-        InputError: no run is given, a folder is no run, or a run holds no finished generation.
+        InputError: no run is given, a folder is not a run, or a run holds no finished generation.
     """
     opened = [run if isinstance(run, Run) else Run.open(Path(run)) for run in runs]
     if not opened:

@@ -1,4 +1,4 @@
-"""Which runs belong together: those whose experiments differ in nothing but the seed."""
+"""Grouping of runs whose experiments differ only in the seed."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ _NO_GROUP = ELSEWHERE | {"seed"}
 
 @dataclass(frozen=True)
 class RunGroup:
-    """Runs of one kind, and what sets them apart from the others."""
+    """Runs whose experiments differ only in the seed, and what distinguishes them from the other groups."""
 
     label: str
     differs: dict[str, Any]
@@ -28,7 +28,7 @@ class RunGroup:
 def group(runs: Sequence[Run]) -> tuple[list[RunGroup], list[str]]:
     """Group runs by what differs between their experiments, in the order in which they were given.
 
-    A run that is given twice, or was made again with the same experiment and seed, counts once: it is no
+    A run that is given twice, or was made again with the same experiment and seed, counts once: it is not a
     second sample.
 
     Returns:
@@ -81,14 +81,14 @@ def flattened_of(run: Run) -> dict[str, Any]:
     code = run.code
     if code:
         mapping["code"] = code[max(code)][:12]
-    # A parameter that is not given has its default; a foreign simulation keeps its defaults to itself.
+    # A parameter that is not given has its default; defaults of an external simulation are not known.
     mapping["parameters"] = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
     kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
     return {name: _plain(value) for name, value in flat(kept).items()}
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file
-    """Return a value in which 1.0 is 1: somebody wrote the one, the default is the other."""
+    """Return a value in which 1.0 is 1: files may hold either, as may defaults."""
     if isinstance(value, list):
         return [_plain(one) for one in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
@@ -105,7 +105,7 @@ def distinguishing(flat: Sequence[dict[str, Any]]) -> list[str]:
     """Return the keys whose values differ, in the experiment's order.
 
     Options of a component count only among runs with the same kind of it: that an option of one kind is
-    missing in another says nothing beyond the kind.
+    missing in another follows from the kind.
     """
     keys = list(dict.fromkeys(key for values in flat for key in values))
     return [key for key in keys if any(len(among) > 1 for among in _values(key, flat).values())]

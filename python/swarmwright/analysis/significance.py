@@ -1,9 +1,8 @@
 """Statistical tests of final fitness: distribution-free, for few runs and with ties.
 
-Fitness of evolved controllers is far from normally distributed, and runs are few; ranks are what can be
-relied on (Derrac et al. 2011, doi:10.1016/j.swevo.2011.02.002; Arcuri and Briand 2014,
-doi:10.1002/stvr.1486).
-A run without any valid fitness counts as minus infinity, worse than all others.
+Fitness of evolved controllers is far from normally distributed, and runs are few; rank-based tests are robust
+(Derrac et al. 2011, doi:10.1016/j.swevo.2011.02.002; Arcuri and Briand 2014, doi:10.1002/stvr.1486). A run
+without any valid fitness counts as minus infinity, worse than all others.
 """
 
 from collections.abc import Sequence
@@ -139,7 +138,7 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
         return Kruskal(0.0, 1.0)
     from scipy.stats import kruskal
 
-    # Of ranks, so that infinities do no harm.
+    # Computed from ranks, which are finite for infinite values too.
     ranks = np.split(_doubled_midranks(pooled), np.cumsum([len(values) for values in ordered])[:-1])
     found = kruskal(*ranks)
     return Kruskal(float(found.statistic), float(found.pvalue))

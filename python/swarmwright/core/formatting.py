@@ -4,7 +4,7 @@ import math
 
 
 def duration(seconds: float) -> str:
-    """Return seconds as people read them: 8.2 s, 3 min 05 s, 2 h 07 min."""
+    """Return seconds as text: 8.2 s, 3 min 05 s, 2 h 07 min."""
     if not math.isfinite(seconds):
         return "?"
     if seconds < 9.95:

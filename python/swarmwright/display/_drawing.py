@@ -1,4 +1,4 @@
-"""Draws scenes with matplotlib: the map, what stands on it, and the way that everything came."""
+"""Draws scenes with matplotlib: the map, bodies, and their trails."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +54,7 @@ class Picture:
         self._paths = _paths(recording.scenes)
         self._looks = Looks(recording.scenes)
         first = recording.scenes[0]
-        # The map fills the width; the height follows within what can be looked at.
+        # The map fills the width; the height follows, within limits.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
         self._columns, rows = _legend_size(self._looks)
         bottom = BOTTOM + (rows - 1) * LEGEND_ROW
@@ -116,7 +116,7 @@ class Picture:
         return artists
 
     def _title(self, scene: Scene) -> None:
-        # The message is somebody's text: a dollar sign in it is no formula.
+        # The message is plain text: a dollar sign in it does not begin a formula.
         message = " ".join(scene.message.split())[:LONGEST_MESSAGE]
         title = self._axes.text(
             0, 1.0, message, transform=self._axes.transAxes, ha="left", va="bottom", fontsize=13, color=INK,
@@ -128,7 +128,7 @@ class Picture:
             title.set_text(f"{message.rstrip()}…")
 
     def _legend(self) -> None:
-        """Everything that the recording shows at any time, so that the legend stands still."""
+        """All labels of the recording, so that the legend does not change between frames."""
         from matplotlib.lines import Line2D
 
         seen = {
@@ -247,7 +247,7 @@ def _marker_area(scene: Scene) -> float:
 
 
 def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
-    """Positions over time, (scenes, 2), of every moving body; none when bodies come and go."""
+    """Positions over time, (scenes, 2), of every moving body; none when bodies appear or disappear."""
     first = scenes[0].bodies
     if any(len(scene.bodies) != len(first) for scene in scenes):
         return {}

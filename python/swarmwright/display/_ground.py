@@ -1,4 +1,4 @@
-"""What a picture of scenes stands on: the map with its border, its grid and its numbers."""
+"""The background of a picture: the map with its border, grid and numbers."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 _NUMBERS = 12
 """Most numbers on a side of a grid of cells."""
 _LINES = 64
-"""Most cells on a side whose borders are drawn; more of them would be nothing but lines."""
+"""Most cells on a side whose borders are drawn; more would be illegible."""
 
 
 def frame(axes: "Axes", scene: Scene) -> None:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from swarmwright.display._scene import Body, Scene
 
-# Okabe and Ito's colours, which colour-blind people can tell apart.
+# Okabe and Ito's palette, safe for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
 INK, BORDER, GRID, FIELD, PAPER = "#222222", "#555555", "#E4E4DE", "#FAFAF7", "#FFFFFF"
 LIGHT = {
@@ -35,7 +35,7 @@ DARK = {
 }
 """The same on a dark ground."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
-"""Colours of kinds and states that nobody knows, in the order in which they are seen."""
+"""Colours of unknown kinds and states, in the order in which they are seen."""
 
 SHAPES = {
     "circle": ("o", "M1 0A1 1 0 1 1-1 0A1 1 0 1 1 1 0Z"),
@@ -52,7 +52,7 @@ SHAPES = {
 }
 """Each shape as matplotlib's marker and as an SVG path around (0, 0) with radius 1."""
 _FREE_SHAPES = ("diamond", "pentagon", "hexagon")
-"""Shapes of kinds that nobody knows, in the order in which they are seen."""
+"""Shapes of unknown kinds, in the order in which they are seen."""
 
 KNOWN = {
     ("agent", ""): ("circle", "free"),

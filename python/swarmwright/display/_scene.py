@@ -46,7 +46,7 @@ class Scene:
         return cls(raw["width"], raw["height"], raw["step"], raw["message"], bodies, raw["grid"])
 
     def json(self) -> str:
-        """Write it as the engine reads it. Raises ValueError for what is no number."""
+        """Write it as the engine reads it. Raises ValueError for numbers that are not finite."""
         raw = {**vars(self), "bodies": [asdict(body) for body in self.bodies]}
         return json.dumps(raw, allow_nan=False, default=float)
 

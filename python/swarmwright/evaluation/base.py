@@ -18,7 +18,7 @@ OUTPUT = "servers.log"
 """File in a run's folder with what started servers printed."""
 
 HERE = ("local", "in-process")
-"""Values of `servers` with which no broker is used that others can see."""
+"""Values of `servers` that use no broker visible to others."""
 
 Progress = Callable[[int, int, str], None]
 """Called about ten times a second with (episodes done, episodes in all, what is waited for)."""
@@ -49,7 +49,7 @@ class Results:
     metrics: NDArray[np.float64]
     """(candidates, episodes, metrics that the fitness needs), NaN where the simulation failed."""
     journal: list[dict[str, Any]]
-    """An entry per attempt at one evaluation or at a block of them, and per warning."""
+    """An entry per attempt at one evaluation or at a batch of them, and per warning."""
 
 
 Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
@@ -82,19 +82,19 @@ class Backend(Protocol):
         generations: int,
         evaluations: tuple[int, int] | None = None,
     ) -> None:
-        """Say what the evaluations that follow are for, to those who watch.
+        """Publish what the following evaluations are for.
 
         evaluations: where several generations are under way, episodes done before and of the whole run.
         """
 
     def incidents(self) -> dict[str, int]:
-        """How often something went wrong, or was done about it, so far: what did at all, by name."""
+        """Counts of faults and countermeasures so far, by name; without zeros."""
 
     def log_to(self, folder: Path) -> None:
         """Write what started servers print to a file in a run's folder."""
 
     def post_evaluates(self) -> None:
-        """Say that what follows belongs to no generation: the best, on other seeds."""
+        """Publish that what follows belongs to no generation: the best, on held-out seeds."""
 
 
 def apply_expression(

@@ -64,22 +64,22 @@ class InProcessBackend:
         generations: int,
         evaluations: tuple[int, int] | None = None,
     ) -> None:
-        """Nobody watches: there is no broker."""
+        """Do nothing: without a broker there are no watchers."""
 
     def incidents(self) -> dict[str, int]:
-        """Return how many evaluations failed; no more can go wrong here that is not an error."""
+        """Return how many evaluations failed; other faults are errors here."""
         return {"failed": self._failed} if self._failed else {}
 
     def log_to(self, folder: Path) -> None:
-        """Nothing is printed that is not seen."""
+        """Do nothing: output goes to this process's own streams."""
 
     def post_evaluates(self) -> None:
-        """Nobody is told."""
+        """Do nothing: without a broker there are no watchers."""
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
     ) -> None:
-        """Evaluate all that are in flight as one block, again and again: nobody is slower here."""
+        """Evaluate all candidates in flight as one batch, repeatedly: in one process none is slower."""
         first, weights = 0, controllers.weights
         while len(weights):
             numbers = range(first, first + len(weights))

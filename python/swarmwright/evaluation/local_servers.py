@@ -1,4 +1,4 @@
-"""Simulation servers that a run starts for itself, each in its own process, none left behind."""
+"""Simulation servers that a run starts for itself, each in its own process, and ends with it."""
 
 import logging
 import os
@@ -44,7 +44,7 @@ class LocalServers:
         episode_timeout: seconds that an evaluation may take on a server; None for any time.
 
     Raises:
-        RunError: on entry, when a server does not start; the message holds its last words.
+        RunError: on entry, when a server does not start; the message holds its last output.
 
     """
 
@@ -97,12 +97,12 @@ class LocalServers:
         return self._supervisor.restarts
 
     def attach(self, pool: _engine.Pool) -> None:
-        """Tell a pool what becomes of the servers, until `detach`."""
+        """Report the state of the servers to a pool, until `detach`."""
         self._supervisor.attach(pool.watch(self._supervisor.identifiers))
         self._attached = True
 
     def detach(self) -> None:
-        """The pool is closed."""
+        """Stop reporting: the pool is closed."""
         self._supervisor.attach(None)
         self._attached = False
 
@@ -112,7 +112,7 @@ class LocalServers:
         self.output.log_to(file)
 
     def work_for(self, purpose: str) -> None:
-        """Say what is computed from now on, where that belongs to no generation."""
+        """Set what is computed from now on, where that belongs to no generation."""
         self.output.purpose = purpose
 
     def close(self) -> None:

@@ -102,7 +102,7 @@ def has_workers(simulation: str) -> bool:
 def in_process_is_better(experiment: Experiment) -> bool:
     """Whether `servers: auto` means `local`: in a notebook, unless the experiment asks for servers.
 
-    A notebook has no terminal for servers' last words, and people run its cells again and again.
+    A notebook has no terminal for servers' output, and its cells are run repeatedly.
     """
     asked = experiment.mode != "auto" or not catalogue.is_here(experiment.simulation)
     alone = "ipykernel" in sys.modules or experiment.simulation.startswith("__main__:")
@@ -124,7 +124,7 @@ def open_servers(
     Args:
         stack: ends what is started.
         experiment: whose simulation the servers offer.
-        broker: of somebody else; servers are started on it when `started` is a number.
+        broker: an external one; servers are started on it when `started` is a number.
         wanted: how many servers.
         started: what the caller asked for, instead of the experiment.
         visual: let the servers draw.

@@ -1,6 +1,6 @@
-"""What happens while a run is evaluated, told as it happens to whoever listens: logs, counters, people.
+"""Events of a run's evaluation, reported as they happen to listeners: logs, counters, progress displays.
 
-A report is a mapping with an `event`, see `_engine.Pool.listen`. Nobody listens by default.
+A report is a mapping with an `event`, see `_engine.Pool.listen`. There are no listeners by default.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -30,17 +30,17 @@ def listening(listener: Listener, *, warnings_only: bool = False) -> Iterator[No
 
 
 def wanted() -> bool:
-    """Whether anybody listens."""
+    """Whether there is a listener."""
     return bool(_listeners)
 
 
 def only_warnings() -> bool:
-    """Whether those who listen want no more than warnings."""
+    """Whether all listeners want warnings only."""
     return all(warnings_only for _, warnings_only in _listeners)
 
 
 def tell(report: Report) -> None:
-    """Give a report to everybody who wants it."""
+    """Pass a report to every listener that wants it."""
     for listener, warnings_only in tuple(_listeners):
         if not warnings_only or report["event"] in WARNINGS:
             listener(report)

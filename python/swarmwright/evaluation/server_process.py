@@ -30,7 +30,7 @@ from swarmwright.evaluation.supervision.process import STACK_SIGNAL
 from swarmwright.simulations import catalogue
 
 GRACE = 2.0
-"""Seconds for saying good-bye to the broker."""
+"""Seconds for disconnecting from the broker."""
 
 
 def _end_with_parent() -> None:
@@ -84,7 +84,7 @@ def _serve(events: int, settings: dict[str, Any]) -> int:
     """Serve; events go to the file descriptor `events`; return the exit status of what went wrong."""
 
     def report(line: str) -> None:
-        # Nobody reads: the parent wants no more, or it is gone, which `_end_with_parent` notices.
+        # The pipe is closed: the parent is ending, or gone, which `_end_with_parent` notices.
         with suppress(OSError):
             os.write(events, f"{line}\n".encode())
 

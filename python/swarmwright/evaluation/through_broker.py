@@ -60,7 +60,7 @@ class BrokerBackend:
         generations: int,
         evaluations: tuple[int, int] | None = None,
     ) -> None:
-        """Tell those who watch the broker."""
+        """Publish the progress to watchers of the broker."""
         self._run = run
         self._pool.about(run, generation, generations, evaluations)
 
@@ -78,7 +78,7 @@ class BrokerBackend:
             self._servers.log_to(folder / OUTPUT)
 
     def post_evaluates(self) -> None:
-        """Say that what follows belongs to no generation, in servers.log and to those who watch."""
+        """Say that what follows belongs to no generation, in servers.log and to watchers."""
         self._pool.about(self._run)
         if self._servers is not None:
             self._servers.work_for("post-evaluation")
@@ -90,7 +90,7 @@ class BrokerBackend:
         return judged
 
     def _metrics_hint(self) -> str:
-        """A name that servers announce, near one that none of them does."""
+        """A name that servers announce, close to a misspelt one."""
         announced = self._pool.announced_metrics()
         missing = [name for name in self.metrics if name not in announced]
         return next((hint for name in missing if (hint := did_you_mean(name, announced))), "")

@@ -1,4 +1,4 @@
-"""The figure of a comparison: how the groups got on, and what every run came to."""
+"""The figure of a comparison: fitness curves of the groups, and the final fitness of every run."""
 
 import re
 import textwrap
@@ -30,7 +30,7 @@ _CHARACTER = 0.088
 _WIDEST = 6.0
 """Inches of the boxes' axes beyond which their names are slanted."""
 _CLEAR = 3
-"""Groups up to which the worst and best runs are shaded as well; of more, one would see nothing."""
+"""Groups up to which the worst and best runs are shaded as well; more would be illegible."""
 
 
 def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
@@ -80,7 +80,7 @@ def _verdict(comparison: "Comparison") -> str:
 def _names(labels: Sequence[str]) -> tuple[list[str], bool, float]:
     """Return names of groups for below their boxes, whether they are slanted, and inches that the axes need.
 
-    Slanted are those that would not stand beside each other.
+    Names that would overlap are slanted.
     """
     lines = [
         [line for part in _PARTS.split(label) for line in textwrap.wrap(part, _NAME)] for label in labels
@@ -112,7 +112,7 @@ def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None
 
 
 def _curve(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> Drawn:
-    """Draw how a group got on; return x, and the least and the greatest that is drawn there."""
+    """Draw a group's fitness curve; return x, and the least and the greatest that is drawn there."""
     color, dashes = look(index)
     places, values, shortest = together(one.runs, x)
     low, lower, middle, upper, high = bands(values)

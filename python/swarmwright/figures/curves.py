@@ -1,4 +1,4 @@
-"""The best_so_far of runs: the best fitness so far, on an axis that several runs share."""
+"""Fitness curves of runs: the best fitness so far, on an axis that several runs share."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What an axis leaves out, so that first values do not squash the rest."""
+"""Axis limits that leave out poor first values, so that the rest is legible."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Cut:
 
 
 def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:
-    """Return where an axis begins so that first values do not squash the rest; None: nothing needs to be cut.
+    """Return where an axis begins so that first values do not dominate it; None: nothing needs to be cut.
 
     That is so where all values need more than 1.5 times the room of those after a curve's first tenth.
 

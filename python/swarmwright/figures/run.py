@@ -91,7 +91,7 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     axes.plot(places, column("mean"), color=_MEAN, linewidth=1.4, marker=marker, label="mean", scaley=False)
     best = column("best_so_far")
     now = column("best")
-    if not np.array_equal(now, best, equal_nan=True):  # elitists never lose their best
+    if not np.array_equal(now, best, equal_nan=True):  # elitist methods keep their best
         axes.step(
             places, now, where="post", color=_BEST, linewidth=1.0, marker=marker, alpha=0.6,
             label="best of the population",

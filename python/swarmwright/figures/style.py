@@ -1,4 +1,4 @@
-"""How figures of runs look, and how they are written."""
+"""The style of figures of runs, and writing them to files."""
 
 import io
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, SOFT, PAPER, GRID, EDGE = "#22303c", "#5b6875", "#ffffff", "#e3e7eb", "#9aa5b1"
-# Okabe and Ito's colours, which colour-blind people can tell apart; yellow, too light for lines, comes last.
+# Okabe and Ito's palette, safe for colour-blind readers; yellow, too light for lines, comes last.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B8A900")
 DASHES = ("-", "--", ":", "-.")
 AXES = {"evaluations": "evaluations", "generations": "generation (from 0)"}
@@ -66,7 +66,7 @@ def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
 
 
 def zoom(axes: "Axes", curves: Sequence[tuple[Values, Values, Values]]) -> None:
-    """Let first values not squash the rest, and say what is cut off; see `swarmwright.figures.cut.cut`."""
+    """Cut off first values that dominate the axis, and label the cut; see `swarmwright.figures.cut.cut`."""
     hidden = cut(curves)
     if hidden is None:
         return

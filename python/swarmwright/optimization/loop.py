@@ -1,6 +1,6 @@
 """The optimization loop: ask, evaluate, rank, tell, store.
 
-A run that goes on takes the same way through what is stored as a new one through evaluations.
+A resumed run passes through the stored generations by the same code as a new one through evaluations.
 """
 
 import logging
@@ -29,7 +29,7 @@ from swarmwright.typing import Fitness, Genomes
 
 @dataclass(frozen=True, kw_only=True)
 class Generation:
-    """How far an optimization is, after a generation."""
+    """The progress of an optimization, after a generation."""
 
     generation: int
     """Index of the generation, from 0."""
@@ -134,7 +134,7 @@ class Loop:
     def replay(self, reader: StoreReader) -> None:
         """Go through the generations in a store, without evaluating anything, to where it ends.
 
-        The method is asked and told as it was then, so that it goes on as if nothing had happened. Raises
+        The method is asked and told as before, so that it continues in the same state. Raises
         RunError when it asks for other genomes: another version of a library that the method is made of.
         """
         for evaluated in reader.generations():
@@ -158,7 +158,7 @@ class Loop:
         self._started = time.monotonic()
 
     def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
-        """Go on until the budget is used, the target is reached, a callback says no, or Ctrl-C.
+        """Run until the budget is used, the target is reached, a callback returns False, or Ctrl-C.
 
         Return how it ended: done, stopped or interrupted. Raises KeyboardInterrupt when there is no
         generation to keep, and RunError when evaluations are not possible.
@@ -195,7 +195,7 @@ class Loop:
         return False
 
     def _check_first(self, size: int) -> None:
-        """Say it when not even the first generation fits into the budget."""
+        """Warn when the first generation alone exceeds the budget."""
         most = self._budget.evaluations
         if most is not None and size > most and self._evaluations == 0:
             logging.getLogger("swarmwright").warning(
@@ -205,7 +205,7 @@ class Loop:
             )  # fmt: skip
 
     def _say(self, what: str) -> None:
-        """Say what comes now, where generations are so large that each part of it takes long."""
+        """Log the next step where generations are so large that each step takes long."""
         if self._large:
             progress.info("%s", what)
 
@@ -222,7 +222,7 @@ class Loop:
 
     @contextmanager
     def _kept(self, generation: int, journal: list[dict[str, Any]]) -> Iterator[None]:
-        """Keep how it went also when the generation comes to nothing; name the reason."""
+        """Keep the journal also when the generation fails; name the reason."""
         try:
             yield
         except RunError as error:
@@ -244,7 +244,7 @@ class Loop:
     def _announce(
         self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
     ) -> None:
-        """Tell the backend what it works for; others may watch it."""
+        """Tell the backend which generation it works for, for watchers."""
         run = self._store.folder.resolve().name
         generations = self._budget.expected_generations(self._stored, self._evaluations)
         backend.about(run, generation, generations, evaluations)
@@ -260,7 +260,7 @@ class Loop:
         return progress
 
     def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Evaluated:
-        """Rank what came out, tell the method, and return what is to be stored."""
+        """Rank the results, tell the method, and return what is to be stored."""
         number = self._method.generation
         fitness = self._ranking.score(results.fitness, genomes)
         self._check(fitness, number)

@@ -1,4 +1,4 @@
-"""Whether the candidates of a generation fit into memory, said before they are made."""
+"""Check whether the candidates of a generation fit into memory, before they are made."""
 
 import logging
 from contextlib import suppress
@@ -9,11 +9,11 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations import Representation
 
 LARGE = 100_000
-"""Candidates of a generation from which on it is said what takes so long."""
+"""Candidates of a generation from which on slow steps are logged."""
 _COPIES = 4  # of each genome at a time: asked for, its weights, the method's, the record's
 _BESIDE = 200  # bytes of a candidate beside its genes and results
 progress = logging.getLogger("swarmwright.progress")
-"""Says what is done now where that takes long; the command line shows it, programs may."""
+"""Logger of slow steps; the command line shows it, other programs may."""
 
 
 def check_memory(experiment: Experiment, representation: Representation) -> None:
@@ -59,7 +59,7 @@ def _metrics(experiment: Experiment) -> tuple[str, ...]:
 
 
 def available() -> int | None:
-    """Return how many bytes of memory this process can still have; None where the system does not say."""
+    """Return how many bytes of memory are available to this process; None where that is not known."""
     found = []
     with suppress(OSError, ValueError, KeyError):
         found.append(_table(Path("/proc/meminfo"))["MemAvailable:"] * 1024)
@@ -70,7 +70,7 @@ def available() -> int | None:
         group = Path(folder)
         with suppress(OSError, ValueError, KeyError):  # ValueError: "max", there is no limit
             limit = int((group / most).read_text())
-            # What files are cached is given back when it is needed.
+            # The page cache is released when needed.
             held = int((group / used).read_text()) - _table(group / "memory.stat")[files]
             found.append(max(limit - held, 0))
     return min(found, default=None)
@@ -83,7 +83,7 @@ def _table(file: Path) -> dict[str, int]:
 
 
 def size(count: int) -> str:
-    """Return bytes as people read them: 3.9 GB."""
+    """Return bytes as text: 3.9 GB."""
     value = float(count)
     for unit in ("bytes", "kB", "MB", "GB", "TB"):
         if value < 1000 or unit == "TB":

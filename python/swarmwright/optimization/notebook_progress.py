@@ -1,4 +1,4 @@
-"""How an optimization's course is shown in a notebook."""
+"""The progress of an optimization in a notebook."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

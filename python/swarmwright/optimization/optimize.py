@@ -54,7 +54,7 @@ def optimize(
 
     Without a broker (here or in the experiment) an embedded one is started, with servers; with one, the
     servers found there are used. Every generation is stored before the next is asked for, so that `resume`
-    can go on after whatever happens. Ctrl-C ends the run early: the results of all finished generations are
+    can continue after any failure. Ctrl-C ends the run early: the results of all finished generations are
     kept, and the run that is returned has `interrupted` set. Before the first generation is finished there is
     nothing to keep: KeyboardInterrupt is raised, and no run folder is left.
 
@@ -90,7 +90,7 @@ def optimize(
             shown(progress, on_generation, on_progress) as (on_generation, on_progress),
             open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend,
         ):
-            # They are 0 where nobody said them and nobody needs to know.
+            # They are 0 where they are not given and not needed.
             resolved = dataclasses.replace(
                 experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
             )
@@ -130,10 +130,10 @@ def resume(
     simulation: str | type | None = None,
     trust: bool = False,
 ) -> Run:
-    """Go on with a run that was interrupted, killed, or failed, to the very result of an undisturbed one.
+    """Go on with a run that was interrupted, killed, or failed, with the same result as an undisturbed one.
 
     What is stored is not evaluated again. A generation that was under way is evaluated anew. The result is
-    that of an undisturbed run to the bit, whoever evaluates now. A run that is finished is returned as it is.
+    bit-identical to that of an undisturbed run, on any servers. A run that is finished is returned as it is.
 
     The source of a simulation or a plug-in that has changed since the run was begun is refused, with the
     difference, unless that is accepted; so is an edited experiment.yaml, but for the keys that say where and
@@ -207,7 +207,7 @@ def _go_on(
         loop.replay(reader)
         if loop.done:
             if reader.sessions()[-1].outcome not in {"done", "stopped"}:
-                # It ended between its last generation and its end: that is all there is to mend.
+                # It was killed between its last generation and its end: only the end is missing.
                 store.begin("nothing was left to evaluate", loop.libraries)
                 store.conclude("done")
                 store.note_ended(loop.ended)
@@ -238,7 +238,7 @@ def _holds_results(folder: Path) -> bool:
 
 
 def _fail(error: RunError, folder: Path | None) -> NoReturn:
-    """Raise the error, with how the run goes on where anything of it is kept."""
+    """Raise the error, with the command that resumes the run if any results are kept."""
     hint = _how_to_go_on(error, folder)
     if hint is None:
         raise error
@@ -275,7 +275,7 @@ def _run(
         if store.outcome == "done":
             store.note_ended(loop.ended)
     except BaseException:
-        with suppress(RunError):  # what broke the run says more than what follows from it
+        with suppress(RunError):  # the first error explains the later ones
             store.save_best(representation)
         raise
     finally:
@@ -315,7 +315,7 @@ def prolonged(
 
     Raises InputError when something else is changed, or the budget is less than the run has.
     """
-    # Neither asks the class: it may not be the one with which the run goes on.
+    # Neither imports the class: it may not be the one with which the run continues.
     new = experiment.with_settings(
         settings, only=ELSEWHERE | {"method"}, reason="a run goes on with what it has", ask=False
     )

@@ -1,8 +1,9 @@
 """The optimization loop in steady state: candidate by candidate, so that no server waits for the slowest.
 
 What makes it repeatable: candidate n is made of the results of candidates 0 to n - in_flight, told in this
-order, and of no later one. Results that come earlier wait here. So neither the number of servers nor their
-speed leaves a trace. A generation of the record is so many candidates in a row as a population has members.
+order, and of no later one. Results that arrive earlier are kept until then. So the run depends neither on the
+number of servers nor on their speed. A generation of the record is so many candidates in a row as a
+population has members.
 """
 
 from collections import deque
@@ -61,7 +62,7 @@ class SteadyLoop(Loop):
         self._go_on_from(reader)
 
     def _ask_all(self) -> list[Genome]:
-        """Ask for all candidates that can be had now; return the new ones."""
+        """Ask for all candidates available now; return the new ones."""
         new = []
         while self._method.can_ask:
             _, genome = self._method.ask_next()
@@ -122,7 +123,7 @@ class SteadyLoop(Loop):
         return "generations" if whole else "evaluations"
 
     def _coming(self) -> int:
-        """Return how many candidates come at least: the method itself keeps to whole generations."""
+        """Return how many candidates follow at least: the method itself keeps to whole generations."""
         return 0
 
     def _complete(self, on_generation: OnGeneration | None) -> bool:

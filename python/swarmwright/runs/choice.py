@@ -1,4 +1,4 @@
-"""Which candidate of a run is looked at, and what the run says about it."""
+"""The selection of one candidate of a run, and its record."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,7 @@ class Choice:
 
 
 def choose(run: "Run", generation: int | None = None, candidate: int | None = None) -> Choice:
-    """Return a candidate of the run; what None means and what is raised, `Run.evaluation` says."""
+    """Return a candidate of the run; arguments and errors as in `Run.evaluation`."""
     one = run.evaluation(candidate, generation)
     specification = run.experiment.representation().specification(one.genome)
     return Choice(one.generation, one.candidate, one.fitness, one.seeds, specification)

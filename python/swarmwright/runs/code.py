@@ -1,4 +1,4 @@
-"""The source of a run's simulation and plug-ins: which one is used, and what is done when it has changed.
+"""The source of a run's simulation and plug-ins: which one is used, and how changes are handled.
 
 A run is computed with the source that it began with, of which it keeps a copy. What the copy was taken from
 is used as long as it is the same; where it is gone, as in a run folder that was moved, the copy is used.
@@ -68,12 +68,12 @@ def _version(run: "Run", generation: int | None = None) -> int:
     used = [version for version in versions.values() if version is not None] or [max(run.code)]
     if generation is None:
         return used[-1]
-    # Those from before there were copies are as near to the first one as can be.
+    # Generations from before there were copies are attributed to the first one.
     return versions.get(run.store.session_of(generation)) or used[0]
 
 
 def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
-    """Whether source is a version of which the run has the SHA-256, be the copy there or not."""
+    """Whether source is a version of which the run has the SHA-256, with or without its copy."""
     return digest_of({part.name: part.digests for part in parts}) == run.code.get(version)
 
 
@@ -86,7 +86,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
     """Return the experiment with which evaluations of a run are repeated or shown.
 
     Its simulation is the one that the run was computed with, or another one that is named. What has changed
-    since is told as a warning.
+    since is reported as a warning.
 
     Args:
         run: that was computed.
@@ -147,7 +147,7 @@ def remarks(run: "Run") -> list[str]:
 
 @dataclass(frozen=True)
 class Continuation:
-    """With what a run goes on."""
+    """The source with which a run continues."""
 
     experiment: Experiment
     used: list[Part]
@@ -217,7 +217,7 @@ def continuation(
             "accept_changed_code=True)."
         )
     if named is None:
-        # Of the changed code there is the difference, which was accepted.
+        # The accepted difference of the code is known.
         _check_trusted(run, experiment, copy, accepted=True)
     parts = [part or choose(copy, copy.parts[name]).part for name, part in now.items()]
     notes += [
@@ -332,7 +332,7 @@ def _tell(copy: Copy, kept: Kept) -> None:
 
 
 def _differing(copy: Copy, kept: Kept) -> Part | None:
-    """Return what is there now in the place of what was copied, None where it is the same or nothing."""
+    """Return the current source in the place of what was copied, None where it is the same or missing."""
     now = present(copy, kept)
     return None if now is None or now.digests == dict(kept.digests) else now
 

@@ -1,4 +1,4 @@
-"""Where two runs part."""
+"""The first difference between two runs."""
 
 from itertools import zip_longest
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""What somebody changed in the experiment.yaml of a run: it says what was run, and is not read for it."""
+"""Edits of a run's experiment.yaml. The file documents the run, which does not read it."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -41,14 +41,14 @@ class Change:
 def changes(run: "Run") -> tuple[list[Change], Experiment]:
     """Return what differs between the file and the run, and the experiment as the file has it.
 
-    Nothing does where the file is gone. Raises InputError when it is no experiment.
+    No difference where the file is gone. Raises InputError when it is not an experiment.
     """
     file = run.path / FILE
     recorded = run.store.experiment()
     if not file.is_file() or file.read_bytes() == dump(recorded).encode():
         return [], run.experiment
     written = Experiment._checked(read(file), file, ask=False)
-    # What is left out in either stands for its default in both.
+    # A missing key means its default in both.
     before, now = flat(run.experiment.to_mapping()), flat(written.to_mapping())
     found = [
         Change(key, before.get(key, _NOTHING), now.get(key, _NOTHING))

@@ -33,7 +33,7 @@ def write_table(store: StoreReader, path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     except InputError:
         if path.is_file():  # and no pipe
-            path.unlink()  # half a record would look like one
+            path.unlink()  # a partial record would look complete
         raise
 
 
@@ -106,7 +106,7 @@ def _arrow(part: Record, metrics: list[str]) -> "pa.Table":
     columns: dict[str, Any] = {
         "generation": part.generation,
         "candidate": part.candidate,
-        # A failed evaluation has no fitness, rather than one that is no number.
+        # A failed evaluation has an empty fitness, not NaN.
         "fitness": pa.array(part.fitness, from_pandas=True),
         "episodes": lists(part.episodes),
         **{name: lists(part.metrics[:, :, index].copy()) for index, name in enumerate(metrics)},

@@ -1,4 +1,4 @@
-"""Where results go when nothing is said, and what is ours in a run folder."""
+"""The default folder for results, and the files that Swarmwright writes into a run folder."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`fitness.png`, drawn by a process beside this one, so that a run's result does not wait for Matplotlib."""
+"""`fitness.png`, drawn by a child process, so that a run's result does not wait for Matplotlib."""
 
 import atexit
 import subprocess
@@ -11,7 +11,7 @@ from swarmwright.core.errors import InputError
 
 FILE = "fitness.png"
 _LONGEST = 60.0
-"""Seconds until a drawing process is given up."""
+"""Seconds until a drawing process is abandoned."""
 
 _lock = Lock()
 _waiting: list[Path] = []
@@ -27,7 +27,7 @@ def draw_later(folder: Path) -> None:
 
 
 def wait() -> None:
-    """Wait until all plots are drawn. What cannot be drawn is said on standard error."""
+    """Wait until all plots are drawn. Errors are printed on standard error."""
     with _lock:
         while _process is not None:
             try:
@@ -40,19 +40,19 @@ def wait() -> None:
 
 @atexit.register
 def _at_exit() -> None:
-    with suppress(KeyboardInterrupt):  # the process goes on by itself
+    with suppress(KeyboardInterrupt):  # the process continues by itself
         wait()
 
 
 def _start() -> None:
-    """Draw what waits, all of it by one process."""
+    """Draw all waiting runs in one process."""
     global _process  # noqa: PLW0603 - there is one, as there is one interpreter
     _process = None
     if not _waiting:
         return
     command = [sys.executable, "-P", "-m", __spec__.name, *map(str, _waiting)]
     _waiting.clear()
-    # A session of its own: Ctrl-C, which ends the tool, leaves no picture out.
+    # A session of its own, so that Ctrl-C, which ends the tool, does not interrupt it.
     _process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True
     )
@@ -75,6 +75,6 @@ if __name__ == "__main__":
         try:
             draw(Path(name))
         except InputError as error:
-            # A folder that is gone was deleted by whoever made it.
+            # A missing folder was deleted meanwhile, which is not an error.
             if Path(name).exists():
                 sys.stderr.write(f"swarmwright: {error}\n")

@@ -1,4 +1,4 @@
-"""Post-evaluation: what a candidate is worth in episodes whose seeds it was not chosen on."""
+"""Post-evaluation: a candidate's fitness in episodes with held-out seeds."""
 
 import math
 from collections.abc import Sequence
@@ -29,13 +29,13 @@ EPISODES = 60
 """Episodes of a post-evaluation, unless another number is given."""
 _FIRST = 1_000_000_000  # far from the seeds that runs use
 _SHARE = 0.05  # of a run's episodes, at most, are spent on evaluating its best after it
-_LEAST = 10  # episodes; fewer say too little
+_LEAST = 10  # episodes; fewer are not informative
 _PROBED = 200  # evaluations of a run from which on it is tried whether fitness depends on the seed
 
 
 @dataclass(frozen=True, kw_only=True)
 class PostEvaluation:
-    """A candidate as it was recorded, and in other episodes."""
+    """A candidate's recorded fitness, and its fitness in other episodes."""
 
     number: int
     """Of the evaluation in the whole run, from 0."""
@@ -105,7 +105,7 @@ class PostEvaluation:
         }
 
     def stored(self) -> dict[str, Any]:
-        """Return what a run's store keeps of it."""
+        """Return the values that a run's store keeps."""
         values = [value if math.isfinite(value) else None for value in self.episodes.tolist()]
         return {
             "number": self.number, "generation": self.generation, "candidate": self.candidate,
@@ -114,7 +114,7 @@ class PostEvaluation:
 
     @classmethod
     def of_store(cls, values: dict[str, Any], ranking: Ranking) -> Self:
-        """Return one of what a store keeps."""
+        """Return a post-evaluation from the values that a store keeps."""
         episodes = [math.nan if value is None else value for value in values["episodes"]]
         return cls(**{**values, "episodes": np.array(episodes, dtype=np.float64)}, ranking=ranking)
 
@@ -133,8 +133,8 @@ def post_evaluate(
 ) -> PostEvaluation:
     """Evaluate a candidate of a run in other episodes than those it was chosen by.
 
-    The best of a run is the luckiest of many wherever fitness depends on the seed: its fitness in the record
-    is too high. What it is worth, new episodes say. Nothing is added to the run.
+    Wherever fitness depends on the seed, the best of many evaluations is biased: its recorded fitness is too
+    high. New episodes estimate it without bias. Nothing is added to the run.
 
     Args:
         run: where the candidate is recorded.
@@ -188,9 +188,9 @@ def of_run(run: "Run") -> PostEvaluation | None:
 def after_run(
     experiment: Experiment, reader: StoreReader, backend: Backend, on_progress: Progress | None
 ) -> PostEvaluation | None:
-    """Return the best of a run that has ended on held-out seeds; None where that would say nothing new.
+    """Return the best of a run that has ended on held-out seeds; None where that would add nothing.
 
-    It is done where the fitness is seen to depend on the seed: by `ranking.seeds`, by the episodes in the
+    It is done where the fitness depends on the seed, judged by `ranking.seeds`, by the episodes in the
     record, or, of a simulation that is here, by trying. At most a twentieth of the run's episodes are spent.
 
     Raises RunError as `post_evaluate`.
@@ -253,7 +253,7 @@ def _evaluated(
 
 
 def _affordable(experiment: Experiment, reader: StoreReader) -> int:
-    """Return for how many episodes there is time: whole groups as the ranking takes them, 0 for too few."""
+    """Return how many episodes the budget allows: whole groups as the ranking takes them, 0 for too few."""
     group = experiment.ranking.episodes
     spent = reader.history()[-1].evaluations * group
     count = min(max(EPISODES, 4 * group), int(spent * _SHARE))
@@ -262,7 +262,7 @@ def _affordable(experiment: Experiment, reader: StoreReader) -> int:
 
 
 def _depends(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
-    """Whether fitness is seen to depend on the seed."""
+    """Whether fitness depends on the seed."""
     ranking = experiment.ranking
     if ranking.seeds == "new":
         return True
@@ -285,7 +285,7 @@ def _tried(experiment: Experiment, reader: StoreReader, backend: Backend) -> boo
     if not catalogue.is_here(experiment.simulation) or evaluations < _PROBED:
         return False
     if experiment.simulation in catalogue.titles():
-        backend = InProcessBackend(experiment)  # costs next to nothing, and nothing is sent
+        backend = InProcessBackend(experiment)  # costs almost nothing, without network traffic
     genomes = np.stack([reader.evaluation(None, None).genome, reader.evaluation(0, 0).genome])
     first = experiment.first_seed
     representation = experiment.representation(backend.sensors, backend.actuators)

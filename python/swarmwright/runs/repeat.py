@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Repeated:
-    """An evaluation as it was recorded and as it comes out now."""
+    """A recorded evaluation and its repetition."""
 
     number: int
     """In the whole run, from 0."""
@@ -55,7 +55,7 @@ def repeat(
         servers: as in `optimize`.
         simulation: a class, or `FILE:Class`, instead of the code with which it was evaluated.
 
-    What was edited since, the simulation's code or experiment.yaml, is told as a warning.
+    Edits since then, of the simulation's code or experiment.yaml, are reported as a warning.
 
     Raises:
         InputError: there is no such evaluation, or the code is gone.

@@ -1,4 +1,4 @@
-"""Reading run folders: what an optimization left behind."""
+"""Reading run folders, the results of optimizations."""
 
 import hashlib
 import math
@@ -121,7 +121,7 @@ class Run:
 
     @cached_property
     def unseen(self) -> "PostEvaluation | None":
-        """The best candidate on seeds that the run did not use, evaluated when the run ended.
+        """The best candidate on held-out seeds, evaluated when the run ended.
 
         None where its fitness does not depend on the seed, or `ranking.unseen_episodes` is 0.
         """
@@ -131,15 +131,16 @@ class Run:
 
     @cached_property
     def sessions(self) -> list[Session]:
-        """Who worked on it: the first process, then one for each time that it was resumed."""
+        """Its sessions: the first process, then one for each time that it was resumed."""
         return self.store.sessions()
 
     @property
     def state(self) -> State:
-        """How it stands.
+        """The state of the run.
 
         done: the budget is used or the target reached; stopped: a callback ended it; interrupted: Ctrl-C did;
-        killed: it ended without a word; failed: no server, a full disk, ..; running: a process works on it.
+        killed: it ended without writing an outcome; failed: no server, a full disk, ..; running: a process
+        works on it.
         """
         outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:
@@ -173,7 +174,7 @@ class Run:
         return self.store.attempts()
 
     def events(self) -> Iterator[Event]:
-        """Yield what was worth a warning, in order."""
+        """Yield the warnings, in order."""
         return self.store.events()
 
     @cached_property

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Described(ABC):
-    """What a simulation says of itself."""
+    """The description of a simulation."""
 
     title: str = ""
     """The name in discovery, which experiments may give; default: the name of the class in small letters."""
@@ -21,19 +21,19 @@ class Described(ABC):
     max_agents: int | None = None
     """Most agents that are possible; None: no limit."""
     sensors: int
-    """Numbers that an agent senses, at least 1."""
+    """Sensor values of an agent, at least 1."""
     actuators: int
-    """Numbers that an agent is steered by, at least 1."""
+    """Actuator values of an agent, at least 1."""
     parameters: Mapping[str, Any] = {}
     """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
 
     Where any are declared, an experiment that names the class cannot set others."""
     metrics: Sequence[str] | Mapping[str, str] = ()
-    """What `measure` returns: names, or name -> description. Experiments can make the fitness of them."""
+    """What `measure` returns: names, or name -> description. Experiments can define fitness from them."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of one episode with one controller agree, wherever they are made: to the bit,
-    within `tolerance`, or not at all. None: not known. Where it is bitwise or statistical, experiments can
-    have results checked on another server (`faults: {audit: 0.01}`)."""
+    """How far two evaluations of one episode with one controller agree on any server: bit-identical, within
+    `tolerance`, or not at all. None: not known. Where it is bitwise or statistical, experiments can have
+    results audited on another server (`faults: {audit: 0.01}`)."""
     tolerance: float = 0.0
     """Where `determinism` is statistical: how far fitness and metrics may differ, as a part of the larger
     one, absolute below 1."""
@@ -124,7 +124,7 @@ class Simulation(Described):
         """Return who acts next: indices of agents, or (agents,) booleans; None, the default, for all.
 
         Leave out agents that have dropped out. Where agents act one after the other, return one at a time.
-        While nobody acts the simulation goes on by itself: it is stepped until it is done.
+        While no agent acts the simulation is stepped without actions until it is done.
         """
         return None
 
@@ -138,7 +138,7 @@ class Simulation(Described):
     def picture(self) -> NDArray[np.uint8] | None:
         """Return what it looks like now as an image, (height, width, 3), red, green, blue from 0 to 255.
 
-        None, the default, for nothing to show. `swarmwright replay` makes films and pages of it where there
-        is no `scene`.
+        None, the default, for nothing to show. `swarmwright replay` uses it for films and pages when the
+        class has no `scene`.
         """
         return None

@@ -1,4 +1,4 @@
-"""What simulations say about themselves: built in ones, and those that are named by a class in Python."""
+"""Descriptions of simulations: built-in ones, and those named by a class in Python."""
 
 import json
 from functools import cache
@@ -28,7 +28,7 @@ def _description(title: str) -> str:
 def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
     from swarmwright.simulations.loading import load
 
-    return _described(load(name))  # the class may be another one when its file was edited
+    return _described(load(name))  # the class may have changed when its file was edited
 
 
 @cache
@@ -84,7 +84,7 @@ def title(simulation: str) -> str:
 
 
 def description(simulation: str) -> dict[str, Any]:
-    """Return what a simulation that is here says of itself.
+    """Return the description of a simulation that is available here.
 
     Title, dimensions, max_agents, sensors, actuators, parameters, and metrics (name -> unit, description).
     Raises InputError for a class that cannot be loaded.

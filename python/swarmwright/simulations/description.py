@@ -1,4 +1,4 @@
-"""What a user's simulation says of itself, checked."""
+"""The description of a user-defined simulation, checked."""
 
 import json
 import math
@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 @dataclass(frozen=True)
 class Description:
-    """What a simulation says of itself; see the attributes of `Simulation`."""
+    """The description of a simulation; see the attributes of `Simulation`."""
 
     title: str
     dimensions: int
@@ -51,7 +51,7 @@ class Description:
 
 
 def describe(simulation: Described | Any, where: str = "") -> Description:  # noqa: ANN401 - or what acts like one
-    """Ask a simulation. Raises InputError, naming class (`where`) and attribute, for what cannot be."""
+    """Read a simulation's attributes. Raises InputError, naming class (`where`) and attribute."""
     where = where or type(simulation).__name__
     title: Any = simulation.title or where.lower()
     if not isinstance(title, str) or len(title) > 1000:

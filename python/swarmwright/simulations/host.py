@@ -25,7 +25,7 @@ Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
 """The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""
 
 _STACK = 8000
-"""Characters of a traceback that are kept, of its end: what was raised stands there."""
+"""Characters of a traceback that are kept, of its end, which has the exception."""
 
 _REMEMBERED = 100
 """Different failures that are reported, so that each is reported once."""
@@ -103,7 +103,7 @@ class Host:
         return value
 
     def measure(self) -> list[float]:
-        """Return the metrics, in the order of `metrics`; NaN and infinities matter to those who need them.
+        """Return the metrics, in the order of `metrics`; they may be NaN or infinite.
 
         Raises SimulationError when the code fails.
         """
@@ -203,7 +203,7 @@ class Host:
             return np.empty(0, np.uint32), np.empty((self._agents, self.sensors), np.float32), True
         rows = self._rows(method, returned, first=first)
         acting = np.empty(0, np.uint32) if done else self._acting()
-        # Mostly all of it is finite, which is quickly seen.
+        # Fast path: all values are finite.
         if not np.isfinite(rows).all():
             for agent in acting:
                 wrong = np.flatnonzero(~np.isfinite(rows[agent]))
@@ -269,7 +269,7 @@ class Host:
             if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
-        # Also `sys.exit` ends no more than the episode.
+        # Also `sys.exit` ends only the episode.
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
 
@@ -290,7 +290,7 @@ class Host:
     def _cause(self, method: str, error: BaseException) -> str:
         """What was raised, and the last line of the user's file that led there, or else the last of all.
 
-        What came from an environment of another library is told with the last line of anybody's own code.
+        What came from an environment of another library is reported with the last line of user code.
         """
         frames = traceback.extract_tb(error.__traceback__)[1:]
         own = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
@@ -313,7 +313,7 @@ class Host:
 
 
 def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
-    """Return a number, NaN for what is none."""
+    """Return a number, NaN for anything else."""
     try:
         return math.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError, OverflowError):

@@ -1,4 +1,4 @@
-"""Importing the modules of a folder apart from others of the same names in this process."""
+"""Importing the modules of a folder isolated from others of the same names in this process."""
 
 import builtins
 import sys
@@ -17,7 +17,7 @@ _lock = threading.RLock()
 class Apart:
     """Modules of a folder, which import one another, and the rest as any module does.
 
-    Elsewhere in the process their names mean what they meant: whoever imports `helper` there does not get the
+    Elsewhere in the process their names keep their meaning: other code that imports `helper` does not get the
     folder's, and the folder's modules never get another one, not even by imports within functions, which run
     later. Neither `sys.path` nor, in the end, `sys.modules` holds anything of it.
 

@@ -78,7 +78,7 @@ def _kept(copy: Copy, kept: Kept) -> ModuleType:
     if place in files:
         return files[place]
     choice = choose(copy, kept)
-    if not serving:  # else whoever has started this server has asked
+    if not serving:  # else the process that started this server has asked
         require_copy(copy, kept, choice)
     if not choice.copied:
         part = choice.part
@@ -133,7 +133,7 @@ def _file(path: Path) -> ModuleType:
 
 
 def _stamped(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
-    """Return what tells whether files were edited."""
+    """Return time and size of files, by which edits are detected."""
     found: dict[Path, tuple[int, int] | None] = {}
     for path in paths:
         try:

@@ -1,4 +1,4 @@
-"""Names of users' simulations: `package.module:Class`, `path/to/file.py:Class`, or `library:environment`."""
+"""Names of custom simulations: `package.module:Class`, `path/to/file.py:Class`, or `library:environment`."""
 
 import re
 import sys
@@ -33,8 +33,9 @@ def absolute(name: str, folder: Path | None = None) -> str:
 def of_run(name: str, run: Path) -> str:
     """Return the absolute name of a run's simulation.
 
-    Where it is no copy in the run folder, because an earlier version wrote it or the copy was deleted, a file
-    in or beside the folder goes before the one where it was: whoever copies both means the former.
+    Without a copy in the run folder, because an earlier version wrote it or the copy was deleted, a file in
+    or beside the folder takes precedence over the original place: a folder may be copied together with its
+    file.
     """
     place, colon, wanted = name.rpartition(":")
     name = absolute(name, run)

@@ -1,4 +1,4 @@
-"""Parameters of a user's simulation: declared, checked, filled in."""
+"""Parameters of a user-defined simulation: declared, checked, filled in."""
 
 import copy
 import math

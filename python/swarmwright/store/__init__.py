@@ -2,7 +2,7 @@
 
 The file is plain SQLite (docs/reference/run-folder.md has its tables), so that any program reads it. What
 belongs to the record (what was evaluated, with which seeds, what came out, in order) is the same for the same
-experiment and seed; sessions, attempts and events tell apart from it how it went.
+experiment and seed; sessions, attempts and events, which describe how the run went, are kept apart.
 """
 
 from swarmwright.store.database import FILE, FORMAT

@@ -1,4 +1,4 @@
-"""Opening the store, and what is said when it cannot be used."""
+"""Opening the store, and the errors when it cannot be used."""
 
 import shutil
 import sqlite3
@@ -53,7 +53,7 @@ def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
 
     Raises InputError when it cannot be created there, RunError when the disk is full or fails.
 
-    It gets its name when it is whole: whoever finds a store finds a readable one.
+    It is renamed when it is complete, so that a store under its name is always readable.
     """
     new = file.with_name(NEW)
     with errors(file, InputError, disk=RunError):
@@ -79,7 +79,7 @@ def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
 def reopen(file: Path) -> sqlite3.Connection:
     """Return a connection to write on in a store.
 
-    Raises InputError when it is none, damaged or read-only, RunError when the disk is full or fails.
+    Raises InputError when it is not a store, damaged or read-only, RunError when the disk is full or fails.
     """
     with errors(file, InputError, disk=RunError):
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
@@ -140,7 +140,7 @@ def _has_digests(connection: sqlite3.Connection) -> bool:
 def reading(file: Path) -> Iterator[sqlite3.Connection]:
     """Yield a connection that reads a store, also while a run writes it or in a folder that is read-only.
 
-    Raises InputError when it is none, damaged, or of another version.
+    Raises InputError when it is not a store, damaged, or of another version.
     """
     with errors(file, InputError):
         connection = _connect_to_read(file)
@@ -208,7 +208,7 @@ _DISK = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR}
 
 @contextmanager
 def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[None]:
-    """Turn SQLite's errors into ours, which say what to do.
+    """Turn SQLite's errors into Swarmwright's, which say what to do.
 
     disk: instead of `kind` where the disk is to blame.
     """
@@ -221,7 +221,7 @@ def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[No
 
 
 def code_of(error: BaseException | None) -> int:
-    """Return SQLite's primary result code; 0 for what is no error of its."""
+    """Return SQLite's primary result code; 0 for other errors."""
     return int(getattr(error, "sqlite_errorcode", 0) or 0) & 0xFF
 
 

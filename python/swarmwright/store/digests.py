@@ -1,7 +1,7 @@
-"""SHA-256 of what a store holds, by which damage is noticed.
+"""SHA-256 of what a store holds, to detect damage.
 
-docs/reference/run-folder.md says of which bytes. They stand in the store itself, and so protect against what
-disks and copies do to files, not against people.
+docs/reference/run-folder.md says of which bytes. They are in the store itself, so they detect damage by disks
+and copying, not manipulation.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Run folders before there is a store in them: may a run be made there, and why is something no run?"""
+"""Run folders without a store: whether a run may be created there, and why a folder is not a run."""
 
 import os
 from pathlib import Path
@@ -38,7 +38,7 @@ def check_folder(folder: Path) -> None:
 def _broken_off(folder: Path) -> bool:
     """Whether a process began to make a run folder and ended before there was a store.
 
-    Raises InputError when it is still at it.
+    Raises InputError when that process is still running.
     """
     names = {entry.name for entry in folder.iterdir()}
     if NEW not in names or not names <= {NEW, LOCK, EXPERIMENT, CODE}:

@@ -29,7 +29,7 @@ Evaluations = list[tuple[Any, ...]]
 
 
 class DamageError(InputError):
-    """What stands in a store is not what was written."""
+    """The content of a store is not what was written."""
 
     def __init__(self, file: Path, what: str, generation: int | None = None) -> None:
         where = "" if generation is None else f"generation {generation}: "
@@ -140,7 +140,7 @@ class Generations:
             raise self.damaged(f"the table generation cannot be read: {error}", row.generation) from error
 
     def check_end(self, last: Row | None) -> None:
-        """See that there is no evaluation behind the last generation."""
+        """Check that there is no evaluation after the last generation."""
         (most,) = self._connection.execute("SELECT max(number) FROM evaluation").fetchone()
         evaluations = 0 if last is None else last.summary.evaluations
         if most is not None and most >= evaluations:
@@ -173,7 +173,7 @@ class Generations:
             yield from list(self.evaluations(row))
 
     def damaged(self, what: str, generation: int | None = None) -> DamageError:
-        """Return the error that says so."""
+        """Return the error for a damaged place."""
         return DamageError(self._file, what, generation)
 
     def select(self, which: str, *values: int) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Who may write a run: one process at a time."""
+"""The lock of a run: one process at a time may write it."""
 
 import errno
 import fcntl
@@ -11,13 +11,13 @@ from typing import BinaryIO
 from swarmwright.core.errors import InputError
 
 LOCK = "run.lock"
-"""A file that nobody has a reason to edit or replace, there while a process works on the run.
+"""A file that users have no reason to edit or replace; it exists while a process works on the run.
 
 Not the store: closing any other handle on that would free SQLite's own locks in this process. Not
 experiment.yaml: editors put a new file in its place, whose lock is free.
 """
 _PATIENCE = 0.5
-"""Seconds for which a lock may be taken by one who only asks whether it is."""
+"""Seconds for which a process that only tests the lock may hold it."""
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 _NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
 
@@ -52,11 +52,11 @@ class Lock:
             file.close()
 
     def close(self) -> None:
-        """Let others have the run."""
+        """Release the run."""
         if self._file.closed:
             return
         with suppress(OSError):
-            # Before it is free: whoever has opened it by now finds that it is gone, and makes another.
+            # Delete before releasing: a process that has opened it meanwhile notices, and creates a new file.
             if _is_still(self._file, self._path):
                 self._path.unlink()
         self._file.close()
@@ -84,7 +84,7 @@ def _opened(folder: Path, path: Path) -> BinaryIO:
 
 
 def _is_still(file: BinaryIO, path: Path) -> bool:
-    """Whether a file that is open is the one that stands there."""
+    """Whether an open file is still the one at this path."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except FileNotFoundError:

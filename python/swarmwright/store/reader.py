@@ -103,7 +103,7 @@ class StoreReader:
 
     @property
     def has_digests(self) -> bool:
-        """Whether what it holds can be compared with digests: not what versions before them have written."""
+        """Whether the store has digests; versions before digests wrote none."""
         return digests.FACT in self._facts
 
     @property
@@ -177,7 +177,7 @@ class StoreReader:
         return self._facts_now().get("ended", "")
 
     def unseen(self) -> dict[str, Any] | None:
-        """Return how the best did on seeds that the run did not use; None when that was not evaluated."""
+        """Return the results of the best on held-out seeds; None when it was not evaluated on them."""
         text = self._facts_now().get("unseen")
         return None if text is None else self._parsed(text)
 
@@ -204,7 +204,7 @@ class StoreReader:
         return seeds
 
     def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
-        """Return one evaluation; what None means, `Run.evaluation` says."""
+        """Return one evaluation; None as in `Run.evaluation`."""
         with self._generations() as generations:
             row, number = self._place(generations, candidate, generation)
             found = _chosen(generations.evaluations(row), number)
@@ -264,7 +264,7 @@ class StoreReader:
         return Best(one.fitness, one.generation, one.candidate, one.genome)
 
     def sessions(self) -> list[Session]:
-        """Return who worked on the run, in order."""
+        """Return the sessions of the run, in order."""
         with self._reading() as connection:
             reached = dict(
                 connection.execute("SELECT session, max(seconds) FROM generation GROUP BY session")
@@ -339,7 +339,7 @@ def _chosen(parts: Iterator[Evaluations], number: int | None) -> tuple[Any, ...]
 
 
 def _rank(evaluation: tuple[Any, ...]) -> tuple[bool, float]:
-    """Return what the larger of is the better; NULL, of a failed evaluation, comes last."""
+    """Return a sort key: larger is better; NULL, of a failed evaluation, comes last."""
     fitness = evaluation[3]
     return (fitness is not None, fitness or 0.0)
 

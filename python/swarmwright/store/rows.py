@@ -1,4 +1,4 @@
-"""What stands in the tables of a store."""
+"""The rows of a store's tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -58,7 +58,7 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """One attempt at a block of evaluations, on one server."""
+    """One attempt at a batch of evaluations, on one server."""
 
     session: int
     generation: int
@@ -85,7 +85,7 @@ class Attempt:
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """Something worth knowing that happened: a warning of the pool, a result that was refused."""
+    """An event worth noting: a warning of the pool, a result that was refused."""
 
     session: int
     generation: int | None

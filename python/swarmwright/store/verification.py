@@ -1,4 +1,4 @@
-"""Is everything in a run folder what was written? Generation by generation, however much is damaged."""
+"""Verification of a run folder against its digests, generation by generation, however much is damaged."""
 
 import sqlite3
 from collections.abc import Callable

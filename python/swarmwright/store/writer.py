@@ -1,4 +1,4 @@
-"""Writing the store: a generation is there wholly or not at all."""
+"""Writing the store: a generation is stored completely or not at all."""
 
 import json
 import math
@@ -90,7 +90,7 @@ class StoreWriter:
         }
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / NEW).touch()  # by this the folder is known to be ours should the process end now
+            (folder / NEW).touch()  # marks the folder as a run folder should the process end now
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
         lock = Lock(folder)
@@ -223,7 +223,7 @@ class StoreWriter:
                 seal_facts(self._connection)
 
     def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
-        """Write how evaluations went that do not count: those of a generation that was broken off."""
+        """Write the attempts of evaluations that do not count: those of an incomplete generation."""
         with self._writing():
             self._note(generation, journal)
 
@@ -232,7 +232,7 @@ class StoreWriter:
         """Commit all or nothing. Raises RunError when the disk does not take it, or another process wrote."""
         with transaction(self._connection, self.file):
             if self._session:
-                # Somebody deleted the lock, or it does not hold on this file system.
+                # The lock was deleted by another program, or is not effective on this file system.
                 (latest,) = self._connection.execute("SELECT max(session) FROM session").fetchone()
                 if latest != self._session:
                     raise RunError(
@@ -253,7 +253,7 @@ class StoreWriter:
         self._connection.executemany(_EVENT, events)
 
     def incidents(self, counts: Mapping[str, int]) -> None:
-        """Write how often something went wrong in this session, or was done about it."""
+        """Write how often faults occurred in this session, and how often countermeasures were taken."""
         if not counts:
             return
         text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
@@ -261,7 +261,7 @@ class StoreWriter:
             self._connection.execute(_EVENT, (self._session, None, _now(), "incidents", text))
 
     def note_unseen(self, values: Mapping[str, Any]) -> None:
-        """Write how the best did on seeds that the run did not use; it is no part of the record."""
+        """Write the results of the best on held-out seeds; they are not part of the record."""
         text = json.dumps(dict(values), allow_nan=False)
         with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
@@ -345,13 +345,13 @@ class StoreWriter:
                 self._connection.execute("PRAGMA busy_timeout = 100")
                 self._connection.execute("PRAGMA journal_mode = DELETE")
         except RunError as error:
-            if not _in_use(error):  # a reader that is there keeps the log, which does no harm
+            if not _in_use(error):  # an open reader keeps the log, which does no harm
                 failed = failed or error
         return failed
 
 
 def _recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
-    """Return the experiment as it is written: with the run's copy of its class, which goes where it goes."""
+    """Return the experiment as it is written: with the run's copy of its class, relative to the folder."""
     values = experiment.to_mapping()
     kept = None if copy is None else copy.parts.get("simulation")
     if copy is not None and kept is not None and not is_adapted(kept.component):
@@ -394,6 +394,6 @@ def _versions(libraries: Sequence[str]) -> dict[str, str]:
         "sqlite": sqlite3.sqlite_version,
     }
     for library in libraries:
-        with suppress(PackageNotFoundError):  # the method says itself what is missing
+        with suppress(PackageNotFoundError):  # the method reports what is missing
             versions[library] = version(library)
     return versions

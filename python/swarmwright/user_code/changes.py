@@ -1,4 +1,4 @@
-"""What is there now in the place of source that a run has a copy of, and how it differs."""
+"""The current source in the place of what a run has copied, and how it differs."""
 
 import difflib
 import hashlib
@@ -21,13 +21,13 @@ def present(copy: Copy, kept: Kept) -> Part | None:
     """Return the source that is now where the copy was taken from; None when nothing is there any more.
 
     A file is looked for where it was seen from the run folder, then in and beside the run folder, then where
-    it was: whoever copies both means the file that is nearer. Raises InputError when it cannot be read.
+    it was: of several candidates the nearest file is meant. Raises InputError when it cannot be read.
     """
     if kept.name in SECTIONS:
         try:
             return of_plug_in(kept.name, kept.component)
         except InputError:
-            return None  # not installed; whoever uses it is told
+            return None  # not installed; reported where it is used
     if is_adapted(kept.component):
         return of_simulation(kept.component)
     if kept.module is not None:
@@ -74,7 +74,7 @@ def _places(run: Path, kept: Kept) -> Iterator[Path]:
 def files_of(simulation: str) -> dict[str, str]:
     """Return the files of a class as they are now: path -> SHA-256, in hexadecimal.
 
-    None of what has no source, nor of a run's copy, which is what it is. Raises InputError.
+    Classes without source and those of a run's copy have none. Raises InputError.
     """
     place = simulation.rpartition(":")[0]
     if not place or Copy.holding(Path(place)) is not None:
@@ -84,7 +84,7 @@ def files_of(simulation: str) -> dict[str, str]:
 
 
 def check_unchanged(files: Mapping[str, str]) -> None:
-    """Raise InputError when one of these files is not any more what `files_of` has found."""
+    """Raise InputError when one of these files has changed since `files_of` was called."""
     for name, digest in files.items():
         try:
             data = Path(name).read_bytes()
@@ -143,7 +143,7 @@ def _unified(old: bytes, new: bytes, before: str, after: str) -> list[str]:
 
 
 def _printable(line: str) -> str:
-    """Return a line without what would steer a terminal: the copy may come from anywhere."""
+    """Return a line without terminal control characters: the copy may come from anywhere."""
     clean = "".join(sign if sign.isprintable() or sign == "\t" else "\ufffd" for sign in line)
     return clean if len(clean) <= _WIDTH else f"{clean[:_WIDTH]} .."
 

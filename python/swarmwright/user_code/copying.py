@@ -46,7 +46,7 @@ class Copy:
 
     @classmethod
     def write(cls, run: Path, version: int, parts: Sequence[Part]) -> Self:
-        """Write a version; what a process that was killed left in its place goes. Raises OSError."""
+        """Write a version, replacing what a killed process may have left. Raises OSError."""
         copy = cls(run / FOLDER / str(version))
         if copy.folder.exists():
             shutil.rmtree(copy.folder)
@@ -76,7 +76,7 @@ class Copy:
 
     @classmethod
     def holding(cls, path: Path) -> "tuple[Self, Kept] | None":
-        """Return the copy that a file belongs to, and the component; None for a file that is no copy's."""
+        """Return the copy that a file belongs to, and the component; None for a file in no copy."""
         for folder in path.parents:
             if folder.parent.name == FOLDER and (folder / _MANIFEST).is_file():
                 copy = cls(folder)
@@ -182,7 +182,7 @@ def shown(simulation: str) -> str:
 
 
 def remove(run: Path) -> None:
-    """Delete the copies in a run folder, and nothing that somebody else put beside them."""
+    """Delete the copies in a run folder, but no other files beside them."""
     for manifest in (run / FOLDER).glob(f"*/{_MANIFEST}"):
         copy = Copy(manifest.parent)
         with suppress(InputError):

@@ -68,7 +68,7 @@ class Walk:
             self._take([*parts, name], places)
 
     def _take(self, parts: list[str], places: Sequence[str] | None) -> Sequence[str] | None:
-        """Note the file of a module; return where its submodules are, None where there are none of ours."""
+        """Note the file of a module; return where its submodules are, None where they are not followed."""
         name = ".".join(parts)
         if parts[0] in sys.stdlib_module_names or parts[0] == "swarmwright":
             return None
@@ -120,7 +120,7 @@ def _imports(source: bytes, package: str) -> Iterator[tuple[str, list[str]]]:
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError):
-        return  # whoever imports it is told
+        return  # reported where it is imported
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:

@@ -1,4 +1,4 @@
-"""What people are told of source that has changed since a run: once in a process, as warnings."""
+"""Warnings about source that has changed since a run, once per process."""
 
 import logging
 
@@ -15,7 +15,7 @@ def copy_is_used(copy: Copy, kept: Kept, now: Part, hint: str = "") -> None:
 
 
 def say(text: str) -> None:
-    """Warn of something once; what stands behind a semicolon may differ."""
+    """Warn of something once; the text after a semicolon may differ."""
     key = text.partition(";")[0]
     if key not in _told:
         _told.add(key)

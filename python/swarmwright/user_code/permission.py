@@ -40,7 +40,7 @@ def require_named(simulation: str) -> None:
 
 
 def _files(simulation: str) -> Mapping[str, Path]:
-    """Return the files of a class or environment that are not installed; none of what there is not."""
+    """Return the files of a class or environment that are not installed; none if it does not exist."""
     place, _, _ = simulation.rpartition(":")
     if is_adapted(simulation):
         library, environment, _ = split(simulation)
@@ -63,7 +63,7 @@ def _own(part: Part) -> dict[str, str]:
 
 
 def _is_installed(path: Path) -> bool:
-    """Whether a file lies where this Python's packages are installed; no folder's name or content says so."""
+    """Whether a file lies where this Python's packages are installed; folders' names do not count."""
     path = path.resolve()
     return any(path.is_relative_to(place) for place in _places())
 

@@ -1,7 +1,7 @@
 """Which code of run folders this user trusts: that of the user's own runs, and what was allowed.
 
-Kept by its SHA-256 in a folder of the user's own, outside of all run folders: who hands on a run folder can
-write whatever there is in it.
+Kept by its SHA-256 in a folder of the user's own, outside of all run folders: the author of a run folder
+controls everything in it.
 """
 
 import hashlib
@@ -64,7 +64,7 @@ def is_trusted(files: Mapping[str, str]) -> bool:
 
 
 def require(files: Mapping[str, str], path: Path) -> None:
-    """Let source be executed if it is trusted, or a person says so, who is asked.
+    """Check that source is trusted, or ask a person whether it may be executed.
 
     files: place -> SHA-256. path: where the main file is.
 
@@ -93,7 +93,7 @@ def require(files: Mapping[str, str], path: Path) -> None:
 
 @contextmanager
 def trusting() -> Iterator[None]:
-    """Within the block, whatever is asked for is trusted, and remembered."""
+    """Within the block, all code is trusted, and the decision is stored."""
     global _all  # noqa: PLW0603 - of the process, as modules are
     _all += 1
     try:

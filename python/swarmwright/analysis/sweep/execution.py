@@ -1,4 +1,4 @@
-"""Doing the runs of a sweep, one after the other or side by side, and telling how it goes."""
+"""Execution of a sweep's runs, sequentially or in parallel, with progress reports."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from swarmwright.runs.run import Run
 
 
 class Listener:
-    """Is told how a sweep goes; does nothing with it."""
+    """Receives the progress of a sweep; the base class ignores it."""
 
     def found(self, task: Task, run: Run) -> None:
         """A run was finished before."""
@@ -41,7 +41,7 @@ class Listener:
 
 @dataclass
 class Outcome:
-    """What came of the runs of a sweep."""
+    """The results of a sweep's runs."""
 
     tasks: Sequence[Task]
     runs: dict[Task, Run] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Outcome:
 
 
 class _Noting(Listener):
-    """Notes what came out, and tells somebody else all of it."""
+    """Records the outcome, and forwards everything to another listener."""
 
     def __init__(self, outcome: Outcome, listener: Listener) -> None:
         self._outcome = outcome
@@ -91,7 +91,7 @@ def conduct(
     broker: str | None = None,
     servers: Servers | None = None,
 ) -> Outcome:
-    """Do all runs of a sweep that are not finished; return what came out.
+    """Do all runs of a sweep that are not finished; return the outcome.
 
     A run that fails does not stop the others. Ctrl-C does; then `interrupted` is set, and what was finished
     is kept.
@@ -99,7 +99,7 @@ def conduct(
     Args:
         sweep: whose runs.
         tasks: the runs, in the order in which they are begun.
-        listener: is told how it goes.
+        listener: receives the progress.
         jobs: runs at a time; default: see `shares`.
         broker: as in `optimize`.
         servers: as in `optimize`, for all runs together.
@@ -143,7 +143,7 @@ def _one_after_another(
             listener.begun(task)
             try:
                 run = executor.run(task, _of(listener.generation, task), _of(listener.evaluating, task))
-            except BrokenPipeError:  # nobody reads what the listener prints
+            except BrokenPipeError:  # the listener's output pipe is closed
                 raise
             except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
                 listener.failed(task, reason(error))

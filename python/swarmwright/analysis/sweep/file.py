@@ -30,7 +30,7 @@ class Variant:
     """One variant of the experiment."""
 
     label: str
-    """What sets it apart, in words."""
+    """What distinguishes it, in words."""
     folder: str
     """The label as part of a file name, no other variant's."""
     experiment: Experiment

@@ -1,4 +1,4 @@
-"""How many runs of a sweep go on at a time, and which servers each of them has."""
+"""The number of parallel runs of a sweep, and the servers of each."""
 
 import json
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ def shares(
 ) -> list[Servers | None]:
     """Return for each run that goes on at a time which servers it starts; None: none, it uses the broker's.
 
-    Without `jobs`, there are as many as have work to do at a time without taking it from each other:
+    Without `jobs`, there are as many as can work in parallel without sharing a resource:
 
     - evaluated in this process: a run for each processor;
     - servers that are started: a run for each of them, with a broker of its own;

@@ -1,4 +1,4 @@
-"""How far a sweep is: what is finished, what goes on, and how long the rest takes."""
+"""The progress of a sweep: finished runs, active runs, and the remaining time."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,12 +11,12 @@ from swarmwright.analysis.sweep.run import Task
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
 
-_MANY = 1000  # generations, where nobody knows how many there will be
+_MANY = 1000  # generations, where their number is not known
 
 
 @dataclass
 class UnderWay:
-    """A run that goes on."""
+    """An active run."""
 
     task: Task
     begun: float
@@ -57,7 +57,7 @@ class UnderWay:
 
 
 class Status(Listener):
-    """Keeps what there is to show of a sweep.
+    """The progress of a sweep, for display.
 
     total: runs of the sweep. clock: returns seconds, from any origin.
     """

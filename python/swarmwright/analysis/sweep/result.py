@@ -28,21 +28,21 @@ class Failure:
     """A run that failed."""
 
     variant: str
-    """What sets its variant apart, in words."""
+    """The label of its variant."""
     seed: int
     message: str
 
 
 @dataclass(frozen=True)
 class SweepResult:
-    """What came of a sweep; made by `swarmwright.sweep`."""
+    """The result of a sweep; made by `swarmwright.sweep`."""
 
     path: Path
     """The folder of the runs."""
     runs: tuple[Run, ...]
     """Finished runs: every variant with the first seed, then with the next one."""
     labels: tuple[str, ...]
-    """What sets the variant of each run apart, in words."""
+    """The label of each run's variant."""
     failures: tuple[Failure, ...]
     """Runs that failed, and why."""
     interrupted: bool

@@ -59,14 +59,14 @@ class Task:
         if run.state == "running":
             raise InputError(f"{self.folder}: another process works on this run; wait for it or stop it")
         if run.state != "done":
-            check_trusted(run)  # workers, which go on with it, ask nobody
+            check_trusted(run)  # workers, which continue it, cannot ask
         return run
 
 
 def tasks(sweep: Sweep) -> list[Task]:
     """Return all runs: every variant with the first seed, then with the next one.
 
-    So that a sweep that is stopped has as many of each as can be.
+    A stopped sweep then has about equally many runs of each variant.
     """
     return [
         Task(variant, seed, sweep.out / f"{variant.folder}-{seed}")
@@ -87,7 +87,7 @@ def _same(experiment: Experiment) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return why a run failed, in words; the name of the error too where it was not made for people."""
+    """Return why a run failed, in words; with the name of the error if it has no message for users."""
     return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
 
 

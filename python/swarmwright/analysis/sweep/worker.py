@@ -1,4 +1,4 @@
-"""A process that does runs of a sweep, one after the other, beside others of its kind.
+"""A worker process, which does runs of a sweep one after the other.
 
 Argument: a file descriptor, to which events go as JSON lines. Standard input gives the settings as a JSON
 line, then a line for each task. When it closes, the parent is done or gone, however it ended: the run under
@@ -36,9 +36,9 @@ Json = dict[str, Any]
 
 
 class Worker:
-    """Does tasks and tells how they go.
+    """Does tasks and reports their progress.
 
-    events: file descriptor to which it is told.
+    events: file descriptor for the reports.
     """
 
     def __init__(self, events: int) -> None:
@@ -130,7 +130,7 @@ class Worker:
 
     def _tell(self, event: str, **values: Any) -> None:  # noqa: ANN401 - plain values
         line = memoryview(f"{json.dumps({'event': event, **values})}\n".encode())
-        with suppress(OSError):  # nobody reads any more
+        with suppress(OSError):  # the pipe is closed
             while line:
                 line = line[os.write(self._events, line) :]
 

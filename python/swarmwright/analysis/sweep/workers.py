@@ -1,4 +1,4 @@
-"""Runs of a sweep side by side: a process for each, this one gives them work and hears how it goes."""
+"""Parallel runs of a sweep: worker processes, to which this one gives tasks."""
 
 import json
 import logging
@@ -32,7 +32,7 @@ Json = dict[str, Any]
 
 
 class _Process:
-    """One worker, and what it is at."""
+    """One worker, and its current task."""
 
     def __init__(self, settings: Json, threads: int) -> None:
         self.task: Task | None = None
@@ -71,7 +71,7 @@ class _Process:
             self.process.stdin.flush()
 
     def heard(self) -> list[Json] | None:
-        """Return what it told since the last call; None when it has ended."""
+        """Return its reports since the last call; None when it has ended."""
         data = os.read(self.events, 1 << 16)
         if not data:
             return None
@@ -94,7 +94,7 @@ class _Process:
         return f"the process that did this run {how}" + (f": {words}" if words else "")
 
     def close(self, deadline: float) -> None:
-        """See it off; what lasts beyond the deadline is killed."""
+        """Wait for its end; kill it at the deadline."""
         self.dismiss()
         try:
             self.process.wait(max(0.0, deadline - time.monotonic()))
@@ -112,7 +112,7 @@ class SideBySide:
         variants: those of the sweep.
         broker: whose servers are used.
         servers: for each run that goes on at a time what its process starts, see `shares`.
-        listener: is told how it goes.
+        listener: receives the progress.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class SideBySide:
         return False
 
     def _told(self, task: Task, event: str, message: Json) -> Task | None:
-        """Tell how a task goes; return it, or None when it has ended."""
+        """Report on a task; return it, or None when it has ended."""
         match event:
             case "generation":
                 self._listener.generation(task, Generation(**message["generation"]))
@@ -203,7 +203,7 @@ class SideBySide:
                 self._listener.failed(task, message["message"])
             case "done":
                 self._listener.ended(task, Run.open(task.folder))
-        return None  # interrupted: somebody ended that process, or all of them
+        return None  # interrupted: this worker, or all of them, received a signal
 
     def _give(self, process: _Process, waiting: deque[Task]) -> None:
         if not waiting:
@@ -231,7 +231,7 @@ class SideBySide:
             self._start(place)
 
     def _close(self) -> None:
-        """End all processes and hear what they say last: how runs ended that are stored now."""
+        """End all processes and read their last reports: how interrupted runs ended."""
         deadline = time.monotonic() + GRACE
         for process in self._processes:
             if process is not None:

@@ -46,7 +46,7 @@ def _filled(data: dict[str, Any], caption: Caption) -> str:
         f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
         for name, value in caption.facts
     )
-    # A text of the simulation's must not end the script that it stands in.
+    # A text of the simulation must not end the script that contains it.
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace(
         "<", "\\u003c"
     )
@@ -57,7 +57,7 @@ def _filled(data: dict[str, Any], caption: Caption) -> str:
         "script": "\n".join(_part(name) for name in SCRIPTS),
         "episode": text,
     }
-    # In one pass: what a part holds is not looked at again.
+    # In one pass: placeholders within inserted parts are not replaced.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _part("page.html"))
 
 

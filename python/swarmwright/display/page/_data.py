@@ -34,7 +34,7 @@ def episode_data(recording: Recording, *, speed: float) -> dict[str, Any]:
     """Return the episode as plain values.
 
     width, height, grid and message of the world; step_seconds and speed; fitness so far at each scene, null
-    where it is no finite number; looks: shape and colour by label; shapes as paths; cells, moving: the kinds
+    where it is not finite; looks: shape and colour by label; shapes as paths; cells, moving: the kinds
     that fill a cell of a grid, and that leave trails; and bodies: kind, radius, x and y at each scene (one
     number for what never moves, null where it is not there), and states as [scene from which, state].
     """

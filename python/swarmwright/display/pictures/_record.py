@@ -52,7 +52,8 @@ class PictureRecording:
     def chosen(self, most: int, shortest: float, speed: float) -> tuple[list[int], float]:
         """Return which pictures a film shows, and the seconds that each stands.
 
-        most: pictures. shortest: seconds that one stands at least. speed: how many times faster than life.
+        most: pictures. shortest: seconds that one stands at least. speed: how many times faster than real
+        time.
         """
         seconds = max(self.step_size, 0.02) * (len(self.fitness_so_far) - 1) / speed
         count = max(1, min(len(self.pictures), most, int(seconds / shortest) + 1))

@@ -8,7 +8,7 @@ import sys
 from swarmwright.evaluation.supervision.progress import Sample
 
 MARK = b"\x1e"
-"""Stands before and behind `request first episode` at the beginning of a line."""
+"""Delimits `request first episode` at the beginning of a line."""
 
 
 _LINE = re.compile(rb"[^\n]*\n|[^\n]+")
@@ -29,7 +29,7 @@ class MarkedOutput(io.RawIOBase):
         self._in_line = False
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def fileno(self) -> int:

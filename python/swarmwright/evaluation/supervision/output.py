@@ -41,7 +41,7 @@ def listening_to_output(listener: Callable[[str], None]) -> Iterator[None]:
 
 class _File(RotatingFileHandler):
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
-        """A log that cannot be written is no reason to end a run, nor to say so at each line."""
+        """A log that cannot be written neither ends the run nor is reported at each line."""
 
 
 class Output:
@@ -123,7 +123,7 @@ class Output:
                 self._keep(f"{who}: {dropped} more lines in that second were left out")
             if count > MOST:
                 return
-            said = "".join(untrusted.lines(text))  # of one line; what it does to a terminal is not kept
+            said = "".join(untrusted.lines(text))  # of one line; terminal control characters are dropped
             self._keep(f"{who}, {place}: {said}" if place else f"{who}: {said}")
 
     def _keep(self, line: str) -> None:

@@ -125,7 +125,7 @@ class Process:
                 ended = None
             if ended is None:
                 return None
-            # As long as nobody has asked for its status no other process can have its number.
+            # Until its status has been read, no other process can have its id.
             self._kill_group()
             self.process.wait()
         for thread in self._threads:
@@ -136,7 +136,7 @@ class Process:
         )
 
     def end_hung(self, why: str) -> None:
-        """Have a process that does not get on write its stack, and kill it."""
+        """Let a hanging process write its stack, then kill it."""
         self.hung = why
         began = time.monotonic()
         with suppress(ProcessLookupError):
@@ -160,7 +160,7 @@ class Process:
                 self.process.stdin.close()
 
     def close(self) -> None:
-        """See it off."""
+        """Wait for its end and release its resources."""
         self.dismiss()
         try:
             self.process.wait(GRACE)

@@ -1,4 +1,4 @@
-"""What a server process writes of its work into a piece of memory that outlives it."""
+"""Shared memory in which a server process notes its work, and which outlives it."""
 
 import os
 import struct
@@ -52,9 +52,9 @@ class Progress:
                 self.file = os.dup(file.fileno())
 
     def read(self) -> Sample:
-        """Return what stands there now."""
+        """Return the current content."""
         return Sample.read(self.file)
 
     def close(self) -> None:
-        """Forget it."""
+        """Release the memory."""
         os.close(self.file)

@@ -43,7 +43,7 @@ class ServerExit:
 
     @property
     def outside(self) -> bool:
-        """Whether somebody else ended it."""
+        """Whether it was ended from outside, by a user or the system."""
         return self.hung is None and -self.status in _OUTSIDE
 
     @property

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from swarmwright import _engine
 
 LOOK = 0.2
-"""Seconds between two looks at the servers, and when one seems to end."""
+"""Seconds between two checks of the servers, and when one seems to end."""
 SOON = 0.01
 
 START = 30.0
@@ -168,7 +168,7 @@ class Supervisor:
             place.process = None
 
     def attach(self, supervision: "_engine.Supervision | None") -> None:
-        """Tell a pool from now on what becomes of the servers; None: no pool any more."""
+        """Report the state of the servers to this pool from now on; None: to no pool."""
         with self._lock:
             self._supervision = supervision
             if supervision is not None:
@@ -283,7 +283,7 @@ class Supervisor:
         return None
 
     def _ended(self, place: _Place, process: Process, server_exit: ServerExit) -> None:
-        """A process has ended: tell everybody, and say when it is to be started again."""
+        """Handle the end of a process: report it, and set when it is started again."""
         sample = process.progress.read()
         with self._lock:
             place.process, place.last = None, server_exit
@@ -316,7 +316,7 @@ class Supervisor:
     ) -> float | None:
         """How long to wait before it is started again; None: not at all."""
         if not self._restart or not place.was_ready or place.left:
-            return None  # of one that never was ready: what is wrong now will be wrong again
+            return None  # never ready: the cause is permanent
         place.failed_starts = 0 if process.ready else place.failed_starts + 1
         place.ends = 0 if sample.ended else place.ends + 1
         wasted = not sample.ended and not sample.candidates and not server_exit.outside
@@ -334,7 +334,7 @@ class Supervisor:
                 self._begin(place)
                 self.restarts += 1
                 process = place.process
-        except OSError as error:  # too many processes, no memory: perhaps not for long
+        except OSError as error:  # too many processes or no memory: possibly temporary
             place.again_at = time.monotonic() + LONGEST_PAUSE
             self._output.say(int(place.settings["id"]), f"[cannot be started: {error}]")
             return

@@ -1,4 +1,4 @@
-"""What sensors and actuators of built-in simulations mean."""
+"""The names of sensors and actuators of built-in simulations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_NODES, _MOST_LINES = 26, 900
-"""In a column, and altogether: beyond, lines are a tangle and matrices are drawn."""
+"""In a column, and altogether: beyond, matrices are drawn instead of lines."""
 _RADIUS = 0.17
 _BETWEEN = 3.0  # columns
 _APART = 0.56  # nodes

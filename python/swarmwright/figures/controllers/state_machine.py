@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_STATES = 16
-"""On a circle; beyond, a matrix says who leads to whom."""
+"""On a circle; beyond, transitions are drawn as a matrix."""
 _MOST_LINES = 44
 """Lines of the list, what is below is left out."""
 _LONGEST = 4
-"""Sensors in an example of a condition; one with more says little."""
+"""Sensors in an example of a condition; longer ones are not informative."""
 _WIDTH = 78
 """Characters in a line of the list."""
 _R = 0.17  # of a state, where the circle of states has 1

@@ -1,4 +1,4 @@
-"""What a Mealy machine's table says, in short: from each state to which, when, and what it does there."""
+"""A summary of a Mealy machine's table: transitions, their conditions and outputs."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,7 @@ Box = list[tuple[int, int]]
 """For each sensor its first and its last interval."""
 
 _MOST_BOXES = 3
-"""Of a condition; one of more parts nobody reads."""
+"""Most parts of a condition that is written out."""
 _BEGINNINGS = 8
 """Combinations from which a box is tried to be grown."""
 

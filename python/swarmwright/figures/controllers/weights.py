@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap
 
 NEGATIVE, NOTHING, POSITIVE = "#D55E00", "#F2F2EE", "#0072B2"
-"""Of Okabe and Ito's colours; colour-blind people can tell them apart."""
+"""From Okabe and Ito's palette, which is safe for colour-blind readers."""
 
 
 @dataclass(frozen=True)
