@@ -30,7 +30,7 @@ class Environment(Simulation):
     options: ClassVar[Mapping[str, Any]] = {}
     """What its constructor gets; parameters of an experiment are added."""
     adapted: ClassVar[str] = ""
-    """The name from which the class was made; empty for one that somebody wrote."""
+    """The name from which the class was made; empty for a user-written class."""
     most_steps: ClassVar[int] = 10_000
     """An episode that the environment does not end is ended after so many."""
     rendering: ClassVar[bool] = False
@@ -48,7 +48,7 @@ class Environment(Simulation):
 
     @classmethod
     def unshown(cls) -> str | None:
-        """Return why the environment has nothing to show, by its own account; None where it renders."""
+        """Return why the environment has nothing to show, as it declares; None where it renders."""
         modes = _render_modes(cls().env)
         if _ARRAY in modes:
             return None
@@ -67,7 +67,7 @@ class Environment(Simulation):
         reason = cls.unshown()
         if reason is not None:
             raise InputError(reason)
-        # Many draw with pygame, which greets on standard output and looks for a screen; arrays need none.
+        # Many draw with pygame, which prints a greeting and looks for a screen; arrays need neither.
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
         attributes = {"rendering": True, "__module__": cls.__module__, "__doc__": cls.__doc__}
@@ -80,7 +80,7 @@ class Environment(Simulation):
                 drawn = trial.picture()
             else:
                 drawn = None
-        except Exception as error:  # libraries complain in their own ways
+        except Exception as error:  # libraries raise various exceptions
             raise InputError(f"{label}: cannot be rendered: {type(error).__name__}: {error}") from error
         frames = getattr(trial.env, "metadata", {}).get("render_fps")
         if isinstance(frames, int | float) and 0 < frames <= _MOST_FRAMES:
@@ -114,7 +114,7 @@ class Environment(Simulation):
             made = self.make({**self.options, **parameters, **rendering})
         except InputError:
             raise
-        except Exception as error:  # libraries complain in their own ways
+        except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: {label}" if parameters else label
             raise InputError(f"{where}: {explained(error)}") from error
         if self.env is not None:

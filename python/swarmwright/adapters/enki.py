@@ -57,7 +57,7 @@ enki = _library()
 
 
 class Robots(Simulation):
-    """Robots drive around in an arena with pillars, and into nothing.
+    """Robots drive in an arena with pillars and avoid collisions.
 
     Sensors: one for each of the robot's proximity sensors, 0 (nothing in range) to 1 (touching).
     Actuators (2): speed of the left and of the right wheel, 1 is full speed ahead.

@@ -77,7 +77,7 @@ class Gymnasium(Environment):
         """Make a step, to see that rewards are numbers. Raises InputError where they are not."""
         if self.env.render_mode == "human":  # nothing is shown before an episode
             return
-        for _ in range(2):  # the first step's checker stumbles over several rewards
+        for _ in range(2):  # the environment checker fails on several rewards
             try:
                 self.env.reset(seed=0)
                 _, reward, _, _, _ = self.env.step(self._act(np.zeros(self.actuators)))

@@ -52,7 +52,7 @@ class Vmas(BatchSimulation):
                     f"as {self.environment}?{next(iter(parameters))}=.."
                 )
         for index, seed in enumerate(seeds.tolist()):
-            # Each episode has its own chance, whoever is beside it; VMAS keeps a generator to itself.
+            # Each episode has its own random numbers, independent of the others; VMAS keeps one generator.
             self._env.seed(environment_seed(seed))
             self._env.reset_at(index, return_observations=False)
         self._rewards = np.zeros(len(seeds))
@@ -86,7 +86,7 @@ class Vmas(BatchSimulation):
         given = {"max_steps": 100, **self.options, **parameters}
         try:
             with warnings.catch_warnings():
-                # That is how it says that a parameter is unknown.
+                # VMAS reports an unknown parameter in this way.
                 warnings.filterwarnings("error", message="Scenario kwargs")
                 return vmas.make_env(
                     scenario=self.environment,
@@ -95,7 +95,7 @@ class Vmas(BatchSimulation):
                     continuous_actions=True,
                     **given,
                 )
-        except Exception as error:  # libraries complain in their own ways
+        except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: " if parameters else ""
             raise InputError(f"{where}Vmas {self.environment}: {explained(error)}") from error
 

@@ -1,4 +1,4 @@
-"""Telling other programs how an optimization goes, while it goes.
+"""Reporting the progress of an optimization to other programs.
 
     with TensorBoard("logs/first") as board:
         swarmwright.optimize(experiment, board)

@@ -19,7 +19,7 @@ class Callback(ABC):
 
     @abstractmethod
     def conclude(self, run: "Run") -> None:
-        """Take what came out in the end, if the run comes to one. May be left out by who calls."""
+        """Take the finished run, if it finishes. Callers may omit it."""
 
     @abstractmethod
     def close(self) -> None:

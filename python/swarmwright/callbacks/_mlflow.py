@@ -46,7 +46,7 @@ class MLflow(Callback):
         self, uri: str | None = None, experiment: "Experiment | None" = None, *, group: str = "swarmwright"
     ) -> None:
         try:
-            # Waiting for minutes for a server that is not there helps nobody.
+            # Do not wait minutes for a server that is unavailable.
             os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
             os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
             os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")
@@ -66,7 +66,7 @@ class MLflow(Callback):
             self._run = self._client.create_run(place, run_name=_name(experiment)).info.run_id
             if experiment is not None:
                 self._describe(experiment)
-        except Exception as error:  # whatever its many back ends raise
+        except Exception as error:  # its back ends raise various exceptions
             raise RunError(f"MLflow at {self._where}: {_first_line(error)}") from error
 
     @property
@@ -96,12 +96,12 @@ class MLflow(Callback):
             self._send()
 
     def _send(self) -> None:
-        """Send what has been noted. A server that is away for a while does not end the run."""
+        """Send what has been noted. A temporarily unavailable server does not end the run."""
         while self._waiting:
             part = self._waiting[:_MOST]
             try:
                 self._client.log_batch(self._run, metrics=part)
-            except Exception as error:  # noqa: BLE001 - whatever its many back ends raise
+            except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions
                 _log.warning(
                     "MLflow at %s: %s; the figures are kept and sent later", self._where, _first_line(error)
                 )
@@ -120,7 +120,7 @@ class MLflow(Callback):
             self._client.set_tag(self._run, "record", run.digest)
             self._client.set_terminated(self._run, "KILLED" if run.interrupted else "FINISHED")
             self._ended = True
-        except Exception as error:  # noqa: BLE001 - whatever its many back ends raise
+        except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions
             _log.warning(
                 "MLflow at %s: %s; the run itself is complete in %s",
                 self._where,
@@ -129,11 +129,13 @@ class MLflow(Callback):
             )
 
     def close(self) -> None:
-        """Send what is left; a run that came to no conclusion has failed."""
+        """Send what is left; a run without a conclusion has failed."""
         self._send()
         if not self._ended:
             self._ended = True
-            with suppress(Exception):  # whatever its many back ends raise; it has been warned already
+            with suppress(
+                Exception
+            ):  # its back ends raise various exceptions; the user has been warned already
                 self._client.set_terminated(self._run, "FAILED")
 
 

@@ -1,4 +1,4 @@
-"""The table of commands, imported when asked for; a mistyped name is answered with the nearest."""
+"""The table of commands, imported on demand; a mistyped name is answered with the nearest."""
 
 from collections.abc import Mapping
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""What commands print of runs beside each other."""
+"""Output of commands that compare runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def run_folders(paths: Sequence[Path]) -> list[Path]:
     """Return the folders among what was named; `runs/sweep/*` names the sweep's comparison.png, too.
 
-    Files are left out with a remark on standard error. Raises UsageError when nothing is left.
+    Files are left out with a message on standard error. Raises UsageError when nothing is left.
     """
     folders = [path for path in paths if path.is_dir()]
     files = [str(path) for path in paths if not path.is_dir()]

@@ -1,4 +1,4 @@
-"""A rich console that shows what peers and files say escaped."""
+"""A rich console that escapes text of peers and files."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""`--log FILE`: what happens, one JSON object a line, for programs that collect logs."""
+"""`--log FILE`: events, one JSON object per line, for programs that collect logs."""
 
 import datetime as dt
 import json
@@ -53,10 +53,11 @@ class Log:
 
     Args:
         file: where to; `-` for standard error.
-        level: the least that is written.
+        level: the lowest that is written.
         size: MiB; before the file grows beyond it, it is moved to FILE.1. None: it may.
 
-    What the engine tells, the embedded broker above all, is among the lines; both are written by the engine.
+    The engine's own events, mainly of the embedded broker, are among the lines; the engine writes all of
+    them.
     """
 
     def __init__(self, file: Path | None, level: str = "info", *, size: int | None = None) -> None:
@@ -100,7 +101,7 @@ class Log:
         self._active = False
 
     def write(self, level: str, event: str, /, **fields: object) -> None:
-        """Write a line, unless its level is below the least; what is None is left out."""
+        """Write a line, unless its level is too low; None values are left out."""
         if not self._active or LEVELS.index(level) < self._least:
             return
         moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
@@ -116,10 +117,10 @@ class Log:
                 self._stream.write(text + "\n")
                 self._stream.flush()
         except OSError:
-            self._active = False  # nobody reads: no reason to end a run
+            self._active = False  # the pipe is closed: not a reason to end a run
 
     def report(self, report: "Report") -> None:
-        """Write what a pool told, see `_engine.Pool.listen`."""
+        """Write a pool's report, see `_engine.Pool.listen`."""
         fields = {key: value for key, value in report.items() if key != "event"}
         event = str(report["event"])
         match event:
@@ -146,7 +147,7 @@ def _there(fields: Mapping[str, object]) -> dict[str, object]:
 
 
 class _Handler(logging.Handler):
-    """What the library warns of."""
+    """Warnings of the library."""
 
     def __init__(self, log: Log) -> None:
         super().__init__(logging.WARNING)

@@ -1,4 +1,4 @@
-"""Entry of the program: runs a command and turns whatever ends it into a message and an exit status."""
+"""Entry of the program: runs a command and turns its end into a message and an exit status."""
 
 import errno
 import os
@@ -42,7 +42,7 @@ def _status(arguments: Sequence[str] | None) -> int:
     try:
         result = _invoke(sys.argv[1:] if arguments is None else list(arguments))
     except click.exceptions.NoArgsIsHelpError as error:
-        # The help of a command, ours alone.
+        # The help of a command, without click's additions.
         sys.stderr.write(f"{error.format_message()}\n")
         return error.exit_code
     except click.ClickException as error:
@@ -57,7 +57,7 @@ def _status(arguments: Sequence[str] | None) -> int:
         if _interrupted(error):
             _complain("interrupted")
             return INTERRUPTED
-        # The last resort: a person never sees a traceback.
+        # The last resort: users never see a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
             raise
         return _show_error(error)
@@ -73,7 +73,7 @@ def _ask(question: str) -> bool:
 
 
 def _interrupted(error: BaseException) -> bool:
-    """Whether an error came of Ctrl-C: while a class is made, Python wraps whatever is raised.
+    """Whether an error was caused by Ctrl-C: while a class is made, Python wraps exceptions.
 
     A disk that fails while Ctrl-C is handled is an error of its own.
     """
@@ -92,7 +92,7 @@ def _interrupted(error: BaseException) -> bool:
 def _invoke(arguments: list[str]) -> object:
     if "_SWARMWRIGHT_COMPLETE" in os.environ:  # a shell asks for completions
         return program.main(args=arguments, prog_name="swarmwright")
-    # Not `program.main`, which makes 1 of a reader that left.
+    # Not `program.main`, which returns 1 for a closed pipe.
     try:
         with program.make_context("swarmwright", arguments) as context:
             return program.invoke(context)
@@ -137,12 +137,12 @@ def _show_error(error: Exception) -> int:
 
 
 def _complain(message: str, *, hint: str = "") -> None:
-    with suppress(OSError):  # nobody reads; the exit status remains
+    with suppress(OSError):  # the pipe is closed; the exit status remains
         _output.complain(message, hint=hint)
 
 
 def _reader_gone() -> None:
-    """The reader of the output left (`| head`): be quiet, and keep Python from complaining at exit."""
+    """The reader of the output left (`| head`): end silently, and keep Python from reporting it at exit."""
     sink = os.open(os.devnull, os.O_WRONLY)
     os.dup2(sink, sys.stdout.fileno())
     os.close(sink)

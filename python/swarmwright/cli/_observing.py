@@ -1,4 +1,4 @@
-"""What `optimize`, `resume`, `sweep` and `serve` tell programs: a log, and figures for Prometheus."""
+"""Output of `optimize`, `resume`, `sweep` and `serve` for programs: a log, and metrics for Prometheus."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -57,7 +57,7 @@ class Observing:
 
 
 class ToolObserver:
-    """Is told of an optimization's course."""
+    """Receives the progress of an optimization."""
 
     def __init__(self, log: Log, figures: "ToolFigures | None") -> None:
         self.log = log

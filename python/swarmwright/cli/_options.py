@@ -17,7 +17,7 @@ Decorator = Callable[[Any], Any]
 
 
 class WholeNumber(click.IntRange):
-    """A whole number in a range; of what is none it is said so."""
+    """A whole number in a range, with a clear error for anything else."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:  # noqa: ANN401 - click's signature
         """The number."""
@@ -29,7 +29,7 @@ class WholeNumber(click.IntRange):
 
 
 class BrokerUrl(click.ParamType[str]):
-    """Address of a broker; no password, for everybody on the machine may read the list of processes."""
+    """Address of a broker; without password, because every user of the machine can list processes."""
 
     name = "url"
 
@@ -166,7 +166,7 @@ trust_option: Decorator = click.option(
 def set_option(
     text: str = "Override a value of FILE: method.generations=50, 'controller.hidden=[8, 4]'.",
 ) -> Decorator:
-    """`--set KEY=VALUE`, as often as wanted: what is otherwise than the experiment says."""
+    """`--set KEY=VALUE`, may be repeated: overrides values of the experiment."""
     return click.option(
         "--set",
         "settings",
@@ -236,7 +236,7 @@ def experiment_broker(broker: str | None, of_experiment: str | None, servers: ob
 def peer_broker(broker: str | None, command: str | None) -> str | None:
     """The broker on which a peer is tried: the option; for one without `command`, the environment.
 
-    None when none is named: then there is an own one.
+    None when none is named: then the kit starts one.
     """
     return _environment_broker() if broker is None and command is None else broker
 

@@ -1,8 +1,8 @@
-"""What commands print: rich on a terminal, plain lines when piped, one JSON object a line with `--json`.
+"""Output of commands: rich on a terminal, plain lines when piped, one JSON object per line with `--json`.
 
 All output passes through here, and here it is escaped, see `swarmwright.core.untrusted`: any part of it
 may be text of a peer or of a file. Layout is what the functions below make of their arguments: each `text`
-is one line, further lines of a message are indented. So nothing that others wrote can begin a line at the
+is one line, further lines of a message are indented. So text of others can never begin a line at the left
 margin.
 """
 
@@ -31,7 +31,7 @@ def finite(value: object) -> object:
 
 
 def show_warnings() -> None:
-    """Show what the library warns of, and what takes it long, on standard error, a line each."""
+    """Show warnings and slow steps of the library on standard error, a line each."""
     import logging
 
     progress = logging.getLogger("swarmwright.progress")

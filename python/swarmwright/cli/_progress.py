@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from swarmwright import Generation
 
 PATIENCE = 2.0
-"""Seconds without a result after which it is said what is waited for."""
+"""Seconds without a result after which the blocking server is shown."""
 
 
 class Progress(Protocol):
@@ -26,7 +26,7 @@ class Progress(Protocol):
         """A generation has been evaluated."""
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
-        """Within a generation: called some ten times a second."""
+        """Within a generation: called about ten times a second."""
 
 
 class Stall:
@@ -64,7 +64,7 @@ class JsonProgress:
         self._output.json({item.name: getattr(generation, item.name) for item in fields(generation)})
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
-        """Nothing: a script waits for lines."""
+        """Nothing: scripts read whole lines."""
 
 
 class PlainProgress:

@@ -8,7 +8,7 @@ INTRODUCTION = """\
 # Command line
 
 Made of the help texts; do not edit (`make docs`). Exit status of every command: 0 done, 1 the run failed, 2
-the input is wrong, 130 interrupted with results kept. With `--json` a command prints one JSON object a line
+the input is wrong, 130 interrupted with results kept. With `--json` a command prints one JSON object per line
 and nothing else; numbers that JSON does not know (NaN, infinities) are null. `NO_COLOR` turns colours off.
 SWARMWRIGHT_DEBUG=1 shows Python's traceback of an internal error.
 

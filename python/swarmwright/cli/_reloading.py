@@ -23,7 +23,7 @@ _LOGGER = logging.getLogger("swarmwright.broker")
 def hangups() -> Iterator[threading.Event]:
     """An event that is set at every SIGHUP within the block.
 
-    Except where the terminal has gone: that ends the broker, which nobody could stop with Ctrl-C any more.
+    Except where the terminal has closed: that ends the broker, because Ctrl-C could no longer stop it.
     """
     arrived = threading.Event()
     had_terminal = _has_terminal()
@@ -54,7 +54,7 @@ def _has_terminal() -> bool:
 
 
 def reload(broker: "_engine.Broker", output: Output, lines: Log) -> None:
-    """Have the broker read its files again; one that cannot be used is told of, and changes nothing."""
+    """Have the broker read its files again; an unusable one is reported, and changes nothing."""
     from swarmwright import _engine
 
     try:

@@ -1,4 +1,4 @@
-"""What the commands of `swarmwright runs` show."""
+"""Output of the commands of `swarmwright runs`."""
 
 import math
 from collections import Counter
@@ -71,7 +71,7 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
 
 
 def describe(output: Output, run: "Run") -> None:
-    """Print everything worth knowing of a run."""
+    """Print a summary of a run."""
     from swarmwright.runs.code import remarks
 
     facts = facts_of(run)

@@ -11,15 +11,15 @@ from types import FrameType
 INTERRUPTED = 130
 """Exit status of a command that was interrupted, its results kept."""
 _RETRY_S = 0.02
-"""Seconds after which a signal comes again whose exception nobody could catch."""
+"""Seconds after which a signal is repeated whose exception could not be caught."""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM or SIGHUP arrived; handled like Ctrl-C wherever nobody asks which of them it was."""
+    """SIGTERM or SIGHUP arrived; handled like Ctrl-C unless the signal is distinguished."""
 
 
 class _Arrived:
-    """What has arrived of signals since the command began."""
+    """Signals that have arrived since the command began."""
 
     def __init__(self) -> None:
         self.begin()
@@ -29,7 +29,7 @@ class _Arrived:
         self.lost: type[KeyboardInterrupt] | None = None
         """Raised within a callback of C code, which cannot pass it on; due once more."""
         self.again = False
-        """The next signal is the one that comes again."""
+        """The next signal is the repeated one."""
 
 
 _state = _Arrived()
@@ -47,14 +47,14 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
 
 
 def check() -> None:
-    """Raise again what a signal raised that somebody swallowed, as C code below Python at times does."""
+    """Raise a signal's exception again that was swallowed, as C code below Python may do."""
     if _state.endings:
         _state.lost = None
         raise _state.endings[-1]
 
 
 def _lost(ending: type[KeyboardInterrupt]) -> None:
-    """Let a signal come again in a moment, when the program is no longer where its exception was lost."""
+    """Repeat a signal after a moment, outside of the code in which its exception was lost."""
     _state.lost = ending
     number = signal.SIGTERM if issubclass(ending, Terminated) else signal.SIGINT
 
@@ -91,14 +91,14 @@ def _found_again() -> Iterator[None]:
 def terminate_like_interrupt() -> Iterator[None]:
     """Within this block SIGTERM and a hung-up terminal raise `Terminated`, so that every `finally` runs.
 
-    SIGINT raises KeyboardInterrupt, as ever. Where it is raised in code that C calls back and that cannot
-    pass it on, such as what hears of a run's course, it is raised again a moment later.
+    SIGINT raises KeyboardInterrupt, as usual. Where it is raised in code that C calls back and that cannot
+    pass it on, such as listeners of a run's progress, it is raised again a moment later.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     _state.begin()
-    # Shells let what they start in the background ignore SIGINT; whoever sends it all the same means it.
+    # Shells let background processes ignore SIGINT; one that is sent explicitly is meant.
     # SIGHUP stays ignored under nohup.
     signals = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:

@@ -1,4 +1,4 @@
-"""What is said of the runs of a sweep as they end, in the order in which they were begun."""
+"""Messages about the runs of a sweep as they end, in the order in which they were begun."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,8 +16,8 @@ from swarmwright.cli._unseen import unseen_facts, with_error
 class Report(Status):
     """Says how each run ended, and shows how far the others are.
 
-    Runs side by side end in any order; what is said of them comes in the order of the tasks, so that the same
-    sweep says the same.
+    Runs side by side end in any order; their messages come in the order of the tasks, so that the output is
+    reproducible.
     """
 
     def __init__(self, output: Output, observer: ToolObserver, tasks: Sequence[Task]) -> None:
@@ -76,7 +76,7 @@ class Report(Status):
         self._tick()
 
     def conclude(self) -> None:
-        """Say what waits for runs that will not end any more."""
+        """Print what was held back for runs that no longer end."""
         for task in self._tasks[self._said :]:
             if task in self._ready:
                 self._ready.pop(task)()

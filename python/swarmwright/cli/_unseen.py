@@ -1,4 +1,4 @@
-"""How it is said what a run's best is worth on seeds that the run did not use."""
+"""Messages about the fitness of a run's best on held-out seeds."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""What a pool warns of, for people: the first of each kind, then how many more there are."""
+"""Warnings of a pool, for people: the first of each kind, then the number of repetitions."""
 
 import re
 import time
@@ -51,7 +51,7 @@ class Warnings:
             kind.count()
 
     def close(self) -> None:
-        """Tell of those that have not been told of."""
+        """Print the counts that have not been printed."""
         for kind in self._kinds.values():
             kind.count()
 

@@ -1,4 +1,4 @@
-"""`swarmwright servers --watch`: everybody on a broker, drawn again each second."""
+"""`swarmwright servers --watch`: all peers on a broker, redrawn each second."""
 
 import datetime as dt
 from contextlib import suppress
@@ -67,7 +67,7 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
 
 
 def headline(view: View, broker: str) -> tuple[str, str]:
-    """Say in a line how it stands, and in which style."""
+    """Return a line with the state, and its style."""
     if view.broker_lost is not None:
         return f"{broker} is lost ({view.broker_lost}); trying again", "bold red"
     if view.blocking is not None:
@@ -80,7 +80,7 @@ def headline(view: View, broker: str) -> tuple[str, str]:
 
 
 def _how_far(tool: ToolRow) -> str:
-    """Say how far a tool is, so that it changes now and then."""
+    """Return a tool's progress in coarse steps, so that it changes rarely."""
     _, run, how_far, _, _ = tool_cells(tool)
     status = tool.status
     if status["state"] == "looking" or not status["total"]:
@@ -155,7 +155,7 @@ class Lines:
         if view.broker_lost is not None:
             now["broker"] = headline(view, self._broker)[0]
         elif blocking is not None:
-            # Said again with each doubling of the silence, not each second.
+            # Repeated with each doubling of the silence, not each second.
             doubled = int(blocking.silent).bit_length()
             now[f"waited for {doubled}"] = words(blocking)
         for key, said in now.items():
@@ -173,7 +173,7 @@ class Lines:
 
 
 def watch(output: Output, broker: str, prefix: str, every: float) -> int:
-    """Show how it stands until Ctrl-C, which is how it is meant to end; the exit status."""
+    """Show the state until Ctrl-C, which is the normal end; the exit status."""
     with suppress(KeyboardInterrupt):
         _show(output, broker, prefix, every)
     return INTERRUPTED
@@ -193,7 +193,7 @@ def _show(output: Output, broker: str, prefix: str, every: float) -> None:
 
         screen = Screen(output, broker)
         shown = views(broker, prefix=prefix, every=every)
-        first = next(shown)  # complains of a broker that there is not, before anything is drawn
+        first = next(shown)  # reports an unreachable broker before anything is drawn
         screen.view = first
         with Live(screen, console=output.console(), refresh_per_second=4, vertical_overflow="crop"):
             for view in shown:

@@ -22,7 +22,7 @@ Port = WholeNumber(0, 65535)
 _LOGGER = logging.getLogger("swarmwright.broker")
 
 LOG_SIZE = 64
-"""MiB of a log file, where nobody says another number: whoever reaches the broker can make it write lines."""
+"""MiB of a log file by default: every client that reaches the broker can cause log lines."""
 
 EXAMPLE = """\
 swarmwright broker --port 1883
@@ -132,9 +132,9 @@ def command(
 ) -> int:
     """Run the MQTT broker until Ctrl-C, or write the files that a broker needs.
 
-    Everybody who can reach the broker may use it, unless there is a password file. Therefore it listens to
-    this machine alone, and to other machines only with a password file and TLS. SIGHUP has it read its files
-    again.
+    Without a password file, every client that can reach the broker may use it. Therefore it listens on the
+    loopback address only, and to other machines only with a password file and TLS. SIGHUP has it read its
+    files again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:

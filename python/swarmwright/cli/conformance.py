@@ -1,4 +1,4 @@
-"""`swarmwright conformance`: does a peer speak the protocol?"""
+"""`swarmwright conformance`: checks of a peer against the protocol."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,10 +30,10 @@ LARGEST_ID = 2**63 - 1
     example='swarmwright conformance server --exec "swarmwright serve minisim --broker {broker} --id {id}"',
 )
 def command() -> None:
-    """Try whether a simulation server or an optimization tool speaks the protocol.
+    """Check whether a simulation server or an optimization tool conforms to the protocol.
 
-    Every rule of it, over a broker, whatever language the peer is written in. Each is D6.1's or
-    Swarmwright's; --profile d6.1 tries the former alone.
+    Every rule is checked over a broker, independent of the peer's language. Rules come from D6.1 or from
+    Swarmwright; --profile d6.1 checks the former only.
     """
 
 

@@ -76,10 +76,10 @@ def command(
 
     Without --episodes and --seed, the seeds are those of the record, and it is said whether the fitness is
     the same: the exit status is 0 when every episode comes out the same to the bit, else 1. With one of them,
-    it is evaluated in other episodes: the best of a run was chosen by its fitness, so it is overrated
-    wherever that depends on the seed.
+    it is evaluated in other episodes: the best of a run was chosen by its fitness, so its recorded fitness is
+    biased upwards wherever fitness depends on the seed.
 
-    Where the code of the simulation was edited since, the copy in RUN is used, and it is said so.
+    Where the code of the simulation was edited since, the copy in RUN is used, with a message.
     """
     from swarmwright import Run
     from swarmwright.experiment.experiment import ELSEWHERE

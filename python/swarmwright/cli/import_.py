@@ -57,7 +57,7 @@ def command(
 
     What can be taken over: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
     CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork and MealyFSM; AbsoluteRanking. For other components
-    something of this program can be named. The experiment says of every entry of FILE.zse what became of it.
+    a replacement can be named. Comments in the experiment say how every entry of FILE.zse was mapped.
     """
     if target is not None and not target.parent.is_dir():
         raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")

@@ -73,8 +73,9 @@ def command(
 ) -> int:
     """Go on with RUN where it was interrupted, killed, or failed.
 
-    What comes out is what an undisturbed run gives, to the bit. A finished RUN is left as it is. What would
-    make it another run is refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
+    The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is. Changes that
+    would make it another run are refused: edited code of its simulation or of a plug-in, an edited
+    experiment.yaml.
     """
     from swarmwright import Run, resume
     from swarmwright.optimization.optimize import prolonged
@@ -83,7 +84,7 @@ def command(
     output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
-    # Complain before anything is said or started.
+    # Report errors before anything is printed or started.
     asked = prolonged(opened, opened.experiment, settings, generations=generations)
     edited = check(opened, asked, accept_changed_code=accept_changed_code, simulation=simulation)
     experiment = prolonged(opened, edited, settings, generations=generations)

@@ -1,4 +1,4 @@
-"""`swarmwright runs`: what lies in run folders."""
+"""`swarmwright runs`: run folders."""
 
 from pathlib import Path
 
@@ -54,7 +54,7 @@ def list_(folder: Path | None, as_json: bool) -> None:
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def show(run: Path, as_json: bool) -> None:
-    """Show what RUN is, how it went, who evaluated, and what was worth a warning."""
+    """Show the experiment of RUN, its results, its servers, and its warnings."""
     from swarmwright import Run
 
     describe(Output(as_json=as_json), Run.open(run))
@@ -65,9 +65,9 @@ def show(run: Path, as_json: bool) -> None:
 @click.argument("other", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def diff(one: Path, other: Path, as_json: bool) -> int:
-    """Say whether two runs have the same record, byte for byte; else where they part.
+    """Compare the records of two runs, byte for byte, and show the first difference.
 
-    The exit status is 0 when they have, else 1.
+    The exit status is 0 when they are the same, else 1.
     """
     from swarmwright import Run
     from swarmwright.runs.differences import first_difference
@@ -137,11 +137,11 @@ def export(run: Path, file: Path, as_json: bool) -> None:
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @json_option
 def verify(runs: tuple[Path, ...], as_json: bool) -> int:
-    """Say of each RUN whether everything in it is what was written, by its SHA-256.
+    """Verify each RUN: whether its content is what was written, by its SHA-256.
 
     Where something is damaged, it is named with its generation and table, and which generations are good; the
-    exit status is then 1. Runs of versions before there were digests are looked through as far as that goes
-    without them. Files beside runs, which a pattern such as results/* names as well, are left out.
+    exit status is then 1. Runs of versions before there were digests are checked as far as possible without
+    them. Files beside runs, which a pattern such as results/* names as well, are left out.
     """
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._runs import verified_line
@@ -163,7 +163,7 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
 def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     """Delete runs.
 
-    What Swarmwright wrote goes; a folder in which there is something else stays, with that. The exit status
+    Files that Swarmwright wrote are deleted; a folder with other files stays, with these. The exit status
     is 1 when the question was answered with no.
     """
     from swarmwright import Run

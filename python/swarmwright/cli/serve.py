@@ -132,7 +132,7 @@ def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, resta
 
 
 def _title(simulation: str) -> str:
-    """The title of what is to be offered; complains before any server is started."""
+    """The title of the offered simulation; errors are reported before any server is started."""
     from swarmwright.simulations import catalogue
     from swarmwright.simulations.names import is_python
 
@@ -147,9 +147,9 @@ def _title(simulation: str) -> str:
 
 
 class Reporter:
-    """Tells a person or a script what happens to the servers.
+    """Reports the events of servers to a person or a script.
 
-    status: the exit status that what happened so far amounts to.
+    status: the exit status so far.
     """
 
     def __init__(

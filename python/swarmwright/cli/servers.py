@@ -1,4 +1,4 @@
-"""`swarmwright servers`: who is there."""
+"""`swarmwright servers`: the servers on a broker."""
 
 import json
 from collections.abc import Mapping

@@ -70,7 +70,7 @@ def command(
 ) -> int:
     """Run an experiment in every variant and with every seed that FILE names, and compare them.
 
-    Several runs go on at a time where they do not take work from each other. A run that is finished is
+    Several runs go on at a time where they do not compete for servers. A run that is finished is
     not run again, one that was interrupted goes on: after Ctrl-C the same command continues. A run that
     fails does not stop the others; it is named at the end, and the exit status is 1. At the end the
     comparison is printed, and drawn into comparison.png in the folder of the runs.
@@ -85,7 +85,7 @@ def command(
     broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
     todo = tasks(sweep)
     for task in todo:
-        task.found()  # complain before anything is said
+        task.found()  # report errors before anything is printed
     output.text(
         f"{_count(len(sweep.variants), 'variant')} with {_count(len(sweep.seeds), 'seed')} each: "
         f"{_count(len(todo), 'run')} in {sweep.out}"

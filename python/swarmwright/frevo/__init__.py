@@ -1,4 +1,4 @@
-"""Moving over from FREVO: its session files become experiments, its result files are scored again.
+"""Migration from FREVO: its session files become experiments, its result files are scored again.
 
 FREVO (https://github.com/smartgrids-aau/Frevo, version 1.5) keeps experiments in session files (.zse) and
 evolved populations in result files (.zre), both XML.

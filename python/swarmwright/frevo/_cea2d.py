@@ -1,4 +1,4 @@
-"""FREVO's CEA2D: its entries, and the options of ours."""
+"""FREVO's CEA2D: its entries as options of Swarmwright."""
 
 from swarmwright.frevo._document import Section
 from swarmwright.frevo._mapped import Line, Mapped
@@ -34,7 +34,7 @@ def _map_obstacles(method: Section, mapped: Mapped, side: int) -> None:
         raise method.error(
             "obstacle-pattern", f"{pattern} found; obstacles here are random ones: set it to 4 in FREVO"
         )
-    if pattern in _PATTERNS:  # FREVO has no room for it and leaves it out
+    if pattern in _PATTERNS:  # FREVO omits it for lack of space
         obstacles = 0
     mapped.method.append(Line("obstacles", obstacles, f"random obstacles; obstacle-pattern = {pattern}"))
 

@@ -35,7 +35,7 @@ OPTIONS = {
 def check(section: Section, *, replaceable: bool) -> None:
     """Raise InputError when the component that a section names has no counterpart here.
 
-    replaceable: whether something else can stand in its place, which is then said.
+    replaceable: whether another component can replace it, which the message then says.
     """
     known = KNOWN[section.name]
     if section.class_name in known:

@@ -88,7 +88,7 @@ class Section:
 
     @property
     def left(self) -> list[str]:
-        """Keys that nobody took, in the file's order."""
+        """Keys that were not taken, in the file's order."""
         return [key for key in self.entries if key not in self.taken]
 
 
@@ -131,7 +131,7 @@ class Session:
 
 
 def java_number(text: str) -> float | None:
-    """Return what Java's Float.parseFloat makes of a text; None when that is no finite number."""
+    """Return what Java's Float.parseFloat makes of a text; None when that is not a finite number."""
     text = text.strip()
     if text[-1:] in {"f", "F", "d", "D"}:
         text = text[:-1]
@@ -143,7 +143,7 @@ def java_number(text: str) -> float | None:
 
 
 def open_session(path: Path) -> Session:
-    """Read a session or result file. Raises InputError, with file and line, when it is none."""
+    """Read a session or result file. Raises InputError, with file and line, when it is not one."""
     root = read(path)
     if root.tag != "frevo":
         raise root.error(

@@ -1,4 +1,4 @@
-"""From a FREVO session to an experiment, with a word about every entry."""
+"""From a FREVO session to an experiment, with a comment on every entry."""
 
 import json
 import os
@@ -61,7 +61,7 @@ def load(
         ranking: kind that is taken in the place of FREVO's ranking, with its defaults.
 
     Raises:
-        InputError: the file is no session of FREVO's, or holds what has no counterpart here; the message
+        InputError: the file is not a FREVO session, or holds components without counterpart here; the message
             names file, line and component or entry, of all sections, a line each.
     """
     session = open_session(Path(path))

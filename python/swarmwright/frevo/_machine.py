@@ -21,7 +21,7 @@ _COUNTED = 4
 
 @dataclass(frozen=True)
 class MachineOptions:
-    """Options of mealy_fsm, what is not taken over of FREVO's entries, and what the person should know."""
+    """Options of mealy_fsm, entries of FREVO's that are not taken over, and notes for the user."""
 
     states: int
     levels: list[list[float]]

@@ -1,4 +1,4 @@
-"""What FREVO's entries become: lines of an experiment, and why some become nothing."""
+"""The mapping of FREVO's entries: lines of an experiment, and reasons for omitted entries."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,8 +23,7 @@ class Line:
 class Mapped:
     """The lines of each section of an experiment, and what was left out of each.
 
-    simulation: as experiments name it. notes: what will not be as it was in FREVO, for the person who
-    imports.
+    simulation: as experiments name it. notes: differences from FREVO, for the user.
     """
 
     seed: Line
@@ -54,5 +53,5 @@ def one_line(text: str) -> str:
 
 
 def not_used(section: Section, reason: str) -> list[str]:
-    """Return a reason for each entry that nobody has taken, and take it."""
+    """Return a reason for each entry that was not taken, and take it."""
     return [f"{key} = {one_line(section.shown(key))}: {reason}" for key in section.left]

@@ -1,4 +1,4 @@
-"""FREVO's methods: their entries, and the options of ours."""
+"""FREVO's methods: their entries as options of Swarmwright."""
 
 import math
 from collections.abc import Callable
@@ -53,7 +53,7 @@ def _map_nnga(session: Session, mapped: Mapped) -> None:
     mapped.not_method.append(f"xoverMethod = {crossover}: crossovers take runs of nodes, or of table rows")
     add(Line("populations", method.take_integer("populationnumber", 1, 1), "populationnumber"))
     every = method.take_integer("interXover_frequency", 10)
-    # Java's remainder, which FREVO asks, is 0 for the same generations whatever the sign.
+    # Java's remainder, which FREVO uses, is 0 for the same generations whatever the sign.
     add(Line("exchange_interval", abs(every), "interXover_frequency"))
     interval = method.take_integer("saveinterval", 0)
     improvements = method.take_flag("saveImprovements", True)

@@ -1,4 +1,4 @@
-"""FREVO's Emergency Exit: its entries, and the parameters of ours."""
+"""FREVO's Emergency Exit: its entries as parameters of Swarmwright."""
 
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def problem_parameters(
     agents = problem.take_integer("NumberofAgents", 10, 1)
     exits = problem.take_integer("NumberofEmergencyExits", 5, 1)
     shown = {"NumberofAgents": "NumberofAgents", "NumberofEmergencyExits": "NumberofEmergencyExits"}
-    # FREVO takes fewer without a word; here more are refused.
+    # FREVO silently takes fewer; here more are refused.
     if agents > max(width, height):
         shown["NumberofAgents"] += f" = {agents}, of which FREVO takes the larger of width and height"
         agents = max(width, height)

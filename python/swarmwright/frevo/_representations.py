@@ -1,4 +1,4 @@
-"""FREVO's representations: their entries, and the options of our controllers."""
+"""FREVO's representations: their entries as options of Swarmwright's controllers."""
 
 from swarmwright.frevo._components import COMPLETE, LAYERS, MACHINE, MESHED, THREE_LAYERS
 from swarmwright.frevo._document import Section
@@ -6,7 +6,7 @@ from swarmwright.frevo._machine import take_machine
 from swarmwright.frevo._mapped import Line, Mapped
 
 ACTIVATIONS = {"LINEAR": "clamp", "SIGMOID": "sigmoid", "RELU": "relu"}
-"""FREVO's activation functions, and ours."""
+"""FREVO's activation functions -> Swarmwright's."""
 RELU = (
     "RELU: outputs have no upper limit in FREVO, whose agents of Emergency Exit stand still where one is "
     "above 1.25; actuators here end at 1"
@@ -124,5 +124,5 @@ def check_deterministic(section: Section) -> None:
 
 
 def take_activation(section: Section) -> str:
-    """Return our name of the activation function of a FullyMeshedNet."""
+    """Return Swarmwright's name of the activation function of a FullyMeshedNet."""
     return ACTIVATIONS[section.take_text("activationFunction", "LINEAR", tuple(ACTIVATIONS))]

@@ -59,7 +59,7 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     Method and ranking do not matter, and need no counterpart here.
 
     Raises:
-        InputError: the file is no result of FREVO's, or its problem or representation has no counterpart
+        InputError: the file is not a FREVO result, or its problem or representation has no counterpart
             here; the message names file, line and element.
     """
     session = open_session(Path(path))

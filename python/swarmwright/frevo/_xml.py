@@ -1,4 +1,4 @@
-"""XML with line numbers, read so that a file can neither reach out nor blow up.
+"""XML with line numbers, read without external access and with bounded memory.
 
 The files name a DTD; it is not fetched. What a DTD of a file's own can declare is refused, nothing else needs
 it: entities, which stand for text of any length, and attributes with defaults, which every element then has.
@@ -125,7 +125,7 @@ def read(path: Path) -> Element:
         raise InputError(
             f"{path}:{error.lineno}: is not valid XML: {reason}; expected a file that FREVO wrote"
         ) from None
-    except (LookupError, ValueError) as error:  # an encoding that nobody knows
+    except (LookupError, ValueError) as error:  # an unknown encoding
         raise InputError(f"{path}:1: is not valid XML: {error}") from None
     assert builder.root is not None  # expat finds no document without one
     return builder.root

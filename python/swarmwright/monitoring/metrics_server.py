@@ -1,4 +1,4 @@
-"""The web server behind `--metrics`: a page for Prometheus, and a few threads at most, whoever connects."""
+"""The web server behind `--metrics`: a page for Prometheus, with a limited number of threads."""
 
 import socket
 import socketserver
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from prometheus_client import CollectorRegistry
 
 MOST = 16
-"""Connections at a time; for another one the oldest has to go."""
+"""Connections at a time; beyond, the oldest is closed."""
 LONGEST = 10.0
 """Seconds that a connection may last."""
 
@@ -24,7 +24,7 @@ class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
 
     host: name or address to listen on. port: 0 for any free one.
 
-    Raises OSError when the address cannot be listened on, UnicodeError for a host that can be none.
+    Raises OSError when the address cannot be listened on, UnicodeError for an invalid host.
     """
 
     daemon_threads = True
@@ -64,9 +64,9 @@ class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
         try:
             request.shutdown(socket.SHUT_RDWR)
         except OSError:
-            return  # it has gone meanwhile
+            return  # it has disconnected meanwhile
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
-        """A client that goes before it has its answer is nobody's business."""
+        """Ignore clients that disconnect before they have their answer."""
         if not isinstance(sys.exc_info()[1], OSError):
             super().handle_error(request, client_address)

@@ -33,7 +33,7 @@ COUNTS = {
     "disagreements": "Of these, those in which two servers did not agree.",
     "recomputed": "Evaluations that were made again because their server turned out to be wrong.",
 }
-"""Incidents that the pool counts, where it does: what each number means."""
+"""Events that the pool counts: descriptions of the counters."""
 
 TRAFFIC = {
     "sent_bytes": "Bytes sent to the broker, without those of TLS.",
@@ -62,7 +62,7 @@ class _Figures:
 
 
 class ToolFigures(_Figures):
-    """Figures of an optimization tool: what it is told of is counted."""
+    """Metrics of an optimization tool, counted from its reports."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -89,7 +89,7 @@ class ToolFigures(_Figures):
             self._generation = generation
 
     def report(self, report: Mapping[str, Any]) -> None:
-        """Count what a pool told, see `_engine.Pool.listen`."""
+        """Count a pool's report, see `_engine.Pool.listen`."""
         with self._lock:
             match report["event"]:
                 case "status":

@@ -83,7 +83,7 @@ def optimize(
         experiment = experiment.replace(seed=seed)
     if out is not None:
         check_folder(Path(out))
-    _ = experiment.first_seed  # complain before anything is started
+    _ = experiment.first_seed  # report errors before anything is started
     folder: Path | None = None
     try:
         with (

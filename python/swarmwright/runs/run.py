@@ -73,7 +73,7 @@ class Run:
         Raises InputError when `path` is not a run folder, or when its store cannot be read.
         """
         run = cls(find_store(Path(path)))
-        _ = run.history, run.experiment  # complain now rather than later
+        _ = run.history, run.experiment  # report errors now rather than later
         if trust:
             from swarmwright.runs.code import trust_code
 

@@ -82,7 +82,7 @@ class StoreReader:
         self._folder = folder
         self.file = folder / FILE
         """The store itself."""
-        _ = self._facts  # complain now rather than later
+        _ = self._facts  # report errors now rather than later
 
     def _reading(self) -> AbstractContextManager[sqlite3.Connection]:
         return reading(self.file)

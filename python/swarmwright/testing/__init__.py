@@ -1,4 +1,4 @@
-"""What every representation, method, ranking, batch and simulation server must do, as checks for tests.
+"""Conformance checks for tests of representations, methods, rankings, batches and simulation servers.
 
     import swarmwright.testing
 

@@ -1,4 +1,4 @@
-"""Whether a BatchSimulation gives one result, however many episodes there are."""
+"""Checks that a BatchSimulation's results do not depend on the number of episodes."""
 
 import json
 from collections.abc import Mapping
@@ -10,14 +10,14 @@ from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.host import Host
 
 EPISODES = 7
-"""Enough that vectors of numpy's loops are full, and some are not."""
+"""Enough for full and partial SIMD vectors in numpy's loops."""
 MOST_STEPS = 1000
 
 
 def check_batch_simulation(
     kind: type[BatchSimulation], parameters: Mapping[str, Any] | None = None, *, seed: int = 1
 ) -> None:
-    """Check that episodes do not depend on those beside them.
+    """Check that episodes do not depend on the others in the batch.
 
     Seven episodes are run at once, with random actions, and each alone: observations, who acts, when it ends,
     fitness and metrics must be the same, to the bit.

@@ -20,13 +20,13 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         }
     }
 }
-"""What built-in kinds cannot do without."""
+"""Required options of built-in kinds."""
 
 
 def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any] | None = None) -> Options:
     """Check the options of a component; return them.
 
-    options: those that it cannot do without; default: none, but for built-in kinds that need some.
+    options: required ones; default: none, except for built-in kinds that need some.
     """
     given = EXAMPLES.get(kind, {}) if options is None else options
     component = registry.get(kind)
@@ -47,7 +47,7 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
 
 
 def alone(registry: Registry[Any]) -> list[str]:
-    """Return the kinds that can do without options, and the built-in ones."""
+    """Return the kinds without required options, and the built-in ones."""
     names = registry.names()
     fields = {name: registry.get(name).options_model.model_fields.values() for name in names}
     return [name for name in names if name in EXAMPLES or not any(one.is_required() for one in fields[name])]
@@ -60,7 +60,7 @@ def representation(
     actuators: int = 1,
     options: Mapping[str, Any] | None = None,
 ) -> Representation:
-    """Return a representation, by default with no options but those that it cannot do without."""
+    """Return a representation, by default with its required options only."""
     component = REPRESENTATIONS.get(kind)
     given = EXAMPLES.get(kind, {}) if options is None else options
     made = component.options_model.model_validate({**given})

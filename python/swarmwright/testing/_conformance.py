@@ -7,7 +7,7 @@ if TYPE_CHECKING:
 
 
 def check_server(command: str | None = None, **options: Any) -> "Report":  # noqa: ANN401 - see there
-    """Check that a simulation server keeps every rule of the protocol; return what came of each.
+    """Check that a simulation server keeps every rule of the protocol; return the report.
 
     command: what starts it, with {broker} and {id} in it. options: as of
     `swarmwright.conformance.check_server`.
@@ -22,7 +22,7 @@ def check_server(command: str | None = None, **options: Any) -> "Report":  # noq
 
 
 def check_optimizer(command: str | None = None, **options: Any) -> "Report":  # noqa: ANN401 - see there
-    """Check that an optimization tool keeps every rule of the protocol; return what came of each.
+    """Check that an optimization tool keeps every rule of the protocol; return the report.
 
     command: what starts it, with {broker} or {experiment} in it. options: as of
     `swarmwright.conformance.check_optimizer`.

@@ -40,15 +40,15 @@ def check_method(kind: str) -> None:
         if np.isfinite(one.bounds).any():
             _check_bounds(kind, one)
     _check_choices(kind)
-    representation = suitable[0]
-    _check_budget(kind, representation)
-    _check_failures(kind, representation)
-    _check_fitness(kind, representation)
-    _check_target(kind, representation)
-    _check_kept(kind, representation)
-    check_replay(_new(kind, representation))
-    check_steady_state(METHODS.get(kind), representation)
-    _check_start(kind, representation)
+    first = suitable[0]
+    _check_budget(kind, first)
+    _check_failures(kind, first)
+    _check_fitness(kind, first)
+    _check_target(kind, first)
+    _check_kept(kind, first)
+    check_replay(_new(kind, first))
+    check_steady_state(METHODS.get(kind), first)
+    _check_start(kind, first)
 
 
 def _new(kind: str, representation: Representation, seed: int = 1, **options: Any) -> Method:  # noqa: ANN401
@@ -89,7 +89,7 @@ def _scaled(scale: float, genomes: Genomes) -> Fitness:
 
 @contextmanager
 def _strictly() -> Iterator[None]:
-    """Make every warning an error: numbers that overflow are no numbers."""
+    """Make every warning an error, such as overflow."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield
@@ -110,7 +110,7 @@ def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
             assert np.isfinite(genomes).all(), "ask returns numbers that are not finite"
             assert ((lower <= genomes) & (genomes <= upper)).all(), "ask returns genes outside of bounds"
             asked.append(genomes.copy())
-            # What the caller does to the array must not matter.
+            # The method must not keep a reference to the caller's array.
             fitness = judge(genomes)
             genomes[:] = np.nan
             method.tell(fitness)
@@ -144,7 +144,7 @@ def _shared_state() -> tuple[Any, ...]:
 
 
 def _check_bounds(kind: str, representation: Representation) -> None:
-    """Far better beyond the bounds: a method goes there, and must come back."""
+    """Fitness is far better beyond the bounds: a method must stay within them."""
 
     def far(genomes: Genomes) -> Fitness:
         sums: Fitness = np.add.accumulate(genomes.astype(np.float64), axis=1)[:, -1]
@@ -173,7 +173,7 @@ def _check_budget(kind: str, representation: Representation) -> None:
 
 
 def _check_failures(kind: str, representation: Representation) -> None:
-    """Candidates that fail must neither stop a method nor lead it."""
+    """Failed candidates must neither stop a method nor guide it."""
 
     def half(genomes: Genomes) -> Fitness:
         fitness = _sphere(genomes)
@@ -241,7 +241,7 @@ def _check_kept(kind: str, representation: Representation) -> None:
 
 
 def _check_start(kind: str, representation: Representation) -> None:
-    """Check that a method which starts from given genomes does, and another one says so."""
+    """Check that a method starts from given genomes, or rejects them."""
     component = METHODS.get(kind)
     given = _away(representation)
     method, other = _new(kind, representation), _new(kind, representation)

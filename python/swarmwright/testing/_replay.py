@@ -1,4 +1,4 @@
-"""Does a method come to the same state when it is told the same again, in a new process?"""
+"""Checks that a method reaches the same state when told the same in a new process."""
 
 import json
 import subprocess
@@ -54,7 +54,7 @@ def check_replay(method: Method) -> None:
 
 
 def main() -> None:
-    """Hold the conversation that stands on standard input; write what was asked for."""
+    """Replay the conversation given on standard input; write the genomes asked for."""
     conversation: dict[str, Any] = json.load(sys.stdin)
     component, representation = (_find(*conversation[name]) for name in ("method", "representation"))
     subject = representation(

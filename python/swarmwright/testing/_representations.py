@@ -20,7 +20,7 @@ def check_representation(kind: str, options: Mapping[str, Any] | None = None) ->
 
     Args:
         kind: as in experiment files.
-        options: as in experiment files, `kind` left out; default: none, which must be enough then.
+        options: as in experiment files, `kind` left out; default: none, which must be sufficient then.
     """
     check_options(REPRESENTATIONS, kind, options)
     for sensors, actuators in SHAPES:

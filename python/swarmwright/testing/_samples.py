@@ -20,7 +20,7 @@ class _Options(Options):
 
 
 class _Sample(Representation):
-    """Genes drawn anew by mutations, exchanged one by one by crossovers; no controller stands behind them."""
+    """Genes drawn anew by mutations, exchanged one by one by crossovers; without a controller."""
 
     kind = "sample"
     options_model = _Options

@@ -14,7 +14,7 @@ _GENERATIONS = 3
 
 
 def check_steady_state(component: type[Method], subject: Representation) -> None:
-    """Check a method candidate by candidate, or that it says that it cannot."""
+    """Check a method in steady state, or that it rejects steady state."""
     if not component.steady_state:
         _check_refusal(component, subject)
         return

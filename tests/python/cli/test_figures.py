@@ -75,7 +75,9 @@ def test_files_among_the_runs_are_left_out(
     result = program(*command, *named, "--json")
     assert result.returncode == 0, result.stderr
     assert len(json.loads(result.stdout)["groups"]) == 2
-    assert result.stderr == (f"swarmwright: left out: {tmp_path / 'comparison.png'} is a file and no run\n")
+    assert result.stderr == (
+        f"swarmwright: left out: {tmp_path / 'comparison.png'} is a file, not a run folder\n"
+    )
     result = program(*command, "comparison.png")
     assert result.returncode == 2
     assert "comparison.png is not a run folder" in result.stderr

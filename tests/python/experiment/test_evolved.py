@@ -83,7 +83,7 @@ MISTAKES = [
     (
         "parameters: {steering: rule, avoidance: 2}",
         "avoidance: {type: real, range: [0, 5]}",
-        "6: controller.parameters.avoidance: stands among the experiment's parameters, too; leave it",
+        "6: controller.parameters.avoidance: is also in the experiment's parameters; remove it",
     ),
     (
         "parameters: {steering: rule}",
@@ -127,7 +127,7 @@ def test_what_does_not_fit_is_told_with_its_line(
 
 
 def test_a_simulation_without_a_rule_needs_another_controller() -> None:
-    with pytest.raises(InputError, match="of emergency_exit wait to be steered; take a controller that"):
+    with pytest.raises(InputError, match="of emergency_exit must be steered; use a controller that"):
         Experiment.from_mapping(
             {
                 "simulation": "emergency_exit",

@@ -98,7 +98,7 @@ def test_all_problems_come_at_once_with_those_of_the_file(file: Path) -> None:
         ("method.generations", "write KEY=VALUE"),
         ("=5", "write KEY=VALUE"),
         ("a..b=5", "write KEY=VALUE"),
-        ("seed=[1", "the value is not plain YAML"),
+        ("seed=[1", "the value is not valid YAML"),
         ("parameters={a: 1, a: 2}", "duplicate key"),
         ("seed=!!python/none 1", "has no meaning here"),
     ],

@@ -9,7 +9,7 @@ Source: Todorov, Erez, Tassa, MuJoCo: A physics engine for model-based control, 
 from swarmwright.adapters.mujoco._library import load as _load
 
 undrawable = _load()
-"""Why MuJoCo cannot draw here, known from importing it; None where nothing speaks against it."""
+"""Why MuJoCo cannot draw here, known from importing it; None where it can."""
 
 from swarmwright.adapters.mujoco._quadrotors import Quadrotors  # noqa: E402
 from swarmwright.adapters.mujoco._robots import Robots  # noqa: E402

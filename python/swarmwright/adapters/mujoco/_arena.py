@@ -49,9 +49,9 @@ class Arena:
         return cls(width, depth, height, tuple(_pillar(one, (width, depth)) for one in pillars))
 
     def xml(self, more: int, radius: float) -> str:
-        """Return what stands in the world of a MuJoCo model.
+        """Return the static bodies of a MuJoCo model.
 
-        more: pillars beside those that stand fast, anywhere. radius: of these.
+        more: additional pillars, anywhere. radius: of these.
         """
         x, y, z = self.width / 2, self.depth / 2, self.height / 2
         long = y + 2 * WALL
@@ -80,14 +80,14 @@ class Arena:
         """Return places of all pillars and of robots that are free, at random.
 
         Args:
-            random: where chance comes from.
-            more: pillars beside those that stand fast.
+            random: the random number generator.
+            more: additional pillars.
             radius: of these.
             robots: how many.
-            size: room around the middle of each robot.
+            size: free radius around the middle of each robot.
             spread: robots stand within this share of the arena's sides, around the middle.
 
-        Raises InputError where there is no room.
+        Raises InputError where there is not enough space.
         """
         taken = [(x, y, r) for x, y, r in self.pillars]
         half = np.array([self.width, self.depth]) / 2

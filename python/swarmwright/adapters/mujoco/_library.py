@@ -1,4 +1,4 @@
-"""Imports the library, without what it draws with where that cannot be loaded."""
+"""Imports the library, without its renderer where that cannot be loaded."""
 
 import os
 
@@ -11,7 +11,7 @@ _HOW = (
 
 
 def load() -> Exception | None:
-    """Import mujoco; return why it cannot draw, None where nothing speaks against it.
+    """Import mujoco; return why it cannot draw, None where it can.
 
     What MUJOCO_GL names is loaded with the library. Where that fails the library is imported without it,
     since only films need it.

@@ -1,4 +1,4 @@
-"""Quadrotors that shall spread over an area."""
+"""Quadrotors that are to spread over an area."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ _MIXER = np.linalg.inv([[1, _ARM * y, -_ARM * x, _DRAG * turn] for x, y, turn in
 
 
 class Quadrotors(Robots):
-    """Quadrotors spread: each sees a disc of the floor below it, and together they shall see all of it.
+    """Quadrotors spread: each sees a disc of the floor below it, and together they are to see all of it.
 
     Each carries an autopilot that keeps it upright, looking towards x, 1 m above the floor, and holds the
     velocity it is told. One that touches anything falls down and is out.
@@ -44,7 +44,7 @@ class Quadrotors(Robots):
     Sensors (10): 8 range sensors around, beginning at x, counterclockwise, 0 (nothing within `range`) to 1
     (touching); the velocity in x and y, 1 at full speed.
     Actuators (2): the velocity in x and y, 1 is 1 m/s.
-    Fitness: the share of the floor that somebody sees, the mean over the last quarter of the episode.
+    Fitness: the share of the floor that is seen, the mean over the last quarter of the episode.
     """
 
     title = "mujoco quadrotors"
@@ -109,7 +109,7 @@ class Quadrotors(Robots):
         return self.look()
 
     def acting(self) -> NDArray[np.bool_]:
-        """Return who flies."""
+        """Return which quadrotors fly."""
         return self._flies
 
     def look(self) -> Numbers:
@@ -123,7 +123,7 @@ class Quadrotors(Robots):
         return self._view
 
     def states(self) -> list[str]:
-        """Return who flies."""
+        """Return which quadrotors fly."""
         return ["free" if flies else "crashed" for flies in self._flies]
 
     @property
@@ -161,7 +161,7 @@ class Quadrotors(Robots):
         self.data.ctrl[:] = np.where(self._flies[:, None], np.clip(forces, 0, _MOST), 0.0).ravel()
 
     def _touches(self) -> NDArray[np.bool_]:
-        """Return who touches anything, the floor and the ceiling, too, (agents,)."""
+        """Return which quadrotors touch anything, the floor and the ceiling, too, (agents,)."""
         low = self.positions()[:, 2]
         touched: NDArray[np.bool_] = self.touching() | (low < 0.06) | (low > self.arena.height)
         return touched
@@ -173,7 +173,7 @@ class Quadrotors(Robots):
         return float(seen.any(axis=0).mean())
 
     def _least(self) -> float:
-        """Return the least distance between two that fly, infinite where there are no two."""
+        """Return the least distance between two that fly, infinite for fewer than two."""
         places = self.positions()[self._flies]
         if len(places) < 2:
             return float("inf")

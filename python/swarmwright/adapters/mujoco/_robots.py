@@ -167,7 +167,7 @@ class Robots(Simulation):
         both = self._owner[self.data.contact.geom].reshape(-1, 2)
         met = (both[:, 0] != both[:, 1]) & (both.min(axis=1) >= _THING)
         touched = np.zeros(self.agents + 1, bool)
-        touched[both[met].ravel()] = True  # whatever is no robot is -1, the last
+        touched[both[met].ravel()] = True  # other geoms have -1, the last
         return touched[:-1]
 
     def scene(self) -> Scene:
@@ -224,4 +224,4 @@ class Robots(Simulation):
 
 
 _THING, _FLOOR = -1, -2
-"""What geoms belong to that are no robot's."""
+"""The owner of geoms that are not part of a robot."""

@@ -1,4 +1,4 @@
-"""Rovers with two driven wheels that shall gather."""
+"""Rovers with two driven wheels that are to gather."""
 
 from typing import Any
 
@@ -50,7 +50,7 @@ class Rovers(Robots):
         "touching": "Share of rovers that touch anything but the floor, mean over the episode.",
     }
     physics_step, physics_steps = 0.01, 10
-    clear = 0.25  # walls hide nobody
+    clear = 0.25  # transparent walls do not hide robots
     radius, room = 0.12, 0.2
 
     def robot(self, number: int) -> str:

@@ -71,7 +71,7 @@ def frames(
 
 
 def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (480, 360)) -> None:
-    """Write a GIF of the best controller of a run, twice as fast as life.
+    """Write a GIF of the best controller of a run, twice as fast as real time.
 
     Raises InputError when the run is of another simulation or nothing can be drawn here, OSError.
     """
@@ -83,7 +83,7 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
     values = filled_in(declared(kind.parameters, kind.__name__), parameters)
     seed = run.seeds(run.best.generation)[episode]
     pictures = frames(kind(), run.best.controller, values, seed, size)
-    # Of what is rare, too: robots are small.
+    # Include rare colours: robots are small.
     palette = _strip(pictures[:: max(1, len(pictures) // 4)]).quantize(COLORS)
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     durations = [round(1000 * kind.frame_seconds)] * (len(indexed) - 1) + [LAST_FRAME]

@@ -110,7 +110,7 @@ def conduct(
     """
     outcome = Outcome(tasks)
     noting = _Noting(outcome, listener)
-    before = {task: task.found() for task in tasks}  # complain before anything is started
+    before = {task: task.found() for task in tasks}  # report errors before anything is started
     left = []
     for task, run in before.items():
         if run is not None and not run.interrupted:
