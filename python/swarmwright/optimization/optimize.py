@@ -288,7 +288,7 @@ def _run(
 def _post_evaluate(
     experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
 ) -> None:
-    """Evaluate the best on held-out seeds, where that says something; the run is whole without it."""
+    """Evaluate the best on held-out seeds where that is informative; the run is complete without it."""
     try:
         found = after_run(experiment, StoreReader(store.folder), backend, on_progress)
     except RunError as error:

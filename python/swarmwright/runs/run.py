@@ -274,7 +274,7 @@ class Run:
         )
 
     def _repr_html_(self) -> str:
-        """Return what it is and how it went, with its curve, for notebooks."""
+        """Return a summary with the fitness curve, for notebooks."""
         experiment = self.experiment
         rows: list[tuple[str, object]] = [
             ("simulation", experiment.label),
