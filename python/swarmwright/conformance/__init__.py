@@ -1,4 +1,4 @@
-"""Does a peer speak the protocol? Every rule of it, tried over a broker.
+"""Checks of a peer against every rule of the protocol, over a broker.
 
 `swarmwright conformance` and `swarmwright.testing.check_server` use this.
 """

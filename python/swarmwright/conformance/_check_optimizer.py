@@ -1,4 +1,4 @@
-"""Everything about one optimization tool: broker, process, scenes, rules."""
+"""The check of one optimization tool: broker, process, scenes, rules."""
 
 import shutil
 import tempfile
@@ -31,7 +31,7 @@ def check_optimizer(
     tell: Callable[[Result], None] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Report:
-    """Try the rules for optimization tools on one; the kit plays the simulation servers.
+    """Check an optimization tool against the rules; the kit acts as the simulation servers.
 
     Args:
         command: what starts it, with {broker}, {prefix}, {experiment} (a file that the kit writes for
@@ -47,7 +47,7 @@ def check_optimizer(
         rules: ids and groups that are wanted, `-O5` for those that are not; default: all.
         profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
-        say: gets a line for people where one is due.
+        say: gets a line for people where they have to act.
 
     Raises InputError (what was given is wrong) and RunError (no broker).
 

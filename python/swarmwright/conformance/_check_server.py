@@ -1,4 +1,4 @@
-"""Everything about one server: broker, process, search, rules."""
+"""The check of one server: broker, process, search, rules."""
 
 import json
 import time
@@ -19,7 +19,7 @@ from swarmwright.conformance.server import RULES
 from swarmwright.core.errors import InputError, RunError
 
 GUESSES = (2.0, 3.0, 1.0)
-"""Dimensions that a server is asked for when nobody says how many it has."""
+"""Dimensions that a server is asked for by default."""
 
 
 def check_server(
@@ -42,12 +42,12 @@ def check_server(
     tell: Callable[[Result], None] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Report:
-    """Try the rules for simulation servers on one.
+    """Check a simulation server against the rules.
 
     Args:
         server: its ID.
         command: what starts it, with {broker}, {id}, {prefix} in it; None when it is started by others.
-        start: starts it in this process: called once with the broker's address. It is the caller's to end.
+        start: starts it in this process: called once with the broker's address. The caller has to end it.
         broker: address; None starts an embedded broker.
         prefix: what topics begin with.
         simulation: title; None asks its presence.
@@ -61,7 +61,7 @@ def check_server(
         rules: ids and groups that are wanted, `-S6` for those that are not; default: all.
         profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
-        say: gets a line for people where one is due.
+        say: gets a line for people where they have to act.
 
     Raises InputError (what was given is wrong) and RunError (no broker).
 

@@ -25,7 +25,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "fully_meshed": {"hidden": 2, "activation": "sigmoid", "iterations": 2},
     "mealy_fsm": {"states": 3, "levels": 2},
 }
-"""What is tried of each kind of controller that steers agents; two of the three have a state."""
+"""The options with which each kind of controller that steers agents is tried; two of the three have a
+state."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def batch(server: Server, seeds: Sequence[int], /, **changes: Any) -> Json:  # n
 
 
 def decoded(message: Message) -> Json:
-    """The map in a message. Raises Failure when it is none."""
+    """The map in a message. Raises Failure when it is not a map."""
     try:
         value = msgpack.unpackb(message.payload, strict_map_key=False)
     except Exception as error:  # noqa: BLE001 - whatever the reader raises
@@ -122,7 +123,7 @@ def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: fl
 
 
 def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
-    """A binary array of an answer. Raises Failure when it is none."""
+    """A binary array of an answer. Raises Failure when it is not one."""
     value = answer.get(key)
     if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
         raise Failure(
@@ -132,7 +133,7 @@ def numbers(answer: Mapping[str, Any], key: str, kind: str) -> NDArray[Any]:
 
 
 def error_of(answer: Mapping[str, Any]) -> tuple[str, str]:
-    """Kind and reason of an error, empty when there is none. Raises Failure when it has no such shape."""
+    """Kind and reason of an error, empty when there is none. Raises Failure when it has another form."""
     error = answer.get("error")
     if error is None:
         return "", ""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from swarmwright.core.errors import InputError
 
 GRACE = 10.0
-"""Seconds for an end in good order."""
+"""Seconds for an orderly end."""
 
 
 class Process:
@@ -59,7 +59,7 @@ class Process:
 
     @property
     def ended(self) -> str:
-        """How it ended, in words, with what it said last; empty while it runs."""
+        """How it ended, in words, with its last output; empty while it runs."""
         status = None if self._process is None else self._process.poll()
         if status is None:
             return ""
@@ -68,7 +68,7 @@ class Process:
 
     @property
     def words(self) -> str:
-        """The end of what it has said, to be put behind a sentence; empty for nothing."""
+        """The end of its output, to be appended to a sentence; empty for none."""
         size = os.fstat(self._said.fileno()).st_size
         text = os.pread(self._said.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace").strip()
         lines = [f"\n    {line}" for line in text.splitlines()[-5:]]
@@ -93,7 +93,7 @@ class Process:
                 os.killpg(self._process.pid, number)
 
     def stop(self) -> None:
-        """Ask it to end, then make it."""
+        """Ask it to end, then kill it."""
         if self._process is None:
             return
         self.signal(signal.SIGTERM)
@@ -102,6 +102,6 @@ class Process:
             self._process.wait()
 
     def close(self) -> None:
-        """Stop it for good."""
+        """Stop it finally."""
         self.stop()
         self._said.close()

@@ -1,4 +1,4 @@
-"""A door between a peer and the broker, which the kit can shut: so that it can see how a peer comes back."""
+"""A proxy between a peer and the broker, which the kit can close to test how a peer reconnects."""
 
 import contextlib
 import socket
@@ -32,7 +32,7 @@ class Door:
         return f"mqtt://127.0.0.1:{self.port}"
 
     def shut(self) -> None:
-        """Break all connections, and let nobody in."""
+        """Break all connections, and refuse new ones."""
         with self._lock:
             self._open = False
             links, self._links = self._links, []
@@ -40,7 +40,7 @@ class Door:
             _end(*link)
 
     def open(self) -> None:
-        """Let peers in again."""
+        """Accept connections again."""
         with self._lock:
             self._open = True
 

@@ -1,4 +1,4 @@
-"""What came out: a result for each rule, and all of them together."""
+"""Results: one for each rule, and the report of all of them."""
 
 from collections import Counter
 from dataclasses import asdict, dataclass, field
@@ -15,9 +15,9 @@ _KEYS = {"fix": "mend"}
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one rule.
+    """The result of one rule.
 
-    source: whose rule it is, and where it stands: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
+    source: the rule's origin and section: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
     peer was gone after it, `not run` when it could not be tried, `skipped` when it does not apply. detail: a
     note, or the reason. sent, came, expected, fix: of a failure. seconds: how long it took.
     """
@@ -36,7 +36,7 @@ class Result:
 
     @property
     def owner(self) -> str:
-        """Whose rule it is: D6.1 or Swarmwright."""
+        """The rule's origin: D6.1 or Swarmwright."""
         return owner(self.source)
 
     def record(self) -> dict[str, object]:

@@ -11,10 +11,10 @@ Side = Literal["server", "optimizer"]
 Profile = Literal["d6.1", "all"]
 """Which rules are tried: those of D6.1 alone, or Swarmwright's as well."""
 OWNERS = ("D6.1", "Swarmwright")
-"""Whose rules there are, in the order in which reports show them."""
+"""Origins of rules, in the order in which reports show them."""
 
 
-class Skip(Exception):  # noqa: N818 - it is no error
+class Skip(Exception):  # noqa: N818 - it is not an error
     """The rule does not apply here; the message says why."""
 
 
@@ -24,7 +24,7 @@ class Failure(Exception):  # noqa: N818 - of the peer, not of this program
     Args:
         came: what it did.
         expected: what it should have done.
-        sent: what it was sent before; empty for nothing worth a word.
+        sent: what it was sent before; empty where that does not matter.
     """
 
     def __init__(self, came: str, expected: str, sent: str = "") -> None:
@@ -37,7 +37,8 @@ class Failure(Exception):  # noqa: N818 - of the peer, not of this program
 class WentOn(Failure):
     """The server went on while it should have waited.
 
-    D6.1 does not say that a server waits: this breaks one of its rules only where the server waits otherwise.
+    D6.1 does not say that a server waits: this breaks one of its rules only if the server waits in other
+    cases.
     """
 
 
@@ -61,22 +62,22 @@ class Rule:
 
     @property
     def source(self) -> str:
-        """Whose rule it is, and where it stands, such as `D6.1, 6.2 Control message, Schema 4`."""
+        """The rule's origin and section, such as `D6.1, 6.2 Control message, Schema 4`."""
         return f"D6.1, {self.d61}" if self.d61 else f"Swarmwright, {self.where}"
 
     @property
     def owner(self) -> str:
-        """Whose rule it is: one of OWNERS."""
+        """The rule's origin: one of OWNERS."""
         return owner(self.source)
 
     @property
     def group(self) -> str:
-        """What stands before the dot."""
+        """The part before the dot."""
         return self.id.partition(".")[0]
 
 
 def owner(source: str) -> str:
-    """Whose rule it is, of its source."""
+    """Return a rule's origin, given its source."""
     return source.partition(",")[0]
 
 
@@ -128,7 +129,7 @@ class Rules:
 
         profile: `d6.1` leaves out what D6.1 does not demand.
 
-        Raises InputError for a name that is no rule's, or when no rule is left.
+        Raises InputError for a name of no rule, or when no rule is left.
         """
         names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
         known = [*self.groups, *self._rules]

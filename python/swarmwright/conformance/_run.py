@@ -1,4 +1,4 @@
-"""Tries rules one after the other, tells a broken rule from a dead peer, and never waits for ever."""
+"""Tries rules one after the other with deadlines, and distinguishes a broken rule from a dead peer."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -25,12 +25,12 @@ class Peer(Protocol):
         ...
 
     def gone(self) -> str:
-        """Whether its process has ended, in words; empty when it has not, or nobody knows."""
+        """How its process ended, in words; empty when it has not ended, or that is not known."""
         ...
 
 
 def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> list[Result]:
-    """Try rules on a peer; `tell` hears of each result at once."""
+    """Try rules on a peer; `tell` gets each result at once."""
     results: dict[str, Result] = {}
     lost = ""
     for rule in rules:

@@ -105,7 +105,7 @@ class ServerPeer(Server):
         return True
 
     def waits(self) -> bool:
-        """Whether it waits for actuators: nothing comes while nobody is answered. Tried once."""
+        """Whether it waits for actuators: it sends nothing while no agent is answered. Tried once."""
         if self._waits is None:
             self.client.deadline = time.monotonic() + WATCH + 2 * self.settings.timeout
             episode = self.episode()
@@ -122,7 +122,7 @@ class ServerPeer(Server):
         return self._waits
 
     def gone(self) -> str:
-        """How its process ended, in words; empty when it runs, or is none of the kit's."""
+        """How its process ended, in words; empty when it runs, or was not started by the kit."""
         return "" if self.process is None else self.process.ended
 
 

@@ -18,7 +18,7 @@ from swarmwright.conformance._rules import Failure, Skip, WentOn
 from swarmwright.conformance._trajectory import Numbers, Policy, Trajectory, Wander
 
 QUIET = 0.05
-"""Seconds in which a quick server that would say something has said it."""
+"""Seconds in which a quick server would have sent a message."""
 
 Json = dict[str, Any]
 
@@ -42,7 +42,7 @@ class Settings:
 
 
 class Server:
-    """A server as the rules see it."""
+    """The server under test, for the rules."""
 
     def __init__(
         self,
@@ -122,11 +122,11 @@ class Server:
 
     @property
     def policy(self) -> Policy:
-        """What agents do where it does not matter what."""
+        """The actuators where their values do not matter."""
         return Wander(self.actuators)
 
     def listen_for(self, seconds: float) -> None:
-        """Take this for the time in which the server would have said what it says.
+        """Set the time in which the server would have sent a message.
 
         Not longer than half of what an answer may take, nor than a quarter of what an episode waits.
         """
@@ -137,7 +137,7 @@ class Server:
     def repeatable(self) -> bool:
         """Whether an episode can be compared with the reference.
 
-        Plays one if nobody knows; for a free server.
+        Plays one if that is not known yet; for a free server.
         """
         if self.deterministic is not None:
             return self.deterministic
@@ -227,9 +227,9 @@ class Server:
     def must_be_silent(
         self, why: str, sent: str = "", *, but: "Episode | None" = None, seconds: float | None = None
     ) -> None:
-        """Failure when the server says anything on the seven topics: with one of our hashes, or its ID.
+        """Failure when the server publishes on the seven topics with one of the kit's hashes, or its ID.
 
-        but: an episode that is under way; what is said of it is kept for it. seconds: how long to listen.
+        but: an episode that is under way; its messages are kept for it. seconds: how long to listen.
         """
         known = {episode.hash for episode in self.episodes if episode is not but}
         for message in self.client.drain(self.quiet if seconds is None else seconds):
@@ -332,7 +332,7 @@ class Episode:
     def hear(self, sent: str = "") -> bool:
         """The next sensor message, put among the pending, or the fitness; whether it was a sensor message.
 
-        Raises Failure when nothing comes, or what came is no such message.
+        Raises Failure when nothing comes, or another message.
         """
         seconds = self.server.settings.timeout
         message = self.server.client.next(self.is_mine, seconds)
@@ -410,7 +410,7 @@ class Episode:
     def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
         """Raise WentOn when the episode goes on: a fitness comes, or one of these agents is asked again.
 
-        Agents that had not been asked before are late, no more.
+        Agents that had not been asked before are merely late.
         """
         asked = {*agents, *(agent for agent, _, _ in self.pending)}
         for message in self.server.client.drain(self.server.quiet):

@@ -1,4 +1,4 @@
-"""What happened in an episode, and what agents do in it."""
+"""The trajectory of an episode, and policies of agents."""
 
 import json
 from collections import defaultdict
@@ -22,7 +22,7 @@ Policy = Callable[[int, int, Numbers], Sequence[float]]
 class Wander:
     """Actuators that depend on agent and turn alone and vary with both: multiples of 1/64 in -1..+1.
 
-    seed: another seed is another way to wander.
+    seed: selects one of many sequences.
     """
 
     actuators: int
@@ -41,7 +41,7 @@ class Wander:
 
 @dataclass(frozen=True)
 class Always:
-    """The same actuators, whatever comes."""
+    """Constant actuators."""
 
     values: tuple[float, ...]
 
@@ -83,7 +83,7 @@ class Trajectory:
     seconds: float = 0.0
 
     def difference(self, other: "Trajectory") -> str:
-        """Where another trajectory departs from this one, in words; empty when all bits are the same."""
+        """The first difference from another trajectory, in words; empty when all bits are the same."""
         for agent in sorted({*self.readings, *other.readings}):
             mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
             for turn, (one, two) in enumerate(zip(mine, theirs, strict=False)):

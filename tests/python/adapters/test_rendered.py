@@ -140,7 +140,7 @@ def test_environments_that_cannot_render_say_why(monkeypatch: pytest.MonkeyPatch
             ask(type("Other", (Drawn,), {}))
     monkeypatch.undo()
     assert shown_as(Drawn) == "picture"
-    with pytest.raises(InputError, match=r"Drawn CartPole-v1: cannot be rendered: .*options on"):
+    with pytest.raises(InputError, match=r"Drawn CartPole-v1: cannot be rendered: .*options to"):
         drawing(Drawn)
 
 

@@ -111,7 +111,7 @@ def test_what_to_do_next_are_three_commands(program: Any, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--host", "0.0.0.0", "--users", "f"], ["--certificate", "read along"]),
+        (["--host", "0.0.0.0", "--users", "f"], ["--certificate", "be read on the network path"]),
         (["--host", "0.0.0.0", "--certificate", "f", "--key", "f"], ["--users", "without a password"]),
         (["--access", "f"], ["--users"]),
         (["--prefix", "a"], ["--init"]),

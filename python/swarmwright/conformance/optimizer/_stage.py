@@ -1,4 +1,4 @@
-"""Simulation servers as the kit plays them, for an optimization tool to find."""
+"""Simulated simulation servers, for an optimization tool under test."""
 
 import json
 import time
@@ -15,7 +15,7 @@ TOOL_TOPICS = ("discovery", "parameters", "control", "actuator")
 
 
 def sensed(turn: int, count: int) -> list[float]:
-    """What every agent senses in its turn: the same in all episodes, so that states that are left show."""
+    """What every agent senses in its turn: equal in all episodes, to detect remaining states."""
     return [((turn * 37 + index * 61 + 17) % 129 - 64) / 64 for index in range(count)]
 
 
@@ -40,7 +40,7 @@ class Played:
 
 @dataclass
 class Record:
-    """All that a tool sent: messages with their topic, what could not be read, what nobody asked for.
+    """All that a tool sent: messages with their topic, what could not be read, and unexpected messages.
 
     requests: of extensions. sent: wrong messages of the kit, topic and payload. evaluated: episodes that were
     evaluated with them. together: most episodes at a time.
@@ -70,9 +70,10 @@ class Record:
 
 
 class Actor:
-    """A simulation server that behaves; what misbehaves derives from it.
+    """A simulation server that keeps all rules; faulty ones derive from it.
 
-    in_turn: it asks one agent after the other. drops: each agent is out a step earlier than the one before.
+    in_turn: it asks one agent after the other. drops: each agent drops out a step earlier than the one
+    before.
     """
 
     def __init__(self, server: int, *, in_turn: bool = False, drops: bool = False) -> None:
@@ -96,7 +97,7 @@ class Actor:
         return self.episode is None and content.get("simulation") == self.stage.title_for(content)
 
     def discovery(self, content: Json) -> None:
-        """Somebody asks."""
+        """Handle a discovery."""
         if self.answers(content):
             self.offer(content)
 
@@ -233,7 +234,7 @@ class Stage:
         return self.record
 
     def hear(self, message: Message) -> None:
-        """Note a message, and let the actors have it."""
+        """Record a message, and pass it to the simulated servers."""
         if message.topic.startswith(TO_SERVER):
             for actor in self.actors:
                 if message.topic == f"{TO_SERVER}{actor.server}":

@@ -1,4 +1,4 @@
-"""The optimization tool under test: started anew for each scene, or once by somebody else."""
+"""The optimization tool under test: started anew for each scene, or once by another party."""
 
 import signal
 import time
@@ -14,7 +14,7 @@ from swarmwright.conformance._rules import Failure, Rule, Skip
 from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
 
 SILENT = 3.0
-"""Seconds of silence after which a tool that somebody else started has ended its run."""
+"""Seconds of silence after which a tool that the kit did not start has ended its run."""
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Tool:
         self._scenes: dict[str, Record] = {}
 
     def plain(self) -> Record:
-        """Two servers that behave."""
+        """Two servers that keep all rules."""
         return self.scene("plain", [Actor(1), Actor(2)])
 
     def scene(

@@ -78,7 +78,7 @@ class WrongFirst(Actor):
             super().actuator(content)
 
     def control(self, content: Json) -> None:
-        """Nobody should begin or end anything before the right fitness has come."""
+        """Failure if the tool begins or ends an episode before the right fitness has come."""
         if self.wrong and self.waits_with("fitness"):
             self.reacted(f"control {json.dumps(content)}")
         else:

@@ -61,7 +61,7 @@ def only_those_who_answered(tool: Tool) -> None:
 
 
 class Late(Actor):
-    """Taken in the beginning: answers nobody for two seconds."""
+    """Taken in the beginning: answers no discovery for two seconds."""
 
     since = 0.0
 

@@ -1,4 +1,4 @@
-"""O6: requests to servers that offer more than steps."""
+"""O6: requests to servers that offer extensions."""
 
 import json
 import re
@@ -91,7 +91,7 @@ def envelope(request: Json, title: object) -> None:
 
 
 def array(request: Json, key: str, kind: str) -> np.ndarray:
-    """A binary array. Raises Failure when it is none."""
+    """A binary array. Raises Failure when it is not one."""
     value = request.get(key)
     if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
         raise Failure(f'"{key}" is {value!r}', f"MessagePack binary of {np.dtype(kind).name}")

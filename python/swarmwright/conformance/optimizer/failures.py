@@ -1,4 +1,4 @@
-"""O5: servers that are taken by others, fall silent, or cannot be heard for a while."""
+"""O5: servers that are taken by others, fall silent, or are temporarily unreachable."""
 
 import time
 

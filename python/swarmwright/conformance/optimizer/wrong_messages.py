@@ -1,4 +1,4 @@
-"""O4: what servers may send by mistake, and what others send on the same topics."""
+"""O4: invalid messages of servers, and messages of others on the same topics."""
 
 import json
 
@@ -13,12 +13,12 @@ READING = "protocol.md, Reading"
 
 
 class Junk(WrongFirst):
-    """Sends what is no JSON object."""
+    """Sends payloads that are not JSON objects."""
 
     at_once = 6
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:  # noqa: ARG002
-        """Nothing, a word, a list, a number, half an object, bytes that are no UTF-8."""
+        """Nothing, a word, a list, a number, half an object, bytes that are not UTF-8."""
         return ["", "hello", "[]", "7", '{"simulation_hash":', b"\xff\xfe{}"]
 
 
@@ -79,7 +79,7 @@ def wrong_sensors(tool: Tool) -> None:
 
 
 class Foreign(WrongFirst):
-    """Speaks for others: sensors, fitness and offers with hashes that nobody asked for."""
+    """Sends messages of others: sensors, fitness and offers with unknown hashes."""
 
     def kinds(self, topic: str, right: Json) -> list[str | bytes]:
         """The same with two other hashes; offers of servers that are not there."""
@@ -156,7 +156,7 @@ NOTE = {"deep": [1, {"run": None}]}
 
 
 class Chatty(Actor):
-    """Adds a key that nobody knows."""
+    """Adds an unknown key."""
 
     def says(self, topic: str, **fields: object) -> None:
         """With one more key."""
@@ -179,7 +179,7 @@ def unknown_keys(tool: Tool) -> None:
 
 
 class BeyondNumbers(WrongFirst):
-    """Sends numbers that no JSON or no binary number holds, agents that are none, and deep nesting."""
+    """Sends numbers beyond JSON or binary numbers, invalid agents, and deep nesting."""
 
     at_once = 4
 

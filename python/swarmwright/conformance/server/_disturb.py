@@ -1,4 +1,4 @@
-"""Messages that a server must not take, published when it is free and in the middle of an episode."""
+"""Messages that a server must refuse, published when it is free and in the middle of an episode."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,8 +18,8 @@ def disturb(server: ServerPeer, junk: Maker, why: str, *, free: bool = True) -> 
 
     junk: gets the hash that an episode has. free: whether a free server gets it, too.
 
-    Raises Failure that names the message to blame, and Skip where the episode ends as it should, but whether
-    the server took the junk cannot be told, for it goes on whatever comes.
+    Raises Failure that names the message at fault, and Skip where the episode ends correctly, but the server
+    also continues without an answer, so that it is not known whether it accepted the junk.
     """
     if free:
         _free(server, junk(new_hash()), why)

@@ -1,4 +1,4 @@
-"""S4: what becomes of actuators."""
+"""S4: handling of actuators."""
 
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Server

@@ -1,4 +1,4 @@
-"""S10: many episodes, one message a step."""
+"""S10: batched episodes, one message per step."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -202,7 +202,7 @@ def ended(server: Server) -> None:
     needs=["S10.1"],
 )
 def invalid(server: Server) -> None:
-    """One episode too many; no episode; a simulation that nobody has; another version."""
+    """One episode too many; no episode; an unknown simulation; another version."""
     _steps(server)
     most = server.announced.get("batch")
     if isinstance(most, int):

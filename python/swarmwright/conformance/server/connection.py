@@ -1,4 +1,4 @@
-"""S11: connections that break, brokers that go and come back, what somebody left on a broker."""
+"""S11: connections that break, brokers that restart, messages retained on a broker."""
 
 import json
 import time
@@ -17,7 +17,7 @@ BROKER = "decision 003"
 
 
 def door(server: Server) -> Door:
-    """What stands between server and broker; skips the rule where nothing does."""
+    """The proxy between server and broker; skips the rule where there is none."""
     if server.door is None:
         raise Skip(
             "the kit does not stand between server and broker: let it bring its own, or start the "
@@ -27,7 +27,7 @@ def door(server: Server) -> Door:
 
 
 def must_come_back(server: Server, why: str) -> float:
-    """Open the door and ask until it answers; after how many seconds it did."""
+    """Open the proxy and ask until it answers; after how many seconds it did."""
     door(server).open()
     start = time.monotonic()
     while time.monotonic() < start + BACK:

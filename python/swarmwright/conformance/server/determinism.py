@@ -1,4 +1,4 @@
-"""S3: what an episode depends on."""
+"""S3: determinism of episodes."""
 
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Server, is_number

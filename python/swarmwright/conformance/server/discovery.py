@@ -167,7 +167,7 @@ def any_hash(server: Server) -> None:
     needs=["S1.2"],
 )
 def tolerant(server: Server) -> None:
-    """A discovery with keys that nobody knows."""
+    """A discovery with unknown keys."""
     server.must_answer(
         "an answer",
         "discovery with the unknown keys note and deep",

@@ -11,7 +11,7 @@ from swarmwright.conformance.server._rules import rule
 
 
 def begun(server: Server) -> Episode:
-    """An episode whose first step has been asked for; skips the rule when nobody is asked."""
+    """An episode whose first step has been asked for; skips the rule when no agent is asked."""
     episode = server.episode()
     episode.configure()
     episode.start()
@@ -48,7 +48,7 @@ def begins(server: Server) -> None:
     sent = f"{episode.configure()}, then {episode.start()}"
     message = server.client.next(episode.is_mine, server.settings.timeout)
     if message is not None:
-        with suppress(Failure):  # its shape is another rule's business
+        with suppress(Failure):  # its form is checked by another rule
             episode.take(message)
     else:
         expected = "a message on sensor or fitness with this hash"

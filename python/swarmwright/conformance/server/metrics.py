@@ -1,4 +1,4 @@
-"""S8: what is measured beside the fitness."""
+"""S8: metrics."""
 
 import re
 

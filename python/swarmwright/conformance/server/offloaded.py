@@ -1,4 +1,4 @@
-"""S9: controllers that travel to the server."""
+"""S9: offloaded evaluation."""
 
 import time
 
@@ -345,7 +345,7 @@ def invalid(server: Server) -> None:
     needs=["S9.1"],
 )
 def junk(server: Server) -> None:
-    """Junk, an unknown kind, a reply elsewhere; then a request with keys that nobody knows."""
+    """Junk, an unknown kind, a reply elsewhere; then a request with unknown keys."""
     controllers = some(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (

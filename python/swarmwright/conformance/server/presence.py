@@ -1,4 +1,4 @@
-"""S7: what a server says of itself unasked."""
+"""S7: presence messages and announcements."""
 
 import json
 import re

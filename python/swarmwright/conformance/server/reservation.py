@@ -1,4 +1,4 @@
-"""S6: who has the server, and for how long."""
+"""S6: reservations and their duration."""
 
 import time
 
@@ -223,7 +223,7 @@ def named(server: Server, tool: str) -> Episode:
     needs=["S2.8", "S2.9"],
 )
 def is_held(server: Server) -> None:
-    """An episode with a name; discoveries of another, of nobody, of the same."""
+    """An episode with a name; discoveries of another tool, without a tool, of the same."""
     named(server, "conformance/a")
     must_be_taken(server, "it is held for conformance/a", tool="conformance/b")
     must_be_taken(server, "it is held for conformance/a")

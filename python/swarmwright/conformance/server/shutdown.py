@@ -1,4 +1,4 @@
-"""S13: how it goes. The last rule, for there is no server afterwards."""
+"""S13: shutdown. The last rule, because the server is gone afterwards."""
 
 import signal
 

@@ -1,4 +1,4 @@
-"""S12: how fast it is. Reported, not judged."""
+"""S12: speed. Reported, not judged."""
 
 import json
 import time

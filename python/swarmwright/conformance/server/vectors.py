@@ -1,6 +1,6 @@
 """S9.14: networks against golden vectors, which an independent implementation has computed.
 
-A server's sensors cannot be chosen, so networks bring what they compute on: where all weights of a sensor are
+A server's sensors cannot be chosen, so networks contain their own inputs: where all weights of a sensor are
 0, the first layer's outputs are those of its biases, the same in every step.
 
 - Points of tanh and sigmoid: the first layer computes f(x); the second one takes the golden f(x) from it,

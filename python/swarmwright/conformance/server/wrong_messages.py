@@ -1,4 +1,4 @@
-"""S5: what is refused changes nothing, and stalls nothing."""
+"""S5: refused messages change nothing and block nothing."""
 
 import json
 
@@ -32,7 +32,7 @@ def _actuators(hash_: str, *tries: object, agent: object = 0) -> list[Junk]:
     needs=["S2.3"],
 )
 def no_json(server: ServerPeer) -> None:
-    """Nothing, a word, half an object, a list, a number, bytes that are no UTF-8."""
+    """Nothing, a word, half an object, a list, a number, bytes that are not UTF-8."""
     texts: list[str | bytes] = [
         "",
         "hello",
