@@ -3,7 +3,7 @@
 You describe an experiment: a simulation, what a controller looks like, which method searches for it, how many
 episodes count. The method proposes genomes, each stands for a controller, simulations say how good it is, and
 the best ones lead to the next generation. The simulations run in this process, on servers that are started
-here, or on servers anywhere that an MQTT broker connects; the results are the same to the bit.
+here, or on servers anywhere that an MQTT broker connects; the results are bit-identical.
 
     import swarmwright
 
@@ -29,20 +29,20 @@ Then ask whether another method is better: one run says little, so take several 
     )
     print(result.compare())                       # medians, tests, sizes of effects
 
-What there is:
+Overview:
 
     Experiment                  what is evolved, how, and where; from a file or a mapping
     optimize, resume            evolve a controller; go on with a run
-    Run, Controller             what came out: record, plots, replays; a controller to call
-    sweep, compare              variants and seeds; do they differ?
-    evaluate, simulate, repeat  the fitness of genomes of your own; one episode; one evaluation again
-    Simulation, BatchSimulation, Parameter   write a simulation of your own
+    Run, Controller             results: record, plots, replays; a callable controller
+    sweep, compare              variants with several seeds, and statistical tests
+    evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
+    Simulation, BatchSimulation, Parameter   base classes of custom simulations
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
-    InputError, RunError        what was given is wrong; the run failed although it was right
+    InputError, RunError        invalid input; a run that failed for other reasons
 
 Arrays are NumPy's: genomes float32, fitness float64, more is better, NaN for an evaluation that failed.
-Names are imported when they are first used, so that `import swarmwright` costs next to nothing.
+Names are imported when they are first used, so that `import swarmwright` is fast.
 """
 
 from importlib import import_module

@@ -127,7 +127,7 @@ class Watch:
         self._tools: dict[str, _Tool] = {}
         self._broker_lost: str | None = None
 
-    def hear(self, news: Mapping[str, Any]) -> None:
+    def update(self, news: Mapping[str, Any]) -> None:
         """Process one event of `_engine.Watcher.poll`."""
         if "presence" in news:
             self._presences[news["presence"]["server"]] = news["presence"]
@@ -203,7 +203,7 @@ def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View
             first = False
             while (left := until - time.monotonic()) > 0:
                 for news in json.loads(watcher.poll(left)):
-                    watch.hear(news)
+                    watch.update(news)
             yield watch.view()
     finally:
         watcher.close()

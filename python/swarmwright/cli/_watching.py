@@ -20,7 +20,7 @@ TOOLS = ("tool", "run", "generations done", "evaluations", "waits for")
 
 
 def doing(server: ServerRow) -> str:
-    """Say what a server does now: 'block of 12', 'episode, step 7'; '-' for nothing."""
+    """Return what a server does now: 'block of 12', 'episode, step 7'; '-' for nothing."""
     if not server.doing:
         return "-"
     work = server.doing[0]

@@ -50,7 +50,7 @@ class ServerPeer(Server):
         for episode in self.episodes:
             episode.stop()
         for tool in self.tools:
-            self._let_go(tool)
+            self._end_episode(tool)
         limit = time.monotonic() + FREE_AFTER
         while not self.gone():
             if self._is_free(min(1.0, self.settings.timeout)):
@@ -60,7 +60,7 @@ class ServerPeer(Server):
             for episode in self.episodes:
                 self._play_out(episode)
             for tool in self.tools:
-                self._let_go(tool)
+                self._end_episode(tool)
         return self.gone()
 
     def _is_free(self, seconds: float) -> bool:
@@ -78,7 +78,7 @@ class ServerPeer(Server):
         self.client.waiting.clear()
         return free
 
-    def _let_go(self, tool: str) -> None:
+    def _end_episode(self, tool: str) -> None:
         fields = {"server": self.id, "simulation_hash": tool, "run": False, "tool": tool}
         self.client.send("control", simulation=self.settings.title, **fields)
 

@@ -329,7 +329,7 @@ class Episode:
         fields = {"server": self.server.id, "simulation_hash": self.hash, "run": False, **self._named}
         return self.server.client.send("control", simulation=self.server.settings.title, **fields)
 
-    def hear(self, sent: str = "") -> bool:
+    def receive(self, sent: str = "") -> bool:
         """The next sensor message, put among the pending, or the fitness; whether it was a sensor message.
 
         Raises Failure when nothing comes, or another message.
@@ -401,7 +401,7 @@ class Episode:
 
     def gather(self) -> None:
         """Hear the sensor messages of a step, until no more come."""
-        if self.over or (not self.pending and not self.hear()):
+        if self.over or (not self.pending and not self.receive()):
             return
         for message in self.server.client.drain(self.server.quiet):
             if self.is_mine(message):
@@ -429,7 +429,7 @@ class Episode:
             for agent, turn, sensors in list(self.pending):
                 chosen = chosen or self.server.policy
                 sent = self.answer(agent, chosen(agent, turn, sensors))
-            self.hear(sent)
+            self.receive(sent)
         return self.trajectory
 
 

@@ -160,9 +160,9 @@ class Nnga(Method):
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._shares = options.shares()
-        nobody: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
+        no_members: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         self._populations = [
-            _Population(nobody, children=options.population) for _ in range(options.populations)
+            _Population(no_members, children=options.population) for _ in range(options.populations)
         ]
         self._steady = SteadyMembers(options, representation)
 

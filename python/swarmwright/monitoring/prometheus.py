@@ -135,7 +135,7 @@ class ToolFigures(_Figures):
         yield _counter("evaluations", "Evaluations on servers that have ended.", self._evaluations)
         yield _gauge("evaluations_pending", "Evaluations asked for that have not ended.", self._pending)
         yield _labelled_counter(
-            "attempts", "Attempts at evaluations, single or in blocks.", ("mode", "outcome"), self._attempts
+            "attempts", "Attempts at evaluations, single or in batches.", ("mode", "outcome"), self._attempts
         )
         states = Counter(self._servers.values())
         benched = sum(used.get("benched") is not None for used in self._status.get("servers", ()))

@@ -149,9 +149,9 @@ class Loop:
             again = self._tell(genomes, seeds, results)
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._go_on_from(reader)
+        self._continue_from(reader)
 
-    def _go_on_from(self, reader: StoreReader) -> None:
+    def _continue_from(self, reader: StoreReader) -> None:
         """Note what earlier sessions have used."""
         self._resumed_at, self._stored = self._method.evaluations, len(reader.history())
         self._before = math.fsum(session.seconds or 0.0 for session in reader.sessions())
@@ -165,14 +165,14 @@ class Loop:
         """
         self._started = self._latest = time.monotonic()
         try:
-            stopped = self._go_on(backend, on_generation, on_progress)
+            stopped = self._continue(backend, on_generation, on_progress)
         except KeyboardInterrupt:
             if not self._stored:
                 raise
             return "interrupted"
         return "stopped" if stopped else "done"
 
-    def _go_on(
+    def _continue(
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
     ) -> bool:
         """Work to the end; return whether a callback ended it before."""

@@ -168,7 +168,7 @@ def resume(
     run = Run.open(folder, trust=trust)
     try:
         with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
-            _go_on(
+            _continue(
                 run,
                 on_generation,
                 on_progress,
@@ -185,7 +185,7 @@ def resume(
     return _finished(folder)
 
 
-def _go_on(
+def _continue(
     run: Run,
     on_generation: OnGeneration | None,
     on_progress: Progress | None,

@@ -59,7 +59,7 @@ class SteadyLoop(Loop):
             again = self._evaluated_part()
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
-        self._go_on_from(reader)
+        self._continue_from(reader)
 
     def _ask_all(self) -> list[Genome]:
         """Ask for all candidates available now; return the new ones."""
@@ -88,7 +88,7 @@ class SteadyLoop(Loop):
         fitness = np.array(part.fitness)
         return self._evaluated(number, genomes, self._seeds, part.results(), fitness)
 
-    def _go_on(
+    def _continue(
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
     ) -> bool:
         stopped = False

@@ -21,13 +21,13 @@ def diversity(run: "Run") -> NDArray[np.float64]:
     """
     record = run.record
     starts = np.searchsorted(record.generation, np.arange(run.generations + 1))
-    blocks = [record.genomes[begin:end] for begin, end in pairwise(starts)]
-    if not blocks:
+    generations = [record.genomes[begin:end] for begin, end in pairwise(starts)]
+    if not generations:
         return np.empty(0)
     if not run.experiment.representation().continuous:
-        return np.array([_disagreement(block) for block in blocks])
-    scale = _scale(blocks[0])
-    spreads = np.array([_spread(block, scale) for block in blocks])
+        return np.array([_disagreement(genomes) for genomes in generations])
+    scale = _scale(generations[0])
+    spreads = np.array([_spread(genomes, scale) for genomes in generations])
     first = spreads[0]
     return spreads / first if first > 0 else spreads
 

@@ -46,7 +46,7 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
     return model.model_validate({**given})
 
 
-def alone(registry: Registry[Any]) -> list[str]:
+def without_options(registry: Registry[Any]) -> list[str]:
     """Return the kinds without required options, and the built-in ones."""
     names = registry.names()
     fields = {name: registry.get(name).options_model.model_fields.values() for name in names}

@@ -12,7 +12,7 @@ import numpy as np
 from swarmwright.core.errors import InputError
 from swarmwright.methods import METHODS, Method
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.testing._common import alone, check_options, representation
+from swarmwright.testing._common import check_options, representation, without_options
 from swarmwright.testing._replay import check_replay
 from swarmwright.testing._samples import BoundedGenes, Choices
 from swarmwright.testing._steady import check_steady_state
@@ -32,7 +32,7 @@ def check_method(kind: str) -> None:
     can.
     """
     check_options(METHODS, kind)
-    made = [representation(name) for name in alone(REPRESENTATIONS)]
+    made = [representation(name) for name in without_options(REPRESENTATIONS)]
     suitable = [one for one in (*made, BoundedGenes()) if _accepts(kind, one)]
     assert suitable, f"{kind} refuses every representation"
     for one in suitable:
@@ -125,7 +125,7 @@ def _check_determinism(kind: str, representation: Representation) -> None:
     assert len(asked) == _GENERATIONS, f"{len(asked)} generations instead of {_GENERATIONS}"
 
     def meddling(genomes: Genomes) -> Fitness:
-        np.random.random(3)  # noqa: NPY002 - as somebody else's code would
+        np.random.random(3)  # noqa: NPY002 - as other code would
         random.random()
         return _sphere(genomes)
 
@@ -243,7 +243,7 @@ def _check_kept(kind: str, representation: Representation) -> None:
 def _check_start(kind: str, representation: Representation) -> None:
     """Check that a method starts from given genomes, or rejects them."""
     component = METHODS.get(kind)
-    given = _away(representation)
+    given = _off_center(representation)
     method, other = _new(kind, representation), _new(kind, representation)
     if component.start_as is None:
         try:
@@ -264,7 +264,7 @@ def _check_start(kind: str, representation: Representation) -> None:
     assert again.ask().tobytes() == first.tobytes(), f"{kind}: starts differently the second time"
 
 
-def _away(representation: Representation) -> Genomes:
+def _off_center(representation: Representation) -> Genomes:
     """Return a genome away from the middle of the initial range, (1, genome_size)."""
     lower, upper = representation.initial_range
     return np.asarray((lower + 0.9 * (upper - lower)).astype(np.float32)[np.newaxis])

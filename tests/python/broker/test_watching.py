@@ -54,8 +54,8 @@ def watch(clock: Clock) -> Watch:
 
 def test_the_server_that_was_silent_for_the_longest_time_is_the_blocking_one(watch: Watch) -> None:
     for server in (1, 2, 3):
-        watch.hear(presence(server))
-    watch.hear(status(work(1, 0.2), work(2, 1.5), work(3, 7.25)))
+        watch.update(presence(server))
+    watch.update(status(work(1, 0.2), work(2, 1.5), work(3, 7.25)))
     blocking = watch.view().blocking
     assert blocking is not None
     assert blocking.server == 3
@@ -67,8 +67,8 @@ def test_the_server_that_was_silent_for_the_longest_time_is_the_blocking_one(wat
 
 
 def test_nobody_blocks_while_everything_moves(watch: Watch) -> None:
-    watch.hear(presence(1))
-    watch.hear(status(work(1, 0.9)))
+    watch.update(presence(1))
+    watch.update(status(work(1, 0.9)))
     assert watch.view().blocking is None
     assert watch.view().tools[0].waits_for is None
     assert watch.view().record()["blocking"] is None
@@ -76,8 +76,8 @@ def test_nobody_blocks_while_everything_moves(watch: Watch) -> None:
 
 def test_what_a_tool_said_long_ago_blames_no_server(watch: Watch, clock: Clock) -> None:
     """Between two generations a tool says nothing; what it said last is no news of its servers."""
-    watch.hear(presence(1))
-    watch.hear(status(work(1, 3.0)))
+    watch.update(presence(1))
+    watch.update(status(work(1, 3.0)))
     assert watch.view().blocking is not None
     clock.now += STALE + 1
     view = watch.view()
@@ -89,19 +89,19 @@ def test_what_a_tool_said_long_ago_blames_no_server(watch: Watch, clock: Clock) 
 
 
 def test_servers_and_tools_leave(watch: Watch) -> None:
-    watch.hear(presence(1, "ready", None))
-    watch.hear(status())
-    watch.hear(status(token="b"))
+    watch.update(presence(1, "ready", None))
+    watch.update(status())
+    watch.update(status(token="b"))
     assert (len(watch.view().servers), len(watch.view().tools)) == (1, 2)
-    watch.hear({"left": 1})
-    watch.hear({"left": 4})
-    watch.hear(status(state="left"))
+    watch.update({"left": 1})
+    watch.update({"left": 4})
+    watch.update(status(state="left"))
     assert (len(watch.view().servers), len(watch.view().tools)) == (0, 1)
 
 
 def test_a_server_that_says_nothing_of_itself_is_known_by_what_tools_say(watch: Watch) -> None:
     used = {"server": 9, "mode": "stepwise", "speed": 2.5, "failures": 0}
-    watch.hear(status(work(9, 0.1, kind="episode", step=4), servers=[used]))
+    watch.update(status(work(9, 0.1, kind="episode", step=4), servers=[used]))
     (server,) = watch.view().servers
     assert (server.server, server.state, server.tool, server.use["speed"]) == (9, None, TOOL, 2.5)
     assert server.doing[0]["step"] == 4
@@ -110,23 +110,23 @@ def test_a_server_that_says_nothing_of_itself_is_known_by_what_tools_say(watch: 
 def test_of_two_tools_the_one_that_gave_it_work_says_how_fast_a_server_is(watch: Watch) -> None:
     for token, speed, works in (("a", 1.0, []), ("b", 2.0, [work(1, 0.1)]), ("c", 3.0, [])):
         used = {"server": 1, "mode": "offloaded", "speed": speed, "failures": 0}
-        watch.hear(status(*works, token=token, servers=[used], tool=f"tool {token}"))
+        watch.update(status(*works, token=token, servers=[used], tool=f"tool {token}"))
     (server,) = watch.view().servers
     assert (server.use["speed"], server.tool) == (2.0, "tool b")
 
 
 def test_work_without_a_server_is_told(watch: Watch) -> None:
-    watch.hear(status(no_server={"seconds": 12.5, "found": "server 1: has 3 dimensions"}))
+    watch.update(status(no_server={"seconds": 12.5, "found": "server 1: has 3 dimensions"}))
     assert watch.view().tools[0].waits_for == "no server for 12.5 s (server 1: has 3 dimensions)"
     assert watch.view().blocking is None
 
 
 def test_after_the_broker_was_lost_only_those_who_are_there_are_shown(watch: Watch) -> None:
-    watch.hear(presence(1))
-    watch.hear({"broker": "lost", "reason": "it closed the connection"})
+    watch.update(presence(1))
+    watch.update({"broker": "lost", "reason": "it closed the connection"})
     assert watch.view().broker_lost == "it closed the connection"
     assert len(watch.view().servers) == 1
-    watch.hear({"broker": "back"})
-    watch.hear(presence(2))
+    watch.update({"broker": "back"})
+    watch.update(presence(2))
     assert watch.view().broker_lost is None
     assert [server.server for server in watch.view().servers] == [2]

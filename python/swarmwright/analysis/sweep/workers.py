@@ -70,7 +70,7 @@ class _Process:
             self.process.stdin.write(f"{json.dumps(message)}\n".encode())
             self.process.stdin.flush()
 
-    def heard(self) -> list[Json] | None:
+    def read_reports(self) -> list[Json] | None:
         """Return its reports since the last call; None when it has ended."""
         data = os.read(self.events, 1 << 16)
         if not data:
@@ -143,7 +143,7 @@ class SideBySide:
                 self._start(place)
             while waiting or any(one is not None and one.task for one in self._processes):
                 for key, _ in self._selector.select(_PAUSE):
-                    self._hear(key.data, waiting)
+                    self._receive(key.data, waiting)
                 self._listener.tick()
         finally:
             self._close()
@@ -160,12 +160,12 @@ class SideBySide:
         self._processes[place] = process
         self._selector.register(process.events, selectors.EVENT_READ, place)
 
-    def _hear(self, place: int, waiting: deque[Task]) -> None:
+    def _receive(self, place: int, waiting: deque[Task]) -> None:
         process = self._processes[place]
         assert process is not None
-        messages = process.heard()
+        messages = process.read_reports()
         if messages is None:
-            self._bury(place, waiting)
+            self._replace(place, waiting)
             return
         for message in messages:
             if self._take(process, message):
@@ -186,11 +186,11 @@ class SideBySide:
             case "report":
                 reports.tell(message["report"])
             case event if task is not None:
-                process.task = self._told(task, event, message)
+                process.task = self._report(task, event, message)
                 return process.task is None
         return False
 
-    def _told(self, task: Task, event: str, message: Json) -> Task | None:
+    def _report(self, task: Task, event: str, message: Json) -> Task | None:
         """Report on a task; return it, or None when it has ended."""
         match event:
             case "generation":
@@ -214,7 +214,7 @@ class SideBySide:
         place = next(index for index, one in enumerate(self._variants) if one is task.variant)
         process.give(task, {"variant": place, "seed": task.seed, "folder": str(task.folder)})
 
-    def _bury(self, place: int, waiting: deque[Task]) -> None:
+    def _replace(self, place: int, waiting: deque[Task]) -> None:
         """A process has ended; start another one when there is still work for it."""
         process = self._processes[place]
         assert process is not None
@@ -241,7 +241,7 @@ class SideBySide:
                 for key, _ in self._selector.select(_PAUSE):
                     process = self._processes[key.data]
                     assert process is not None
-                    messages = process.heard()
+                    messages = process.read_reports()
                     if messages is None:
                         self._selector.unregister(key.fd)
                     for message in messages or ():

@@ -225,15 +225,15 @@ class Stage:
         while not over() and time.monotonic() < start + seconds:
             message = self.client.next(lambda _: True, 0.02)
             if message is not None:
-                self.hear(message)
+                self.receive(message)
             for actor in self.actors:
                 actor.tick()
         for message in self.client.drain(0.05):
-            self.hear(message)
+            self.receive(message)
         self.record.seconds = time.monotonic() - start
         return self.record
 
-    def hear(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Record a message, and pass it to the simulated servers."""
         if message.topic.startswith(TO_SERVER):
             for actor in self.actors:

@@ -41,9 +41,9 @@ class Batch:
         self.step = -1
         self.rows: list[tuple[int, int, NDArray[np.float32]]] = []
         self.sent = server.request(self.request)
-        self.hear(patience)
+        self.receive(patience)
 
-    def hear(self, patience: int = 1) -> None:
+    def receive(self, patience: int = 1) -> None:
         """The next sensors message."""
         answer = answer_to(self.server, self.request, self.sent, patience * self.server.settings.timeout)
         kind, reason = error_of(answer)
@@ -87,7 +87,7 @@ class Batch:
         """Answer until all episodes have ended."""
         while self.rows:
             self.answer([policy(*row) for row in self.rows])
-            self.hear()
+            self.receive()
 
 
 def _steps(server: Server) -> None:
@@ -211,7 +211,7 @@ def invalid(server: Server) -> None:
         )
     must_be_refused(server, batch(server, []), ["invalid"], "there is no seed")
     must_be_refused(
-        server, batch(server, [1], simulation="nobody has this"), ["invalid"], "it is not offered"
+        server, batch(server, [1], simulation="no such simulation"), ["invalid"], "it is not offered"
     )
     must_be_refused(server, batch(server, [1], version=2), ["invalid"], "the version is unknown")
     must_be_refused(

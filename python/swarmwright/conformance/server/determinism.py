@@ -94,7 +94,7 @@ def forgets(server: Server) -> None:
         cut = server.episode()
         cut.configure()
         cut.start()
-        cut.hear()
+        cut.receive()
         cut.stop()
         server.must_answer("an answer: the episode was ended")
         difference, after = first.difference(server.play(parameters=seeded(server, 1))), "one that was ended"

@@ -100,7 +100,7 @@ def ends(server: Server) -> str:
         for agent, turn, numbers in list(episode.pending):
             sent = episode.answer(agent, server.policy(agent, turn, numbers))
         last = time.monotonic()
-        episode.hear(sent)
+        episode.receive(sent)
         waits.append(time.monotonic() - last)
     trajectory = episode.trajectory
     trajectory.seconds = time.monotonic() - start
@@ -153,7 +153,7 @@ def waits_for_all(server: Server) -> None:
         episode.must_wait(agents, f"the actuators of agent {last[0]} are missing", sent)
         for agent, turn, numbers in list(episode.pending):
             sent = episode.answer(agent, server.policy(agent, turn, numbers))
-        episode.hear(sent)
+        episode.receive(sent)
         episode.gather()
     episode.play()
 
@@ -206,7 +206,7 @@ def serves_again(server: Server) -> None:
     episode.configure()
     for _ in range(3):
         sent = episode.start()
-        episode.hear(sent)
+        episode.receive(sent)
         episode.play()
 
 
@@ -277,7 +277,7 @@ def short_control(server: Server) -> None:
     episode = server.episode()
     episode.configure()
     fields = {"simulation": server.settings.title, "simulation_hash": episode.hash}
-    episode.hear(server.client.send("control", server=server.id, **fields))
+    episode.receive(server.client.send("control", server=server.id, **fields))
     episode.play()
 
 
@@ -320,7 +320,7 @@ def bare_control(server: Server) -> None:
     if len(server.announced.get("simulations", [1])) > 1:
         raise Skip("the server offers several simulations")
     sent = server.client.send("control", server=server.id, simulation_hash=episode.hash)
-    episode.hear(sent)
+    episode.receive(sent)
     if episode.over:
         return
     policy = Always((0.0,) * server.actuators)
@@ -328,7 +328,7 @@ def bare_control(server: Server) -> None:
         fields = {"agent": agent, "actuator": list(policy(agent, turn, numbers))}
         sent = server.client.send("actuator", simulation_hash=episode.hash, **fields)
     episode.pending.clear()
-    episode.hear(sent)
+    episode.receive(sent)
 
 
 @rule(

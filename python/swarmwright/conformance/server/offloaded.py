@@ -315,7 +315,7 @@ def invalid(server: Server) -> None:
     architecture = controllers.architecture
     wrong: list[tuple[str, Json]] = [
         ("version", {"version": 2}),
-        ("simulation", {"simulation": "nobody has this"}),
+        ("simulation", {"simulation": "no such simulation"}),
         ("controller.kind", {"controller": {**architecture, "kind": "abacus"}}),
         ("controller.sensors", {"controller": {**architecture, "sensors": server.sensors + 1}}),
         ("controller.actuators", {"controller": {**architecture, "actuators": server.actuators + 1}}),

@@ -65,7 +65,7 @@ def while_running(server: Server) -> None:
     must_be_taken(server, "an episode is under way")
     for agent, turn, numbers in list(episode.pending):
         episode.answer(agent, server.policy(agent, turn, numbers))
-    episode.hear()
+    episode.receive()
     if not episode.over:
         must_be_taken(server, "an episode is under way")
     episode.stop()
@@ -245,7 +245,7 @@ def is_held(server: Server) -> None:
     fix="while held, free the server at run: false with the holder's tool",
     needs=["S6.7"],
 )
-def is_let_go(server: Server) -> None:
+def is_freed(server: Server) -> None:
     """An episode with a name, then run: false."""
     episode = named(server, "conformance/a")
     sent = episode.stop()
@@ -267,7 +267,7 @@ def not_ended_by_others(server: Server) -> None:
         raise Skip("the simulation steers its agents itself, it may be over before it could be ended")
     episode = server.episode(tool="conformance/a")
     episode.configure()
-    episode.hear(episode.start())
+    episode.receive(episode.start())
     fields = {"server": server.id, "simulation_hash": episode.hash, "run": False}
     sent = server.client.send("control", **fields)
     sent += f", then {server.client.send('control', **fields, tool='conformance/b')}"

@@ -298,7 +298,7 @@ def integers(server: ServerPeer) -> None:
     sent = f'control {{{head}, "run": true}}'
     title = json.dumps(server.settings.title)
     client.publish("control", f'{{{head}, "run": true, "simulation": {title}}}')
-    episode.hear(sent)
+    episode.receive(sent)
     if episode.over:
         return
     episode.gather()
@@ -307,7 +307,7 @@ def integers(server: ServerPeer) -> None:
         sent = f'{{"simulation_hash": "{episode.hash}", "agent": {agent}.0, "actuator": {values}}}'
         client.publish("actuator", sent)
     episode.pending.clear()
-    episode.hear(f"actuator {sent}")
+    episode.receive(f"actuator {sent}")
 
 
 @rule(
@@ -320,7 +320,7 @@ def integers(server: ServerPeer) -> None:
 def repeated_keys(server: Server) -> None:
     """A discovery with the wrong title before the right one."""
     question = server.discovery()
-    text = json.dumps({**question, "first": 1}).replace("{", '{"simulation": "nobody has this", ', 1)
+    text = json.dumps({**question, "first": 1}).replace("{", '{"simulation": "no such simulation", ', 1)
     server.client.publish("discovery", text)
     hash_ = question["simulation_hash"]
     if not server.client.next(lambda message: server.is_answer(message, hash_), server.settings.timeout):
