@@ -27,7 +27,8 @@ mod trail;
 pub use draw::draw;
 pub use schedule::{Disturbance, Kind, Memory, Schedule, Server, Time, Tool, What, Who, Work};
 pub use shrink::shrink;
-pub use simulator::{IDLE, RECOVERY, Report};
+pub use simulator::properties::IDLE;
+pub use simulator::{RECOVERY, Report};
 pub use survey::{Survey, survey, tell};
 
 /// Runs a schedule; a panic of a machine is a violation, too. `log`: whether what happens is to be written down.
