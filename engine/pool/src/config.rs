@@ -45,7 +45,7 @@ pub struct Faults {
     pub backup: bool,
     /// The share of evaluations that are repeated on another server, 0 to 1.
     pub audit: f64,
-    /// A server that was never silent for long is doubted when it is much longer than ever before, and this at least.
+    /// A server is a straggler when it is silent for much longer than ever before, and for this time at least.
     pub least: Duration,
     /// How long an episode may take, stepwise.
     pub episode: Duration,

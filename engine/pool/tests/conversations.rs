@@ -50,7 +50,7 @@ proptest! {
         net.tool(first).release();
         net.collect(first);
         prop_assert_eq!(net.finish(second), undisturbed());
-        // Whoever came second to a server notices before the step time-out.
+        // The tool that came second to a server notices before the step time-out.
         prop_assert!(net.now - now < Duration::from_secs(20), "{:?}: {:?}", net.now - now, net.warnings);
     }
 

@@ -252,7 +252,7 @@ fn a_server_that_is_wrong_is_found_out_and_what_it_did_is_done_again() {
 }
 
 #[test]
-fn two_servers_that_do_not_agree_end_the_work_as_nobody_knows_who_is_wrong() {
+fn two_servers_that_do_not_agree_end_the_work_as_it_cannot_be_told_which_is_wrong() {
     let mut net = Net::new(3);
     net.add(Party::Extended(Box::new(offloaded(1))));
     net.add(Party::Extended(Box::new(Extended {
@@ -413,7 +413,7 @@ fn two_blocks_are_in_flight() {
 }
 
 #[test]
-fn a_server_that_is_taken_is_somebody_elses_and_no_failure() {
+fn a_server_that_another_tool_takes_is_not_a_failure() {
     let mut net = Net::new(5);
     let taken = refusal(RefusalKind::Taken, "taken by b");
     net.add(Party::Extended(Box::new(Extended {
@@ -724,7 +724,7 @@ fn an_evaluation_without_a_metric_that_is_needed_has_failed_and_it_is_said_why()
                 "{:?}",
                 net.warnings
             );
-            // Nobody who does not need the metric is troubled.
+            // A tool that does not need the metric is not affected.
             let mut net = Net::new(5);
             net.add(Party::Extended(Box::new(Extended { half, ..make(1) })));
             assert_eq!(

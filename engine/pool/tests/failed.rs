@@ -190,7 +190,7 @@ fn reports_of_strangers_change_nothing() {
         let control: serde_json::Value =
             serde_json::from_slice(&message.payload).unwrap_or_default();
         let hash = control["simulation_hash"].as_str().unwrap_or_default();
-        // Of a server that does not run the episode, and of an episode that nobody runs.
+        // Of a server that does not run the episode, and of an episode that no server runs.
         for (server, simulation_hash) in [(9, hash), (2, "none")] {
             let report = ToTool::Failed(Failed {
                 version: EXTENSION_VERSION,

@@ -137,7 +137,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: config().cases.div_ceil(12), ..config() })]
 
     #[test]
-    fn strangers_disturb_nobody_for_long(
+    fn messages_of_strangers_disturb_no_tool_for_long(
         mode in prop::sample::select(MODES.to_vec()),
         random in any::<u64>(),
         messages in prop::collection::vec(message(), 1..24),

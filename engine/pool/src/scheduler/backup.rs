@@ -10,22 +10,22 @@ const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 impl Scheduler {
     /// Gives the work of servers that have been silent for strangely long to others as well.
-    pub(crate) fn doubt(&mut self, now: Instant) {
-        for server in self.view().doubted(now) {
-            self.doubt_server(server, now);
+    pub(crate) fn back_up_stragglers(&mut self, now: Instant) {
+        for server in self.view().stragglers(now) {
+            self.speculate(server, now);
         }
     }
 
-    fn doubt_server(&mut self, server: u64, now: Instant) {
+    fn speculate(&mut self, server: u64, now: Instant) {
         let mut pieces = Vec::new();
         let mut words = String::new();
         for run in self.in_flight.episodes_of(server) {
-            run.doubt();
+            run.back_up();
             words = run.waiting_for(now).to_string();
             pieces.push(run.piece.clone());
         }
         for request in self.in_flight.requests_of(server) {
-            request.doubt();
+            request.back_up();
             if words.is_empty() {
                 words = request.waiting_for(now).to_string();
             }
@@ -56,7 +56,7 @@ impl Scheduler {
     }
 
     /// Nothing is queued any more: idle servers get copies of what others would take much longer for.
-    pub(crate) fn back_up(&mut self, now: Instant) {
+    pub(crate) fn start_backups(&mut self, now: Instant) {
         if !self.config.faults.backup || self.config.visual || self.ledger.queued() > 0 {
             return;
         }

@@ -19,7 +19,7 @@ impl Scheduler {
             self.give_away(now);
         }
         self.probe(now);
-        self.back_up(now);
+        self.start_backups(now);
         self.judge(now);
     }
 

@@ -78,10 +78,10 @@ impl Scheduler {
     #[must_use]
     pub fn next_tick(&self) -> Instant {
         let deadline = self.in_flight.next_deadline(&self.config);
-        let doubt = self.view().next_doubt();
+        let straggler = self.view().next_straggler();
         [
             deadline,
-            doubt,
+            straggler,
             self.recheck.at(),
             self.fleet.next_back_off_end(),
         ]
@@ -94,7 +94,7 @@ impl Scheduler {
     pub fn tick(&mut self, now: Instant) {
         self.late_episodes(now);
         self.late_requests(now);
-        self.doubt(now);
+        self.back_up_stragglers(now);
         self.fleet.end_back_offs(now);
         self.settle_unchecked(now);
         self.limits.tick(now);

@@ -13,7 +13,9 @@ use crate::scheduler::queue::blame::Blame;
 impl Scheduler {
     pub(crate) fn server(&mut self, message: ServerMessage, now: Instant) {
         let Some(round) = self.discovery.round_of(&message.simulation_hash) else {
-            return self.fleet.answered_another(message, &self.config.demand);
+            return self
+                .fleet
+                .answered_other_discovery(message, &self.config.demand);
         };
         let id = message.server;
         let announced = message.capabilities.swarmwright.as_ref();

@@ -1,6 +1,6 @@
 //! Speculative execution: backup copies of work that slow or silent servers have. The first result counts.
 //!
-//! A server that says nothing for much longer than it ever did is doubted long before its time-out: its work is given to
+//! A server that says nothing for much longer than it ever did is a straggler long before its time-out: its work is given to
 //! another one as well (hedged requests: Dean and Barroso, The Tail at Scale, 2013). When nothing is queued any more,
 //! idle servers get copies of what others would take much longer for.
 
@@ -18,32 +18,32 @@ use crate::scheduler::view::View;
 const MAX_SHARE_OF_REMAINING: f64 = 0.5;
 /// Seconds that a copy must be expected to save.
 const MIN_SAVED_SECONDS: f64 = 0.25;
-/// A block may take this many times as long as expected before its server is doubted.
+/// A block may take this many times as long as expected before its server is a straggler.
 const LATENESS_FACTOR: f64 = 4.0;
 
 impl View<'_> {
     /// When the next one of those under way takes longer than it should.
-    pub fn next_doubt(&self) -> Option<Instant> {
+    pub fn next_straggler(&self) -> Option<Instant> {
         let runs = self
             .in_flight
             .episodes()
-            .filter_map(|run| self.run_doubt(run));
+            .filter_map(|run| self.episode_bound(run));
         let requests = self.in_flight.requests();
-        let requests = requests.filter_map(|request| self.request_doubt(request));
+        let requests = requests.filter_map(|request| self.request_bound(request));
         runs.chain(requests).min()
     }
 
     /// The servers that have been silent for strangely long.
-    pub fn doubted(&self, now: Instant) -> Vec<u64> {
+    pub fn stragglers(&self, now: Instant) -> Vec<u64> {
         let late = |doubt: Option<Instant>| doubt.is_some_and(|at| at <= now);
         let mut servers = Vec::new();
         for run in self.in_flight.episodes() {
-            if late(self.run_doubt(run)) {
+            if late(self.episode_bound(run)) {
                 servers.push(run.server);
             }
         }
         for request in self.in_flight.requests() {
-            if late(self.request_doubt(request)) {
+            if late(self.request_bound(request)) {
                 servers.push(request.server);
             }
         }
@@ -52,16 +52,16 @@ impl View<'_> {
         servers
     }
 
-    fn run_doubt(&self, run: &Episode) -> Option<Instant> {
+    fn episode_bound(&self, run: &Episode) -> Option<Instant> {
         let slot = self.fleet.slot(run.server)?;
         let least = self.config.faults.least;
         let step = slot.steps.bound(least).map(|bound| run.heard() + bound);
         let episode = slot.episodes.bound(least).map(|bound| run.started + bound);
         let first = step.into_iter().chain(episode).min();
-        first.filter(|_| !run.is_doubted() && self.may_copy(&run.piece))
+        first.filter(|_| !run.has_backup() && self.may_copy(&run.piece))
     }
 
-    fn request_doubt(&self, request: &Request) -> Option<Instant> {
+    fn request_bound(&self, request: &Request) -> Option<Instant> {
         let slot = self.fleet.slot(request.server)?;
         let least = self.config.faults.least;
         let bound = match &request.batch {
@@ -71,7 +71,7 @@ impl View<'_> {
                 Duration::try_from_secs_f64(expected).ok()?.max(least)
             }
         };
-        let allowed = !request.is_doubted() && self.may_copy(&request.piece);
+        let allowed = !request.has_backup() && self.may_copy(&request.piece);
         allowed.then_some(request.heard() + bound)
     }
 

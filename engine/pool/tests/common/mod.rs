@@ -179,7 +179,7 @@ pub struct Message {
     pub payload: Vec<u8>,
 }
 
-/// The broker and everybody on it. Messages of one party stay in their order, as on a TCP connection; whose message
+/// The broker and all parties on it. Messages of one party stay in their order, as on a TCP connection; whose message
 /// comes next is drawn.
 pub struct Net {
     pub now: Instant,

@@ -1,4 +1,4 @@
-//! A broker that ends the connection of whoever sends more than it takes, without having said how much that is.
+//! A broker that ends the connection of a client that sends more than it takes, without having said how much that is.
 
 use std::time::{Duration, Instant};
 

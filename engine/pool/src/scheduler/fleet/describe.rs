@@ -65,7 +65,7 @@ impl Fleet {
                 .entry(*id)
                 .or_insert_with(|| format!("server {id}: {}", misfit.unwrap_or(state)));
         }
-        for (id, hash) in &self.strangers {
+        for (id, hash) in &self.unmatched {
             lines.entry(*id).or_insert_with(|| {
                 format!(
                     "server {id}: answers with simulation_hash {hash:?}, which is none of this tool's discoveries; it may \

@@ -37,7 +37,7 @@ pub(crate) struct Fleet {
     /// Ids to which two servers answered: the last round in which one did, and how often.
     duplicates: BTreeMap<u64, (u64, u32)>,
     /// Servers that answered with a hash that this tool has not asked with, each with that hash.
-    strangers: BTreeMap<u64, String>,
+    unmatched: BTreeMap<u64, String>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
     refusals: BTreeMap<u64, (Option<String>, String)>,
     /// How ids have behaved so far.

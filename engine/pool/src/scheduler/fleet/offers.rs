@@ -35,7 +35,7 @@ pub(crate) enum Answer {
 }
 
 /// Servers with other hashes that are remembered.
-const MOST_STRANGERS: usize = 100;
+const MOST_UNMATCHED: usize = 100;
 /// Characters of a hash that are shown, at most.
 const MOST_HASH: usize = 80;
 
@@ -143,12 +143,12 @@ impl Fleet {
 
     /// A server answered with a hash that this tool has not asked with: another tool's, mostly. One that knows D6.1 alone
     /// may do so always, for section 7.2.2 can be read so that its answer is fixed.
-    pub fn answered_another(&mut self, message: ServerMessage, demand: &Demand) {
+    pub fn answered_other_discovery(&mut self, message: ServerMessage, demand: &Demand) {
         let announced = message.capabilities.swarmwright.is_some();
-        let few = self.strangers.len() < MOST_STRANGERS;
+        let few = self.unmatched.len() < MOST_UNMATCHED;
         if few && !announced && message.simulations.contains(&demand.simulation) {
             let hash = shortened(message.simulation_hash, MOST_HASH);
-            self.strangers.insert(message.server, hash);
+            self.unmatched.insert(message.server, hash);
         }
     }
 
@@ -301,7 +301,7 @@ impl Fleet {
     pub fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
         self.unfit.remove(&id);
-        self.strangers.remove(&id);
+        self.unmatched.remove(&id);
         self.metrics.remove(&id);
         self.seen.remove(&id);
         self.remove(id)

@@ -32,7 +32,7 @@ pub(crate) struct Episode {
     /// round it was.
     deserted: Option<(Instant, u64)>,
     /// Whether it takes so long that another server has it, too.
-    doubted: bool,
+    backed_up: bool,
     /// Whether the supervisor of the server was asked what became of it.
     overdue: bool,
     /// Number of agents, if the parameters tell.
@@ -71,7 +71,7 @@ impl Episode {
             vacant: None,
             begun_in: None,
             deserted: None,
-            doubted: false,
+            backed_up: false,
             overdue: false,
             agents,
             prototype,
@@ -147,13 +147,13 @@ impl Episode {
     }
 
     /// Whether it takes so long that another server has it, too.
-    pub fn is_doubted(&self) -> bool {
-        self.doubted
+    pub fn has_backup(&self) -> bool {
+        self.backed_up
     }
 
     /// Another server gets it, too.
-    pub fn doubt(&mut self) {
-        self.doubted = true;
+    pub fn back_up(&mut self) {
+        self.backed_up = true;
     }
 
     /// Its time is over: whether the server's supervisor is to be asked first, once.

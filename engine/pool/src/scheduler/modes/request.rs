@@ -21,7 +21,7 @@ pub(crate) struct Request {
     heard: Instant,
     lease: Duration,
     /// Whether it takes so long that another server has it, too.
-    doubted: bool,
+    backed_up: bool,
     /// Whether the supervisor of the server was asked what became of it.
     overdue: bool,
     /// None for a block.
@@ -43,7 +43,7 @@ impl Request {
             started: now,
             heard: now,
             lease,
-            doubted: false,
+            backed_up: false,
             overdue: false,
             batch,
         }
@@ -76,13 +76,13 @@ impl Request {
     }
 
     /// Whether it takes so long that another server has it, too.
-    pub fn is_doubted(&self) -> bool {
-        self.doubted
+    pub fn has_backup(&self) -> bool {
+        self.backed_up
     }
 
     /// Another server gets it, too.
-    pub fn doubt(&mut self) {
-        self.doubted = true;
+    pub fn back_up(&mut self) {
+        self.backed_up = true;
     }
 
     /// Its lease is over: whether the server's supervisor is to be asked first, once.
