@@ -9,7 +9,7 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
 
 impl Scheduler {
-    pub(crate) fn is_to_be_audited(&self, evaluation: usize, server: u64) -> bool {
+    pub(super) fn is_to_be_audited(&self, evaluation: usize, server: u64) -> bool {
         let share = self.config.faults.audit;
         let seed = self.config.first_instance ^ self.work_number;
         let fleet = &self.fleet;
@@ -17,7 +17,7 @@ impl Scheduler {
     }
 
     /// Has an evaluation repeated before its result counts.
-    pub(crate) fn audit(&mut self, evaluation: usize, first: Found) {
+    pub(super) fn audit(&mut self, evaluation: usize, first: Found) {
         let Some(never) = self.fleet.auditors_but(&[first.server]) else {
             return;
         };
@@ -27,7 +27,7 @@ impl Scheduler {
     }
 
     /// What another server found where a result waits for that.
-    pub(crate) fn audited(&mut self, evaluation: usize, found: Found, now: Instant) {
+    pub(super) fn audited(&mut self, evaluation: usize, found: Found, now: Instant) {
         match self.audits.compare(evaluation, found, &self.fleet) {
             Compared::Late => self.counts.late += 1,
             Compared::Double => self.counts.double += 1,
@@ -109,7 +109,7 @@ impl Scheduler {
 
     /// What a server did, which is not used any more, is done again. Returns how many evaluations are, and how many
     /// cannot be, since they have been handed out.
-    pub(crate) fn redo(&mut self, server: u64, now: Instant) -> (usize, usize) {
+    pub(super) fn redo(&mut self, server: u64, now: Instant) -> (usize, usize) {
         let (reopened, lost) = self.ledger.reopen(server);
         self.counts.recomputed += reopened as u64;
         for (evaluation, mut kept) in self.audits.take_all() {
@@ -138,7 +138,7 @@ impl Scheduler {
     }
 
     /// An audit brought no result: it is tried again, or left out.
-    pub(crate) fn retry_audit(
+    pub(super) fn retry_audit(
         &mut self,
         piece: Piece,
         server: u64,
@@ -165,7 +165,7 @@ impl Scheduler {
     }
 
     /// Results for which there is no second server any more count without.
-    pub(crate) fn settle_unchecked(&mut self, now: Instant) {
+    pub(super) fn settle_unchecked(&mut self, now: Instant) {
         for evaluation in self.audits.unchecked(&self.fleet, &self.in_flight) {
             self.let_pass(evaluation, now);
         }

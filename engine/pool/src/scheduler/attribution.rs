@@ -16,7 +16,7 @@ const ABSENCE_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Scheduler {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
-    pub(crate) fn server_succeeded(&mut self, server: u64) {
+    pub(super) fn server_succeeded(&mut self, server: u64) {
         self.fleet.succeeded(server);
         self.outlook.some_work();
         let processes = &self.processes;
@@ -29,7 +29,7 @@ impl Scheduler {
     }
 
     /// Gives what succeeded before to servers that are to show that they are sound, and have nothing else to do.
-    pub(crate) fn probe(&mut self, now: Instant) {
+    pub(super) fn probe(&mut self, now: Instant) {
         let Some(good) = self.ledger.good() else {
             return;
         };
@@ -60,7 +60,7 @@ impl Scheduler {
     }
 
     /// A server did not evaluate what had succeeded before.
-    pub(crate) fn probe_failed(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
+    pub(super) fn probe_failed(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
         match blame {
             Blame::None | Blame::Broker | Blame::Lost | Blame::Gone | Blame::Silent { .. } => {}
             Blame::Evaluation | Blame::Answer | Blame::Crash => {
@@ -77,7 +77,7 @@ impl Scheduler {
     }
 
     /// Evaluations that were put aside and wait for no server have failed, or are tried again.
-    pub(crate) fn resolve(&mut self, now: Instant) {
+    pub(super) fn resolve(&mut self, now: Instant) {
         if !self.ledger.attribution().any_aside() {
             return;
         }
@@ -175,7 +175,7 @@ impl Scheduler {
     }
 
     /// Notes since when all servers have been broken.
-    pub(crate) fn judge(&mut self, now: Instant) {
+    pub(super) fn judge(&mut self, now: Instant) {
         let health = self.fleet.health();
         let hope = |(id, slot): (u64, &Slot)| !health.is_broken(id) && !slot.silent;
         if self.fleet.slots().any(hope) || self.finished() {

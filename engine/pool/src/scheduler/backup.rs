@@ -10,7 +10,7 @@ const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 impl Scheduler {
     /// Gives the work of servers that have been silent for strangely long to others as well.
-    pub(crate) fn back_up_stragglers(&mut self, now: Instant) {
+    pub(super) fn back_up_stragglers(&mut self, now: Instant) {
         for server in self.view().stragglers(now) {
             self.speculate(server, now);
         }
@@ -56,7 +56,7 @@ impl Scheduler {
     }
 
     /// Nothing is queued any more: idle servers get copies of what others would take much longer for.
-    pub(crate) fn start_backups(&mut self, now: Instant) {
+    pub(super) fn start_backups(&mut self, now: Instant) {
         if !self.config.faults.backup || self.config.visual || self.ledger.queued() > 0 {
             return;
         }

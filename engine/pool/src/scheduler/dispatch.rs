@@ -11,7 +11,7 @@ use crate::scheduler::share::IN_FLIGHT;
 
 impl Scheduler {
     /// Gives work to every server that has room for it, to those that have none first.
-    pub(crate) fn dispatch(&mut self, now: Instant) {
+    pub(super) fn dispatch(&mut self, now: Instant) {
         self.fleet.suspend(self.ledger.good().is_some());
         self.resolve(now);
         if self.ledger.queued() > 0 {
@@ -68,7 +68,7 @@ impl Scheduler {
     }
 
     /// Gives a piece to a server.
-    pub(crate) fn start(&mut self, piece: Piece, server: u64, now: Instant) {
+    pub(super) fn start(&mut self, piece: Piece, server: u64, now: Instant) {
         match self.fleet.slot(server).map(|slot| slot.way) {
             Some(Way::Stepwise) => self.start_episode(piece, server, now),
             Some(Way::Batched(_)) => self.start_batch(piece, server, now),

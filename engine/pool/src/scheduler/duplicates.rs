@@ -13,13 +13,13 @@ use crate::scheduler::queue::blame::Blame;
 
 impl Scheduler {
     /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.
-    pub(crate) fn found_two(&mut self, id: u64, round: u64, now: Instant) {
+    pub(super) fn found_two(&mut self, id: u64, round: u64, now: Instant) {
         let (jobs, news) = self.fleet.are_two(id, round);
         self.are_two(id, jobs, news, now);
     }
 
     /// Two servers have an id: it is not used until one is left, and what came under it counts no more.
-    pub(crate) fn are_two(&mut self, id: u64, jobs: Vec<Job>, news: bool, now: Instant) {
+    pub(super) fn are_two(&mut self, id: u64, jobs: Vec<Job>, news: bool, now: Instant) {
         for job in &jobs {
             if let Job::Episode(hash) = job {
                 self.end_run(id, hash);
@@ -46,7 +46,7 @@ impl Scheduler {
     }
 
     /// Results are handed out. Of servers that say which start of them answers there is no doubt.
-    pub(crate) fn hands_out(&mut self) {
+    pub(super) fn hands_out(&mut self) {
         let slots = self.fleet.slots();
         let doubtful = slots.filter(|(_, slot)| slot.instance.is_none());
         let doubtful: BTreeSet<u64> = doubtful.map(|(id, _)| id).collect();

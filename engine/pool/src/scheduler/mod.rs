@@ -1,12 +1,14 @@
 //! What the pool decides: messages and time in, actions out, no I/O.
 //!
-//! The scheduler owns parts with private fields and routes events between them. Parts know nothing of the scheduler, and
-//! each but these only of parts further down: `fleet` (servers, their offers, health and capacity), `modes` (work in
-//! flight), `queue` (pieces, results, attribution of failures), `limits` (how much the broker takes), `audit`,
-//! `messages`, `outbox`, `outlook`. What needs several of them to be decided is decided on a [`View`](view::View) of
-//! them: `share` (how much a server gets), `speculation` (what is worth a backup copy). The other files are the routes:
-//! `events` (what comes in), `servers`, `dispatch`, `settle`, `retry`, `attribution`, `agreement`, `backup`,
-//! `duplicates`, `supervised`, and one for each mode.
+//! The [`Scheduler`] owns parts with private fields and routes events between them. Parts do not know the scheduler, and
+//! import each other in one direction only (`tests/layers.rs`): `queue` (pieces, results, attribution of failures),
+//! `modes` (work in flight), `fleet` (servers, their offers, health and capacity), `limits` (how much the broker takes),
+//! `audit`, `messages`, `outbox`, `outlook`. Decisions that need several parts are made on a `View` of them: `share`
+//! (how much work a server gets), `speculation` (what is worth a backup copy).
+//!
+//! The other files are the routes, parts of the scheduler itself: `events` (messages and time), `servers` (discovery and
+//! presence), `dispatch`, `settle` (results), `retry`, `attribution`, `agreement` (audits), `backup`, `duplicates` (two
+//! servers with one id), `supervised` (processes that are watched), and `modes/{stepwise, batched, offloaded}`.
 //!
 //! Discovery goes out in rounds, each with its own hash. Every fitting server that answers gets work, in the fastest way
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
@@ -67,23 +69,27 @@ use crate::work::{Work, WorkError};
 /// The decisions of one optimization tool.
 pub struct Scheduler {
     config: Config,
+    /// Servers.
     fleet: Fleet,
     discovery: Discovery,
     processes: Processes,
     unproven: Unproven,
+    /// The work: what is queued, in flight, waits for an audit, or done.
     ledger: Ledger,
     in_flight: InFlight,
-    journal: Journal,
-    outbox: Outbox,
-    messages: Messages,
-    /// What was learnt of how much it takes.
-    limits: Limits,
-    counts: Counts,
-    recheck: Recheck,
     audits: Audits,
     /// How often work was submitted.
     work_number: u64,
+    /// When to look again for an idle server.
+    recheck: Recheck,
+    /// Why the work may not end.
     outlook: Outlook,
+    /// How much the broker takes.
+    limits: Limits,
+    messages: Messages,
+    outbox: Outbox,
+    journal: Journal,
+    counts: Counts,
 }
 
 impl Scheduler {

@@ -14,12 +14,12 @@ const FREE_LOSSES: u32 = 3;
 impl Scheduler {
     /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
     /// only waited.
-    pub(crate) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
+    pub(super) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
         self.fail_each(jobs, reason, blame, now);
         self.dispatch(now);
     }
 
-    pub(crate) fn fail_each(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
+    pub(super) fn fail_each(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
         for (index, job) in jobs.into_iter().enumerate() {
             // A connection is broken for all of them.
             let blame = if index == 0 || blame == Blame::Broker {
@@ -35,7 +35,7 @@ impl Scheduler {
     }
 
     /// A server failed: it has a pause.
-    pub(crate) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
+    pub(super) fn failed(&mut self, server: u64, reason: &str, now: Instant) {
         self.counts.server_failures += 1;
         self.counts.benched += 1;
         self.fleet.back_off(server, reason, now);
@@ -45,7 +45,7 @@ impl Scheduler {
     ///
     /// Where several evaluations were sent together it is unknown which one was to blame: smaller parts are tried until
     /// one is alone. What counts against that one is in [`blame`](crate::scheduler::queue::blame).
-    pub(crate) fn retry(
+    pub(super) fn retry(
         &mut self,
         mut piece: Piece,
         server: u64,
@@ -148,7 +148,7 @@ impl Scheduler {
     }
 
     /// Evaluations that have failed for good.
-    pub(crate) fn give_up(&mut self, piece: &Piece, everywhere: bool, now: Instant) {
+    pub(super) fn give_up(&mut self, piece: &Piece, everywhere: bool, now: Instant) {
         for evaluation in piece.evaluations.clone() {
             let failed = self.ledger.give_up(evaluation, everywhere);
             self.counts.failed += u64::from(failed);
@@ -159,7 +159,7 @@ impl Scheduler {
     }
 
     /// A line of the journal.
-    pub(crate) fn record(
+    pub(super) fn record(
         &mut self,
         attempt: Attempt,
         piece: &Piece,

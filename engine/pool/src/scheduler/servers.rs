@@ -11,7 +11,7 @@ use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::queue::blame::Blame;
 
 impl Scheduler {
-    pub(crate) fn server(&mut self, message: ServerMessage, now: Instant) {
+    pub(super) fn server(&mut self, message: ServerMessage, now: Instant) {
         let Some(round) = self.discovery.round_of(&message.simulation_hash) else {
             return self
                 .fleet
@@ -45,7 +45,7 @@ impl Scheduler {
         }
     }
 
-    pub(crate) fn presence(&mut self, presence: Presence, now: Instant) {
+    pub(super) fn presence(&mut self, presence: Presence, now: Instant) {
         if presence.state == State::Lost && self.processes.are_watched(presence.server) {
             let announced = presence.capabilities.swarmwright.as_ref();
             let pid = announced.and_then(|announced| announced.pid);
@@ -91,7 +91,7 @@ impl Scheduler {
         }
     }
 
-    pub(crate) fn discover(&mut self, now: Instant) {
+    pub(super) fn discover(&mut self, now: Instant) {
         let hash = self.messages.new_hash();
         let message = self.messages.discovery(&self.config, hash.clone());
         self.publish(Topic::Discovery, message.encode());

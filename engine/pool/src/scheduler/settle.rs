@@ -10,7 +10,7 @@ use crate::scheduler::queue::results::Found;
 
 impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
-    pub(crate) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
+    pub(super) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
         self.server_succeeded(found.server);
         if piece.purpose == Purpose::Probe {
             return;
@@ -29,7 +29,7 @@ impl Scheduler {
     }
 
     /// A result counts: copies of its evaluation are not needed any more.
-    pub(crate) fn count(&mut self, evaluation: usize, found: &Found, now: Instant) {
+    pub(super) fn count(&mut self, evaluation: usize, found: &Found, now: Instant) {
         let shared = self.ledger.is_shared(evaluation);
         self.ledger
             .settle(evaluation, found.server, found.fitness, &found.metrics);
@@ -40,7 +40,7 @@ impl Scheduler {
     }
 
     /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
-    pub(crate) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
+    pub(super) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
         self.drop_all(
             |scheduler, piece| scheduler.is_over(piece, evaluation),
             reason,
@@ -59,7 +59,7 @@ impl Scheduler {
     }
 
     /// Ends the probes that are under way: there is nothing more to tell, nor to record.
-    pub(crate) fn drop_probes(&mut self, now: Instant) {
+    pub(super) fn drop_probes(&mut self, now: Instant) {
         let reason = "all work is done";
         self.drop_all(|_, piece| piece.purpose == Purpose::Probe, reason, now);
     }
@@ -95,7 +95,7 @@ impl Scheduler {
     }
 
     /// A fitness for no episode under way.
-    pub(crate) fn unexpected_fitness(&mut self, hash: &str) {
+    pub(super) fn unexpected_fitness(&mut self, hash: &str) {
         match self.in_flight.ended(hash) {
             Some((_, true)) => self.counts.double += 1,
             Some(_) => self.counts.late += 1,
