@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmwright.core.untrusted import one_line
 from swarmwright.figures.style import AXES, COLORS, INK, PAPER, SOFT, dress, new_figure, thousands, zoom
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
     failed = sum(one.failed for one in run.history)
     figure.suptitle(
-        f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller",
+        one_line(f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller"),
         x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
     upper.set_title(

@@ -1,6 +1,7 @@
 """The style of figures of runs, and writing them to files."""
 
 import io
+import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -104,7 +105,10 @@ def save(figure: "Figure", path: Path) -> Path:
     kind = path.suffix.lower()[1:]
     # Without a date, the same figure is the same file.
     date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    figure.savefig(buffer, format=kind, metadata=date)
+    with warnings.catch_warnings():
+        # Text in a script that the font lacks is shown as boxes.
+        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+        figure.savefig(buffer, format=kind, metadata=date)
     try:
         path.write_bytes(buffer.getvalue())
     except OSError as error:
