@@ -180,7 +180,7 @@ def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
         counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
         if len(few) > 3:
             counts = f"{len(few)} groups have {least} or more"
-        found.append(f"with fewer than {FEW} runs in a group ({counts}) a test says little")
+        found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
     shortest = min(one.evaluations[0] for one in groups)
     longest = max(one.evaluations[1] for one in groups)
     if at is None and len(groups) > 1 and longest > 1.1 * shortest:
@@ -197,5 +197,5 @@ def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
         )
     interrupted = [str(run.path) for one in groups for run in one.runs if run.interrupted]
     if interrupted:
-        found.append(f"ended before their time: {', '.join(interrupted)}")
+        found.append(f"ended early: {', '.join(interrupted)}")
     return found

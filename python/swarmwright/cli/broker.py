@@ -154,7 +154,7 @@ def command(
         return _add_user(output, Path(add_user[0]), add_user[1])
     if prefixes or iterations is not None:
         option = "--prefix" if prefixes else "--iterations"
-        raise click.UsageError(f"{option} goes with --init alone.")
+        raise click.UsageError(f"{option} is only valid with --init.")
     if len(hosts) > 1:
         raise click.UsageError("The broker listens on one address; --host was given more than once.")
     host = hosts[0] if hosts else "127.0.0.1"
@@ -197,7 +197,7 @@ def command(
 
 def _needs(option: str, value: object, other: str, needed: object) -> None:
     if value is not None and needed is None:
-        raise click.UsageError(f"{option} does nothing without {other}.")
+        raise click.UsageError(f"{option} has no effect without {other}.")
 
 
 def _refuse(option: str, others: Mapping[str, object]) -> None:
@@ -256,7 +256,7 @@ def _add_user(output: Output, file: Path, name: str) -> int:
             "restrict it with chmod 600",
             file,
         )
-    output.text(f"{file}: {name} {'added' if new else 'has another password now'}")
+    output.text(f"{file}: {name} {'added' if new else 'has a new password'}")
     output.json({"event": "user", "file": str(file), "user": name, "new": new})
     return 0
 

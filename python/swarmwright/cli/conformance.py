@@ -40,7 +40,7 @@ def command() -> None:
 def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
     """What both sides have."""
     options = [
-        click.option("--exec", "start", metavar="COMMAND", help="Start the peer with this; see below."),
+        click.option("--exec", "start", metavar="COMMAND", help="Command that starts the peer; see below."),
         broker_option(
             default=None,
             text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
@@ -51,14 +51,14 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
             "--rules",
             multiple=True,
             metavar="IDS",
-            help="Try these rules or groups only, such as S2,S4.1; with '-' before it, all but these.",
+            help="Check only these rules or groups, such as S2,S4.1; with '-' before it, all but these.",
         ),
         click.option(
             "--profile",
             type=click.Choice(["d6.1", "all"]),
             default="all",
             show_default=True,
-            help="d6.1: try those rules alone that deliverable D6.1 demands; all: Swarmwright's as well.",
+            help="d6.1: check only the rules that deliverable D6.1 demands; all: Swarmwright's as well.",
         ),
         click.option(
             "--junit",
@@ -66,7 +66,7 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
             metavar="FILE",
             help="Write the results as JUnit XML, too.",
         ),
-        click.option("--list", "listing", is_flag=True, help="List the rules and try nothing."),
+        click.option("--list", "listing", is_flag=True, help="List the rules without checking."),
         click.option(
             "--wait",
             type=click.FloatRange(0.1, 86400.0),
@@ -96,13 +96,15 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
     help="Id of the server. Default: 1 with --exec, else it must be given.",
 )
 @click.option(
-    "--simulation", metavar="TITLE", help="What to ask it for. Default: what its presence offers first."
+    "--simulation",
+    metavar="TITLE",
+    help="Simulation to ask for. Default: the first one in its presence message.",
 )
 @click.option(
     "--dimensions",
     type=float,
     metavar="D",
-    help="Spatial dimensions that it has. Default: 2, 3 and 1 are tried.",
+    help="Its spatial dimensions. Default: 2, 3 and 1 are tried.",
 )
 @click.option(
     "--parameters",
@@ -111,10 +113,10 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
     "a random start try most.",
 )
 @click.option(
-    "--sensors", type=WholeNumber(1, 1_000_000), metavar="N", help="Numbers of an agent, if not announced."
+    "--sensors", type=WholeNumber(1, 1_000_000), metavar="N", help="Values per agent, if not announced."
 )
 @click.option(
-    "--actuators", type=WholeNumber(1, 1_000_000), metavar="N", help="Numbers of an agent, if not announced."
+    "--actuators", type=WholeNumber(1, 1_000_000), metavar="N", help="Values per agent, if not announced."
 )
 @click.option(
     "--timeout",
@@ -194,14 +196,16 @@ def server_command(
     example='swarmwright conformance optimizer --exec "swarmwright optimize {experiment} --out {folder}/r"\n'
     "swarmwright conformance optimizer --simulation rovers --sensors 8 --actuators 2",
 )
-@click.option("--simulation", metavar="TITLE", help="Offer this alone. Default: whatever is asked for.")
+@click.option(
+    "--simulation", metavar="TITLE", help="Offer only this simulation. Default: any that is asked for."
+)
 @click.option(
     "--sensors",
     type=WholeNumber(1, 1000),
     default=3,
     show_default=True,
     metavar="N",
-    help="Numbers that an agent senses.",
+    help="Sensor values of an agent.",
 )
 @click.option(
     "--actuators",
@@ -209,7 +213,7 @@ def server_command(
     default=2,
     show_default=True,
     metavar="N",
-    help="Numbers that an agent is steered by.",
+    help="Actuator values of an agent.",
 )
 @click.option(
     "--episodes",
@@ -316,7 +320,9 @@ class _Reporter:
         from swarmwright.conformance._table import print_table
 
         if any("give --actuators" in result.detail for result in report.results):
-            self.say("Many rules were skipped, for the number of actuators is not known: give --actuators N.")
+            self.say(
+                "Many rules were skipped because the number of actuators is not known: give --actuators N."
+            )
         if junit is not None:
             write_junit(report, junit, rules.groups)
         if self._output.terminal:

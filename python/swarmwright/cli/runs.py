@@ -178,7 +178,7 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
         for run in opened:
             aside(f"{run.path}: {run.evaluations} evaluations, {run.state}")
         what = "this run" if len(opened) == 1 else f"these {len(opened)} runs"
-        if not click.confirm(f"Delete {what} for ever?", err=True):
+        if not click.confirm(f"Delete {what} permanently?", err=True):
             aside("Nothing was deleted.")
             return 1
     for run in opened:

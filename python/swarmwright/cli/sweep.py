@@ -102,10 +102,10 @@ def command(
             output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
         if outcome.interrupted:
             done, whole = len(outcome.runs), len(todo)
-            output.text(f"Interrupted after {done} of {whole} runs; the same command goes on.")
+            output.text(f"Interrupted after {done} of {whole} runs; run the same command to continue.")
             return INTERRUPTED
     except KeyboardInterrupt:
-        complain("interrupted; what is finished is kept, and the same command goes on")
+        complain("interrupted; what is finished is kept; run the same command to continue")
         return INTERRUPTED
     return FAILED if outcome.failures else 0
 

@@ -345,6 +345,6 @@ def strayed(reader: StoreReader, generation: int) -> str:
     versions = reader.sessions()[0].versions
     with_what = ", ".join(f"{name} {version}" for name, version in versions.items())
     return (
-        f"{reader.file}: the run cannot go on: generation {generation} comes out differently here. It was "
+        f"{reader.file}: the run cannot continue: generation {generation} comes out differently here. It was "
         f"begun with {with_what}; use these versions, on a machine of the same kind"
     )

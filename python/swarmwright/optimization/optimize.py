@@ -254,7 +254,7 @@ def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
         done = len(StoreReader(folder).history())
     if done:
         kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
-        return f"{kept} `swarmwright resume {folder}` goes on from there"
+        return f"{kept} `swarmwright resume {folder}` continues from there"
     if isinstance(error.__cause__, sqlite3.Error | OSError):
         return f"no generation was finished: `swarmwright resume {folder}` begins again"
     return None

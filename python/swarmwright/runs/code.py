@@ -213,7 +213,7 @@ def continuation(
         raise InputError(
             f"{_told_of(run, copy, changed)}\nGenerations that different code evaluated cannot be compared. "
             f"Restore what was edited (the run's copy is in {near(copy.folder)}), or start a new run, or go "
-            "on all the same with --accept-changed-code, which is noted in the run (in Python, "
+            "on nevertheless with --accept-changed-code, which is noted in the run (in Python, "
             "accept_changed_code=True)."
         )
     if named is None:
@@ -241,7 +241,7 @@ def _without_copy(
         raise InputError(
             f"{run.path}: the code of this run has changed since it was begun. How cannot be shown, as the "
             f"copy, {FOLDER}/{version}, was deleted. Restore one of the two, or start a new run, or go on "
-            "all the same with --accept-changed-code, which is noted in the run (in Python, "
+            "nevertheless with --accept-changed-code, which is noted in the run (in Python, "
             "accept_changed_code=True)."
         )
     note = f"changed code accepted from generation {run.generations} on: the copy of what it was is deleted"
@@ -326,7 +326,9 @@ def _tell(copy: Copy, kept: Kept) -> None:
     if now is None:
         return
     if kept.name in SECTIONS or is_adapted(kept.component):
-        notices.say(f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; what is there now is used")
+        notices.say(
+            f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used"
+        )
     else:
         notices.copy_is_used(copy, kept, now, _INSTEAD)
 

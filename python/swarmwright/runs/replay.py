@@ -147,8 +147,8 @@ class Replay:
             if fitness == self.choice.fitness or math.isnan(self.choice.fitness):
                 return f"{said}."
             return (
-                f"{said}; in the run it was {self.choice.fitness + 0.0:.6g}: this simulation does not repeat "
-                "itself to the last bit here."
+                f"{said}; in the run it was {self.choice.fitness + 0.0:.6g}: this simulation is not "
+                "bit-identical here."
             )
         where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
         meaning = f", the {self._meaning}" if self._episodes > 1 else ""

@@ -22,7 +22,7 @@ def check_folder(folder: Path) -> None:
         if (folder / FILE).exists():
             raise InputError(
                 f"{folder}: holds a run already, and results are never written over; name another folder, "
-                f"or go on with that run: swarmwright resume {folder}"
+                f"or resume that run: swarmwright resume {folder}"
             )
         if folder.is_dir() and not _broken_off(folder) and any(folder.iterdir()):
             raise InputError(

@@ -111,7 +111,7 @@ def test_names_of_many_groups_are_slanted_and_whole_lists_stay_together(tmp_path
 def test_few_runs_are_said_to_be_few(tmp_path: Path) -> None:
     found = compare([*runs(tmp_path, [1.0, 2.0, 3.0]), *runs(tmp_path, [1.0], method=SEARCH)])
     assert found.notes == (
-        "with fewer than 5 runs in a group (nnga: 3; random_search: 1) a test says little",
+        "with fewer than 5 runs in a group (nnga: 3; random_search: 1) a test has little power",
     )
     assert "none, too few runs" in str(found)
     drawn(found, tmp_path)

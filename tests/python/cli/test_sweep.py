@@ -73,7 +73,7 @@ def test_interrupted_it_goes_on(program: Any, start: Any, tmp_path: Path, server
     process.send_signal(signal.SIGINT)
     said, complaint = process.communicate(timeout=30)
     assert process.returncode == 130, complaint
-    assert "the same command goes on" in said
+    assert "run the same command to continue" in said
     result = program("sweep", "sweep.yaml")
     assert result.returncode == 0, result.stderr
     alone = program("sweep", "sweep.yaml", "--out", "alone", "--servers", "local")

@@ -123,7 +123,7 @@ def test_a_disk_that_is_full_at_the_end_is_told_of(
         assert line.startswith(f"swarmwright: {folder}/")
         assert "the disk is full" in line or "No space left on device" in line
         assert f"the results of {at + 1} generations are kept" in line
-        assert f"`swarmwright resume {folder}` goes on from there" in line
+        assert f"`swarmwright resume {folder}` continues from there" in line
         assert Run.open(folder).generations == at + 1, "it can be read while the disk is full"
         (place / "rest").unlink()
         run = resume(folder)
@@ -174,7 +174,7 @@ def test_a_disk_error_at_any_of_the_last_writes_is_told_of(
             failed += 1
             assert result.returncode == 1, (at, result)
             assert f"{folder.name}/run.sqlite: the disk " in result.stderr
-            assert f"`swarmwright resume {folder.name}` goes on from there" in result.stderr
+            assert f"`swarmwright resume {folder.name}` continues from there" in result.stderr
         else:  # nothing was lost by it
             assert Run.open(folder).state == "done", (at, result)
         run = resume(folder)

@@ -378,5 +378,5 @@ def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: 
         patch.setattr(logging.getLogger("swarmwright"), "warning", lambda _, text: warned.append(text))
         assert repeat(run).same
     assert warned == [
-        "run: ranking coded: site/coded_ranking.py was edited since; what is there now is used"
+        "run: ranking coded: site/coded_ranking.py was edited since; the current version is used"
     ] or (not installed and "source/coded_ranking.py was edited since" in warned[0])
