@@ -9,137 +9,26 @@
 )]
 
 mod extended;
+mod fleets;
+mod line;
 mod narrow;
+mod tools;
 
 use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value};
-use swarmwright_pool::{Attempt, Config, Demand, Faults, Mode, Results, Scheduler, Work};
-use swarmwright_protocol::{Requirements, Topic, Topics};
-use swarmwright_worlds::{
-    Description, Determinism, MetricInfo, ParameterError, Parameters, Simulation,
-};
-use swarmwright_wrapper::{Identity, Machine as ServerMachine, Notice};
+use serde_json::Value;
+use swarmwright_pool::{Attempt, Results, Scheduler, Work};
+use swarmwright_protocol::{Topic, Topics};
+use swarmwright_wrapper::{Machine as ServerMachine, Notice};
 
 pub use extended::{Extended, Wrong, refusal};
-
-/// What the line measures.
-pub const METRICS: &[MetricInfo] = &[
-    MetricInfo::new("steps", "steps", "Steps made."),
-    MetricInfo::new("half", "", "Half the fitness."),
-];
-
-/// The most agents that there may be.
-const MOST_AGENTS: usize = 10_000;
-
-/// Agents on a line: each moves by its actuator; the fitness is the sum of the places, weighted by agent and seed.
-pub struct Line {
-    places: Vec<f32>,
-    acting: Vec<u32>,
-    step: u32,
-    seed: f32,
-    /// The way of a step, where agents steer themselves.
-    speed: Option<f32>,
-    pub sensors: usize,
-}
-
-impl Line {
-    pub fn new() -> Self {
-        Self {
-            places: Vec::new(),
-            acting: Vec::new(),
-            step: 0,
-            seed: 0.0,
-            speed: None,
-            sensors: 2,
-        }
-    }
-}
-
-impl Simulation for Line {
-    fn description(&self) -> Description {
-        Description {
-            title: "line".into(),
-            dimensions: 2,
-            max_agents: Some(100),
-            sensors: self.sensors,
-            actuators: 1,
-            metrics: METRICS.into(),
-            determinism: Determinism::Bitwise,
-        }
-    }
-
-    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
-        let number = |name: &str| parameters.get(name).and_then(Value::as_f64).unwrap_or(0.0);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "small numbers"
-        )]
-        let agents = number("numAgents") as usize;
-        if !(1..=MOST_AGENTS).contains(&agents) {
-            return Err(ParameterError {
-                name: "numAgents".into(),
-                reason: format!("must be 1 to {MOST_AGENTS}"),
-            });
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
-        let seed = number("seed") as f32;
-        self.seed = seed;
-        #[expect(clippy::cast_possible_truncation, reason = "small numbers")]
-        let speed = |value: &Value| value.as_f64().map(|speed| speed as f32);
-        self.speed = parameters.get("speed").and_then(speed);
-        self.places = vec![0.0; agents];
-        self.acting = (0..u32::try_from(agents).unwrap()).collect();
-        self.step = 0;
-        Ok(())
-    }
-
-    fn acting(&self) -> &[u32] {
-        if self.speed.is_some() {
-            &[]
-        } else {
-            &self.acting
-        }
-    }
-
-    fn done(&self) -> bool {
-        self.acting.is_empty()
-    }
-
-    fn sense(&self, agent: u32, sensors: &mut [f32]) {
-        sensors.fill(self.seed);
-        sensors[0] = self.places[agent as usize];
-    }
-
-    fn step(&mut self, actuators: &[f32]) {
-        for (&agent, actuator) in self.acting.iter().zip(actuators) {
-            self.places[agent as usize] += actuator;
-        }
-        if let Some(speed) = self.speed {
-            for &agent in &self.acting {
-                self.places[agent as usize] += speed + self.seed;
-            }
-        }
-        self.step += 1;
-        // Agents stop one after another, so that the number of messages changes from step to step.
-        let step = self.step;
-        self.acting.retain(|&agent| agent % 4 + 3 > step);
-    }
-
-    fn metrics(&self) -> Vec<f64> {
-        vec![f64::from(self.step), self.fitness() / 2.0]
-    }
-
-    fn fitness(&self) -> f64 {
-        self.places
-            .iter()
-            .enumerate()
-            .map(|(agent, &place)| f64::from(place) * (agent + 1) as f64)
-            .sum()
-    }
-}
+pub use fleets::{
+    CANDIDATES, SEEDS, batched, begin, begin_with, begin_without_copies, offloaded, party,
+    undisturbed,
+};
+pub use line::{Line, METRICS};
+pub use tools::{server, tool, tool_in_mode, tool_that_measures, tool_with, tool_with_faults};
 
 /// The specification of all controllers here: layered, without state.
 pub const ARCHITECTURE: &str = r#"{"version": 1, "kind": "layered", "sensors": 2, "actuators": 1, "hidden": [],
@@ -208,88 +97,6 @@ pub struct Net {
 fn told_by(payload: &[u8]) -> u64 {
     let presence: Value = serde_json::from_slice(payload).unwrap();
     presence["server"].as_u64().unwrap()
-}
-
-/// A tool that steps every agent of every episode by itself.
-pub fn tool(name: &str, first_instance: u64, now: Instant) -> Scheduler {
-    tool_in_mode(Mode::Stepwise, name, first_instance, now)
-}
-
-pub fn tool_in_mode(mode: Mode, name: &str, first_instance: u64, now: Instant) -> Scheduler {
-    tool_that_measures(&[], mode, name, first_instance, now)
-}
-
-/// A tool with something different.
-pub fn tool_with(
-    mode: Mode,
-    name: &str,
-    first_instance: u64,
-    now: Instant,
-    change: impl FnOnce(&mut Config),
-) -> Scheduler {
-    let mut config = config(&[], mode, name, first_instance);
-    change(&mut config);
-    Scheduler::new(config, now)
-}
-
-/// A tool that needs these metrics of every episode.
-pub fn tool_that_measures(
-    metrics: &[&str],
-    mode: Mode,
-    name: &str,
-    first_instance: u64,
-    now: Instant,
-) -> Scheduler {
-    let config = config(metrics, mode, name, first_instance);
-    Scheduler::new(config, now)
-}
-
-pub fn tool_with_faults(
-    faults: Faults,
-    name: &str,
-    first_instance: u64,
-    now: Instant,
-) -> Scheduler {
-    let config = config(&[], Mode::Auto, name, first_instance);
-    Scheduler::new(Config { faults, ..config }, now)
-}
-
-fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Config {
-    let mut parameters = Map::new();
-    parameters.insert("numAgents".into(), 5.into());
-    Config {
-        demand: Demand {
-            simulation: "line".into(),
-            requirements: Requirements {
-                dimensions: 2.0,
-                max_agents: Some(5.0),
-            },
-            sensors: Some(2),
-            actuators: Some(1),
-            mode,
-            kind: None,
-            metrics: metrics.iter().map(ToString::to_string).collect(),
-        },
-        parameters,
-        tool: name.into(),
-        token: name.into(),
-        topics: Topics::default(),
-        visual: false,
-        step_timeout: Duration::from_secs(10),
-        faults: Faults::default(),
-        largest: usize::MAX,
-        probation: Duration::from_millis(30),
-        first_instance,
-    }
-}
-
-pub fn server(id: u64, simulation: Line) -> ServerMachine {
-    ServerMachine::new(
-        Identity::new(id),
-        vec![Box::new(simulation)],
-        Topics::default(),
-        Duration::from_secs(20),
-    )
 }
 
 impl Net {

@@ -1,0 +1,101 @@
+//! Results that are compared with those of other servers.
+
+#![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
+
+mod common;
+
+use common::{
+    CANDIDATES, Extended, Net, Party, SEEDS, Wrong, batched, begin_with, offloaded, party,
+    undisturbed, work,
+};
+use swarmwright_pool::Faults;
+
+#[test]
+fn a_server_that_is_wrong_is_found_out_and_what_it_did_is_done_again() {
+    for (make, wrong) in [
+        (batched as fn(u64) -> Extended, Wrong::By(1.01)),
+        (offloaded, Wrong::By(1.01)),
+        (offloaded, Wrong::Always(4.25)),
+    ] {
+        let mut net = Net::new(3);
+        net.add(Party::Extended(Box::new(make(1))));
+        net.add(Party::Extended(Box::new(Extended {
+            wrong: Some(wrong),
+            ..make(2)
+        })));
+        net.add(Party::Extended(Box::new(make(3))));
+        let index = begin_with(
+            &mut net,
+            Faults {
+                audit: 0.3,
+                ..Faults::default()
+            },
+            work(CANDIDATES, &SEEDS),
+        );
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        let counts = *net.tool(index).counts();
+        assert!(
+            counts.audits > 10 && counts.disagreements > 0 && counts.recomputed > 0,
+            "{counts:?}"
+        );
+        assert!(
+            net.warnings
+                .iter()
+                .any(|text| text.contains("server 2 gives wrong results")),
+            "{:?}",
+            net.warnings
+        );
+        // It is not asked again.
+        let asked = party(&mut net, 1).blocks.len();
+        net.submit(index, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        assert_eq!(party(&mut net, 1).blocks.len(), asked);
+    }
+}
+
+#[test]
+fn two_servers_that_do_not_agree_end_the_work_as_it_cannot_be_told_which_is_wrong() {
+    let mut net = Net::new(3);
+    net.add(Party::Extended(Box::new(offloaded(1))));
+    net.add(Party::Extended(Box::new(Extended {
+        wrong: Some(Wrong::By(1.01)),
+        ..offloaded(2)
+    })));
+    let index = begin_with(
+        &mut net,
+        Faults {
+            audit: 1.0,
+            ..Faults::default()
+        },
+        work(CANDIDATES, &SEEDS),
+    );
+    for _ in 0..5000 {
+        net.turn();
+    }
+    assert!(!net.tool(index).finished());
+    let told = net
+        .tool(index)
+        .disagreement()
+        .unwrap_or_default()
+        .to_owned();
+    assert!(
+        told.contains("on server 1") && told.contains("on server 2"),
+        "{told}"
+    );
+}
+
+#[test]
+fn one_server_alone_is_not_audited() {
+    let mut net = Net::new(3);
+    net.add(Party::Extended(Box::new(offloaded(1))));
+    let index = begin_with(
+        &mut net,
+        Faults {
+            audit: 1.0,
+            ..Faults::default()
+        },
+        work(CANDIDATES, &SEEDS),
+    );
+    assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+    assert_eq!(net.tool(index).counts().audits, 0);
+}
