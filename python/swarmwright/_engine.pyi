@@ -44,7 +44,7 @@ __all__ = [
 __version__: str
 
 class EngineError(RuntimeError):
-    """The engine could not do what was asked; the message says what, where and how to mend it."""
+    """The engine could not do what was asked; the message says what, where and how to fix it."""
 
 class NoBrokerError(EngineError):
     """No broker answers there; one may later."""
@@ -268,7 +268,7 @@ def log_to(path: str | None, level: str = "info", most: int | None = None) -> No
     """Append what the engine logs, the embedded broker's refusals above all, to a file as JSON lines; None: standard error.
 
     level: error, warning, info, debug or trace. most: bytes; before the file grows beyond them it is moved to PATH.1, and what
-    was there is gone. A file that somebody else moved away, such as logrotate, is begun anew. Raises OSError when the file cannot be written, InputError for another level.
+    was there is deleted. A file that another program moved away, such as logrotate, is created anew. Raises OSError when the file cannot be written, InputError for another level.
     """
 
 def log_line(line: str) -> None:
@@ -332,7 +332,7 @@ def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> str:
 
 @final
 class Supervision:
-    """What a pool and whoever watches the processes of its servers tell each other; of any thread."""
+    """What a pool and the supervisor of its servers report to each other; usable from any thread."""
 
     def ended(
         self,
@@ -346,7 +346,7 @@ class Supervision:
     ) -> None:
         """A process has ended; to be told before another one is started under its id.
 
-        reason: the same text for the same cause. outside: somebody else ended it, what it computed is not to blame at first.
+        reason: the same text for the same cause. outside: it was ended by a user or the system, so what it computed is not blamed at first.
         at: what it computed: request, first candidate in it, candidates, and the episode in it, None for all.
         """
     def is_alive(self, server: int) -> None:

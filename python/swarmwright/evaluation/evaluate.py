@@ -170,7 +170,7 @@ def _check_fit(controller: Controller, sensors: int, actuators: int, simulation:
 
 def _reason(journal: list[dict[str, Any]]) -> str:
     reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
-    return f"the episode failed: {one_line(reasons[-1]) if reasons else 'its fitness is no finite number'}"
+    return f"the episode failed: {one_line(reasons[-1]) if reasons else 'its fitness is not a finite number'}"
 
 
 def _silent(done: int, total: int, waiting_for: str) -> None:
