@@ -94,7 +94,8 @@ def test_what_is_left_of_the_time_is_what_earlier_sessions_did_not_use(tmp_path:
     run = resume(run, seen.append)
     assert run.ended == "seconds"
     assert seen[-1].budget == "seconds"
-    assert seen[-1].share == 1.0
+    # Half of it without the first session; the clock is read again a moment after this report.
+    assert seen[-1].share > 0.9
     # The last generation but one began within the time.
     assert first + seen[-2].seconds < 0.8
 
