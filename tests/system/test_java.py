@@ -173,7 +173,7 @@ def test_an_id_that_is_taken_and_arguments_that_are_wrong(
     for options, status, words in (
         (["--broker", embedded.url, "--id", "3"], 1, "the id 3 is taken by a server on"),
         (["--broker", "http://x", "--id", "4"], 2, "the scheme must be mqtt://"),
-        (["--id", "one"], 2, '--id: "one" is no number'),
+        (["--id", "one"], 2, '--id: "one" is not a number'),
         (["--colour", "red"], 2, "--colour: unknown"),
         (["--broker", "mqtt://127.0.0.1:1", "--id", "4"], 1, "no connection to the broker at"),
     ):

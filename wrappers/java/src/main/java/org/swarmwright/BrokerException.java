@@ -1,6 +1,6 @@
 package org.swarmwright;
 
-/** The broker cannot be reached, or lets nobody in; says where and why. */
+/** The broker cannot be reached, or refuses the connection; the message says where and why. */
 public class BrokerException extends RuntimeException {
   private static final long serialVersionUID = 1L;
 

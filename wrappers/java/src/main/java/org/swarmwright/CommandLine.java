@@ -9,15 +9,15 @@ import java.util.concurrent.TimeUnit;
 import java.util.concurrent.TimeoutException;
 import java.util.function.Supplier;
 
-/** The arguments of a server's program. */
+/** The command-line arguments of a server. */
 public final class CommandLine {
   private static final String USAGE =
       "usage: [--broker URL] [--id NUMBER] [--prefix PREFIX] [--step-timeout SECONDS]\n"
           + "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; mqtt://localhost:1883"
           + " by default\n"
-          + "  --id            the server's ID, from 0, its own on the broker; 1 by default\n"
-          + "  --prefix        what stands before all topics; nothing by default\n"
-          + "  --step-timeout  after how long a step that misses actuators is given up; 60 by"
+          + "  --id            the server's ID, from 0, unique on the broker; 1 by default\n"
+          + "  --prefix        prefix of all topics; empty by default\n"
+          + "  --step-timeout  how long a step waits for actuators before it is given up; 60 by"
           + " default";
 
   /** URL of the broker. */
@@ -29,13 +29,13 @@ public final class CommandLine {
   /** Topic prefix. */
   public String prefix = "";
 
-  /** Seconds. */
+  /** Seconds that a step waits for actuators. */
   public double stepTimeout = 60;
 
   /**
    * Reads arguments.
    *
-   * @throws IllegalArgumentException if one is unknown or has no value, or none that it can have
+   * @throws IllegalArgumentException if one is unknown, or its value is missing or not valid
    */
   public CommandLine(List<String> arguments) {
     Deque<String> rest = new ArrayDeque<>();
@@ -54,7 +54,7 @@ public final class CommandLine {
         throw new IllegalArgumentException(name + ": unknown\n" + USAGE);
       }
       if (rest.isEmpty()) {
-        throw new IllegalArgumentException(name + ": expected a value behind it");
+        throw new IllegalArgumentException(name + ": expected a value after it");
       }
       set(name, rest.remove());
     }
@@ -77,7 +77,7 @@ public final class CommandLine {
           break;
       }
     } catch (NumberFormatException error) {
-      throw new IllegalArgumentException(name + ": \"" + value + "\" is no number");
+      throw new IllegalArgumentException(name + ": \"" + value + "\" is not a number");
     }
   }
 
@@ -93,21 +93,20 @@ public final class CommandLine {
                 .start());
   }
 
-  /** What is started from the arguments, and closed when the program is told to end. */
+  /** What is started from the arguments, and closed when the program is terminated. */
   public interface Program {
     /** Starts it. */
     AutoCloseable start(CommandLine options);
   }
 
-  /** Starts a server and leaves it to its threads; errors become a line and an exit status. */
+  /** Starts a server, which runs in other threads; errors become a line and an exit status. */
   public static void run(String[] arguments, Program program) {
     if (List.of(arguments).contains("--help")) {
       System.out.println(USAGE);
       return;
     }
     CompletableFuture<AutoCloseable> started = new CompletableFuture<>();
-    // Before the start: who is told to end while starting, or right afterwards, leaves in order all
-    // the same.
+    // Before the start, so that a program terminated while it starts closes its server, too.
     Runtime.getRuntime().addShutdownHook(new Thread(() -> leave(started)));
     try {
       AutoCloseable server = program.start(new CommandLine(List.of(arguments)));
@@ -136,7 +135,7 @@ public final class CommandLine {
     try {
       started.get(10, TimeUnit.SECONDS).close();
     } catch (ExecutionException | TimeoutException error) {
-      // It never started.
+      // It has not started.
       return;
     } catch (Exception error) {
       System.err.println("leaving: " + error);

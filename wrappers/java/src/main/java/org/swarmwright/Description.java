@@ -3,7 +3,7 @@ package org.swarmwright;
 import java.util.List;
 import java.util.Objects;
 
-/** What a simulation says of itself before it is configured. */
+/** The properties of a simulation, which do not depend on parameters. */
 public final class Description {
   private final String title;
   private final int dimensions;
@@ -14,7 +14,7 @@ public final class Description {
   private final Determinism determinism;
   private final Double tolerance;
 
-  /** How far two evaluations of one episode with one controller agree, wherever they were made. */
+  /** How far two evaluations of one episode with one controller agree, on any server. */
   public enum Determinism {
     /** To the bit. */
     BITWISE,
@@ -63,24 +63,24 @@ public final class Description {
   /**
    * Describes a simulation.
    *
-   * @param title what experiment files name it
+   * @param title its name in experiment files
    * @param dimensions number of spatial dimensions, at least 1
-   * @param sensors numbers that an agent senses in a step, at least 1
-   * @param actuators numbers that an agent does in a step, at least 1
-   * @throws IllegalArgumentException if a number is less
+   * @param sensors sensor values of an agent in a step, at least 1
+   * @param actuators actuator values of an agent in a step, at least 1
+   * @throws IllegalArgumentException if a number is smaller
    */
   public static Description of(String title, int dimensions, int sensors, int actuators) {
     return new Description(title, dimensions, 0, sensors, actuators, List.of(), null, null);
   }
 
-  /** The same with a largest number of agents; 0 for no limit, the default. */
+  /** A copy with a largest number of agents; 0 for no limit, the default. */
   public Description withMaxAgents(int number) {
     return new Description(
         title, dimensions, number, sensors, actuators, metrics, determinism, tolerance);
   }
 
   /**
-   * The same with names of what {@link Simulation#metrics} gives, none by default.
+   * A copy with the names of the values of {@link Simulation#metrics}, none by default.
    *
    * @throws IllegalArgumentException if a name is not a letter or _, then letters, digits and _
    */
@@ -89,7 +89,7 @@ public final class Description {
         title, dimensions, maxAgents, sensors, actuators, List.of(names), determinism, tolerance);
   }
 
-  /** The same, saying that an episode can be repeated to the bit, or not at all. */
+  /** A copy that declares whether an episode can be repeated to the bit, or not at all. */
   public Description with(Determinism declared) {
     if (declared == Determinism.STATISTICAL) {
       throw new IllegalArgumentException("statistical: give a tolerance, with withTolerance");
@@ -99,15 +99,15 @@ public final class Description {
   }
 
   /**
-   * The same, saying that repeated episodes agree within a tolerance.
+   * A copy that declares that repeated episodes agree within a tolerance.
    *
-   * @param largest how far fitness and metrics may differ, as a part of the larger one, absolute
+   * @param largest how far fitness and metrics may differ, relative to the larger one, absolute
    *     below 1
    * @throws IllegalArgumentException if it is negative, NaN or infinite
    */
   public Description withTolerance(double largest) {
     if (!(largest >= 0) || Double.isInfinite(largest)) {
-      throw new IllegalArgumentException("tolerance: a number, 0 or more, not " + largest);
+      throw new IllegalArgumentException("tolerance: expected a number, 0 or more, not " + largest);
     }
     return new Description(
         title,
@@ -120,7 +120,7 @@ public final class Description {
         largest);
   }
 
-  /** What experiment files name it. */
+  /** Its name in experiment files. */
   public String title() {
     return title;
   }
@@ -135,27 +135,27 @@ public final class Description {
     return maxAgents;
   }
 
-  /** Numbers that an agent senses in a step. */
+  /** Sensor values of an agent in a step. */
   public int sensors() {
     return sensors;
   }
 
-  /** Numbers that an agent does in a step. */
+  /** Actuator values of an agent in a step. */
   public int actuators() {
     return actuators;
   }
 
-  /** Whether an episode can be repeated; null where that is not known. */
+  /** Whether an episode can be repeated; null if that is not known. */
   public Determinism determinism() {
     return determinism;
   }
 
-  /** How far repeated episodes may differ where that is declared, else null. */
+  /** How far repeated episodes may differ, if that is declared; else null. */
   public Double tolerance() {
     return tolerance;
   }
 
-  /** Names of what is measured in an episode beside the fitness. */
+  /** Names of the metrics of an episode. */
   public List<String> metrics() {
     return metrics;
   }

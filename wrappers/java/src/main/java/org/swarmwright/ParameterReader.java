@@ -11,8 +11,7 @@ import java.util.Arrays;
 /**
  * Parameters of an episode, each read with its type, range and default.
  *
- * <p>All methods throw {@link ParameterException} where the experiment sets something that does not
- * fit.
+ * <p>All methods throw {@link ParameterException} if the experiment sets a value that is not valid.
  */
 public final class ParameterReader {
   private static final BigInteger MIN_SEED = BigInteger.valueOf(Long.MIN_VALUE);
@@ -25,7 +24,7 @@ public final class ParameterReader {
     this.parameters = parameters;
   }
 
-  /** The JSON as it came, for what the other methods do not read. */
+  /** All parameters as JSON, for values that the other methods cannot read. */
   public JsonObject json() {
     return parameters;
   }
@@ -177,13 +176,13 @@ public final class ParameterReader {
     return new float[] {x, y};
   }
 
-  /** The number, NaN if it is none. */
+  /** The number; NaN if the value is not a number. */
   private static double real(JsonElement value) {
     boolean number = value.isJsonPrimitive() && value.getAsJsonPrimitive().isNumber();
     return number ? value.getAsDouble() : Double.NaN;
   }
 
-  /** The whole number, null if it is none. */
+  /** The whole number; null if the value is not a whole number. */
   private static BigInteger whole(JsonElement value) {
     double near = real(value);
     if (!(Math.abs(near) < 1e20) || near != 0 && Math.abs(near) < 1) {

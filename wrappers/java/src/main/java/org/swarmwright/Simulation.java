@@ -1,25 +1,24 @@
 package org.swarmwright;
 
 /**
- * An environment that can be reset and stepped. One object runs one episode at a time, any number
- * of them in turn.
+ * An environment that can be reset and stepped. One object runs one episode after another.
  *
  * <p>An episode: {@link #reset}, then, until it is {@link #done}, {@link #sense} for every acting
- * agent and {@link #step} with what they do; then {@link #fitness}. The same parameters and
+ * agent and {@link #step} with their actuators; then {@link #fitness}. The same parameters and
  * actuators must give the same sensors and fitness, to the bit.
  *
- * <p>Whatever a method throws ends the episode, is told to the optimization tool with message and
- * stack, and leaves the server usable: the next episode begins with {@link #reset} as any other.
+ * <p>An exception ends the episode and is reported to the optimization tool with message and stack.
+ * The server stays usable: the next episode begins with {@link #reset}.
  */
 public interface Simulation {
-  /** What the simulation offers; the same at any time. */
+  /** The properties of the simulation, which do not change. */
   Description description();
 
   /**
    * Goes to the start of an episode.
    *
-   * @param parameters what the experiment sets; parameters left out take their defaults, unknown
-   *     ones are ignored
+   * @param parameters the values that the experiment sets; missing parameters take their defaults,
+   *     unknown ones are ignored
    * @throws ParameterException if a value cannot be used; {@link ParameterReader} throws it, with
    *     the reason
    */
@@ -32,21 +31,21 @@ public interface Simulation {
   int[] acting();
 
   /**
-   * Whether the episode has ended. A simulation that steers its agents itself lets nobody act
+   * Whether the episode has ended. A simulation that steers its agents itself has no acting agents
    * before: it is stepped without actuators.
    */
   default boolean done() {
     return acting().length == 0;
   }
 
-  /** Writes what an acting agent senses: finite numbers, as many as the description says. */
+  /** Writes the sensors of an acting agent: finite numbers, as many as the description says. */
   void sense(int agent, float[] sensors);
 
   /**
-   * Moves on by one step.
+   * Makes one step.
    *
-   * @param actuators a row for each acting agent, in the order of {@link #acting}, one behind the
-   *     other; each number is in -1..1
+   * @param actuators (acting agents, actuators), row-major, in the order of {@link #acting}; each
+   *     number is in -1..1
    */
   void step(float[] actuators);
 
@@ -54,14 +53,14 @@ public interface Simulation {
   double fitness();
 
   /**
-   * What else is measured in the episode, in the order of the description's names: an experiment
-   * can make a fitness of it.
+   * Metrics of the episode, in the order of the description's names; an experiment can define its
+   * fitness from them.
    */
   default double[] metrics() {
     return new double[0];
   }
 
-  /** What there is to see now, as lines of text for people; null if there is nothing to show. */
+  /** The current state as lines of text to be read; null if there is nothing to show. */
   default String picture() {
     return null;
   }

@@ -6,8 +6,8 @@ import java.util.function.Supplier;
 import org.swarmwright.server.Host;
 
 /**
- * Offers a simulation to optimization tools, over MQTT: everything that messages, brokers and tools
- * ask for.
+ * Offers a simulation to optimization tools, over MQTT, with all modes and messages of the
+ * protocol.
  *
  * <pre>{@code
  * try (SimulationServer server = SimulationServer.offering(MySimulation::new).broker("mqtt://localhost:1883").id(5).start()) {
@@ -24,7 +24,7 @@ public final class SimulationServer implements AutoCloseable {
     this.host = host;
   }
 
-  /** Offers simulations of one kind; as many are made as run side by side. */
+  /** Offers simulations of one kind; one is made for each episode that runs in parallel. */
   public static Options offering(Supplier<? extends Simulation> maker) {
     return new Options(null, Objects.requireNonNull(maker, "maker"));
   }
@@ -35,10 +35,10 @@ public final class SimulationServer implements AutoCloseable {
   }
 
   /**
-   * A whole program: reads {@code --broker}, {@code --id}, {@code --prefix} and {@code
-   * --step-timeout}, serves until it is told to end.
+   * The main method of a server: reads {@code --broker}, {@code --id}, {@code --prefix} and {@code
+   * --step-timeout}, serves until it is terminated.
    *
-   * <p>Exit status: 1 no broker or another server has the ID, 2 wrong arguments.
+   * <p>Exit status: 1 if there is no broker or another server has the ID, 2 if arguments are wrong.
    */
   public static void main(String[] arguments, Supplier<? extends Simulation> maker) {
     CommandLine.serve(arguments, maker);
@@ -48,19 +48,19 @@ public final class SimulationServer implements AutoCloseable {
    * Waits until the server is closed.
    *
    * @throws IllegalStateException if it has left by itself: another server got its ID while it was
-   *     away
+   *     disconnected
    */
   public void await() throws InterruptedException {
     host.await();
   }
 
-  /** Gives up what is under way and leaves the broker in good order. */
+  /** Gives up what is under way, removes the presence and disconnects. */
   @Override
   public void close() {
     host.close();
   }
 
-  /** How a server is to be run. */
+  /** Settings of a server. */
   public static final class Options {
     private final Simulation only;
     private final Supplier<? extends Simulation> maker;
@@ -94,7 +94,7 @@ public final class SimulationServer implements AutoCloseable {
       return this;
     }
 
-    /** Seconds after which a step that misses actuators is given up; 60 by default. */
+    /** Seconds that a step waits for actuators before it is given up; 60 by default. */
     public Options stepTimeout(double seconds) {
       if (!(seconds > 0)) {
         throw new IllegalArgumentException(
@@ -104,20 +104,20 @@ public final class SimulationServer implements AutoCloseable {
       return this;
     }
 
-    /** Is told what the operator should know, a text at a time; standard error by default. */
+    /** Receives messages for the operator, a text at a time; standard error by default. */
     public Options notices(Consumer<String> listener) {
       notices = Objects.requireNonNull(listener, "listener");
       return this;
     }
 
-    /** Is given the pictures of episodes that are to be shown; standard output by default. */
+    /** Receives the pictures of episodes that are to be shown; standard output by default. */
     public Options pictures(Consumer<String> listener) {
       pictures = Objects.requireNonNull(listener, "listener");
       return this;
     }
 
     /**
-     * Connects and serves, in threads of its own.
+     * Connects and serves, in background threads.
      *
      * @throws BrokerException if the broker cannot be reached
      * @throws IllegalStateException if another server uses the ID

@@ -30,31 +30,32 @@ import org.swarmwright.messages.Topics.Topic;
 import org.swarmwright.mqtt.BrokerAddress;
 
 /**
- * What is common to all simulation servers that speak D6.1: the class of its section 7.2.2.
+ * The base class of simulation servers after section 7.2.2 of D6.1.
  *
  * <p>When it is instantiated, it connects to the broker and subscribes to discovery, parameters,
  * control and actuator. A subclass calls {@link #setServerInfo} and {@link #setAvailable}, handles
- * what comes in the three {@code handle} methods, and answers with {@link #publishSensor} and
- * {@link #publishFitness}. Messages that are for other servers never reach it, nor any before it
- * has given its information. All methods are called in one thread, Paho's.
+ * messages in the three {@code handle} methods, and answers with {@link #publishSensor} and {@link
+ * #publishFitness}. It receives messages for this server only, and none before the server's
+ * information is set. All methods are called in one thread, Paho's.
  *
- * <p>Which broker: what the constructor is given, else the system property {@code
+ * <p>The broker is the argument of the constructor, else the system property {@code
  * swarmwright.broker}, else the environment variable SWARMWRIGHT_BROKER, else
- * mqtt://localhost:1883. For anything that need not know messages, {@link Simulation} is shorter.
+ * mqtt://localhost:1883. To offer a simulation without handling messages, implement {@link
+ * Simulation}.
  */
 public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   private static final Logger LOG = Logger.getLogger(SimulationWrapper.class.getName());
-  private static final int MOST_COMPLAINTS = 1000;
+  private static final int MAX_WARNINGS = 1000;
 
   private final Topics topics;
   private final MqttAsyncClient client;
-  private final Set<String> complaints = new HashSet<>();
+  private final Set<String> warnings = new HashSet<>();
   private volatile Server serverInfo;
   private volatile boolean available;
   private volatile String hash;
 
   /**
-   * Connects to the broker configured.
+   * Connects to the configured broker.
    *
    * @throws BrokerException if it cannot be reached
    */
@@ -73,7 +74,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   }
 
   /**
-   * Connects to a broker, where the topics stand under a prefix.
+   * Connects to a broker, with a prefix for all topics.
    *
    * @throws BrokerException if it cannot be reached
    * @throws IllegalArgumentException if the URL or the prefix cannot be used
@@ -135,7 +136,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     return error.getCause() == null ? error.getMessage() : error.getCause().getMessage();
   }
 
-  // What a simulation server tells of itself.
+  // Information on the server.
 
   /**
    * Sets the server's information, with which discovery is answered: server, simulations and
@@ -151,8 +152,8 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   }
 
   /**
-   * Says whether the server can do a simulation now; discovery is answered only then. Not available
-   * at first.
+   * Sets whether the server can run a simulation now; discovery is answered only then. Initially
+   * not available.
    */
   public void setAvailable(boolean available) {
     this.available = available;
@@ -161,32 +162,32 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   /**
    * As {@link #setAvailable}, in the spelling that D6.1 prints.
    *
-   * @deprecated a misprint of D6.1
+   * @deprecated a misspelling in D6.1
    */
   @Deprecated
   public void setAvailalble(boolean availalble) {
     setAvailable(availalble);
   }
 
-  /** Whether the server can do a simulation now. */
+  /** Whether the server can run a simulation now. */
   public boolean isAvailable() {
     return available;
   }
 
-  // What a simulation server has to do.
+  // Implemented by simulation servers.
 
   /**
-   * Takes the parameters of a simulation, for this server; those of the problem are their values.
+   * Receives the parameters of a simulation for this server; those of the problem are their values.
    */
   protected abstract void handleParametersContent(Parameters parameters);
 
   /** Starts or ends a simulation of this server. */
   protected abstract void handleControlContent(Control control);
 
-  /** Takes what an agent does, in the simulation whose parameters came last. */
+  /** Receives the actuators of an agent, in the simulation whose parameters came last. */
   protected abstract void handleActuatorContent(Actuator actuator);
 
-  // What comes in.
+  // Received messages.
 
   /** A message came in: calls the parse method of its topic. */
   @Override
@@ -213,7 +214,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     }
   }
 
-  /** Reads a parameters message and hands it on if it is for this server. */
+  /** Reads a parameters message and passes it on if it is for this server. */
   protected void parseParameters(MqttMessage message) {
     Parameters parameters = Messages.readParameters(message.getPayload());
     if (isOwn(parameters.getServer())) {
@@ -222,7 +223,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     }
   }
 
-  /** Reads a control message and hands it on if it is for this server. */
+  /** Reads a control message and passes it on if it is for this server. */
   protected void parseControl(MqttMessage message) {
     Control control = Messages.readControl(message.getPayload());
     if (isOwn(control.getServer())) {
@@ -231,7 +232,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   }
 
   /**
-   * Reads an actuator message and hands it on if it is for the simulation whose parameters came
+   * Reads an actuator message and passes it on if it is for the simulation whose parameters came
    * last.
    */
   protected void parseActuator(MqttMessage message) {
@@ -277,9 +278,9 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
     return enough && required.getDimensions().equals(offered.getDimensions());
   }
 
-  // What goes out.
+  // Published messages.
 
-  /** Publishes what an agent senses. */
+  /** Publishes the sensors of an agent. */
   protected void publishSensor(Sensor sensor) {
     publish(Topic.SENSOR, sensor);
   }
@@ -309,7 +310,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   @Override
   public void deliveryComplete(IMqttDeliveryToken token) {}
 
-  /** Leaves the broker. */
+  /** Disconnects from the broker. */
   @Override
   public void close() {
     try {
@@ -321,8 +322,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   }
 
   /**
-   * What Paho calls: an error in a message, or in the simulation, must not break the connection, as
-   * Paho would.
+   * Catches errors in messages and in the simulation, after which Paho would close the connection.
    */
   private final class Callback implements MqttCallbackExtended {
     @Override
@@ -342,7 +342,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
       try {
         SimulationWrapper.this.messageArrived(topic, message);
       } catch (MessageException error) {
-        if (complaints.size() < MOST_COMPLAINTS && complaints.add(error.getMessage())) {
+        if (warnings.size() < MAX_WARNINGS && warnings.add(error.getMessage())) {
           LOG.log(
               Level.WARNING,
               "refusing a message on {0}: {1}",

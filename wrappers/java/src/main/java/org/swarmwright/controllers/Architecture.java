@@ -2,9 +2,9 @@ package org.swarmwright.controllers;
 
 import com.google.gson.JsonObject;
 
-/** A controller without its weights: what sensors and weights become, for one agent. */
+/** A controller without its weights: how one agent computes actuators from sensors and weights. */
 public abstract strictfp class Architecture {
-  /** Most weights that a controller may have. */
+  /** The largest number of weights of a controller. */
   public static final int MAX_WEIGHTS = 1_000_000;
 
   private static final String KINDS =
@@ -64,23 +64,23 @@ public abstract strictfp class Architecture {
     return true;
   }
 
-  /** Numbers in. */
+  /** Number of sensors. */
   public int sensors() {
     return sensors;
   }
 
-  /** Numbers out. */
+  /** Number of actuators. */
   public int actuators() {
     return actuators;
   }
 
-  /** Number of weights, biases included; more than any int for what could never be. */
+  /** Number of weights, biases included; may be larger than any int. */
   public abstract long weightCount();
 
   /** Numbers that are kept between steps, all 0 at the start of an episode. */
   abstract int stateLength();
 
-  /** Numbers of which a step needs room for. */
+  /** Length of the working memory of a step. */
   abstract int scratchLength();
 
   /** One step: sensors in, actuators out. {@code first} is the index of the first weight. */
@@ -92,7 +92,7 @@ public abstract strictfp class Architecture {
       float[] sensors,
       float[] actuators);
 
-  /** a * b, or a number beyond every limit. */
+  /** a * b; Long.MAX_VALUE if that overflows. */
   static long times(long a, long b) {
     try {
       return Math.multiplyExact(a, b);
@@ -101,7 +101,7 @@ public abstract strictfp class Architecture {
     }
   }
 
-  /** a + b, or a number beyond every limit. */
+  /** a + b; Long.MAX_VALUE if that overflows. */
   static long plus(long a, long b) {
     try {
       return Math.addExact(a, b);

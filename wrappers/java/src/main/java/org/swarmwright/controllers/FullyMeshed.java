@@ -3,7 +3,7 @@ package org.swarmwright.controllers;
 /**
  * A recurrent network in which every node hears every node (FREVO's FullyMeshedNet).
  *
- * <p>Nodes: sensors, then hidden, then actuators. Weights: for every node that is no sensor, in
+ * <p>Nodes: sensors, then hidden, then actuators. Weights: for every node that is not a sensor, in
  * that order: the bias, then one weight from every node, itself included. The outputs of all nodes
  * stay from step to step.
  */
@@ -78,7 +78,7 @@ final strictfp class FullyMeshed extends Architecture {
         }
         scratch[node] = activation.apply(bias + sum);
       }
-      // All nodes at once: nobody hears an output of the same iteration.
+      // All nodes at once: their inputs are the outputs of the iteration before.
       System.arraycopy(scratch, sensors(), state, sensors(), nodes - sensors());
     }
     for (int i = 0; i < actuators.length; i++) {

@@ -1,6 +1,6 @@
 package org.swarmwright.controllers;
 
-/** The interval of network outputs that stands for actuators from -1 to 1. */
+/** The interval of network outputs that is mapped to actuators from -1 to 1. */
 final strictfp class OutputRange {
   private final float low;
   private final float high;

@@ -7,8 +7,8 @@ import java.util.List;
 import org.swarmwright.messages.Decimals;
 
 /**
- * No controller at all: values of parameters of a simulation that steers its agents itself, a
- * weight for each.
+ * Values of parameters of a simulation that steers its agents itself, a weight for each, instead of
+ * a controller.
  */
 public final class ParameterSet extends Architecture {
   /** A parameter of the simulation. */
@@ -26,7 +26,7 @@ public final class ParameterSet extends Architecture {
     private JsonElement value(float weight) {
       switch (type) {
         case "real":
-          // By way of its decimal, so that 0.1 is 0.1 and not 0.10000000149011612.
+          // Through its decimal, so that 0.1 is 0.1 and not 0.10000000149011612.
           return new JsonPrimitive(Double.parseDouble(Decimals.shortest(weight)));
         case "integer":
           return new JsonPrimitive((long) Math.floor(weight));
@@ -48,10 +48,7 @@ public final class ParameterSet extends Architecture {
     return new ParameterSet(reader.parameters(MAX_WEIGHTS));
   }
 
-  /**
-   * The parameters of an episode: those given, and the values of this set, which count where both
-   * have one.
-   */
+  /** The parameters of an episode: those given, overridden by the values of this set. */
   public JsonObject merged(JsonObject given, float[] weights, int first) {
     JsonObject merged = new JsonObject();
     given.entrySet().forEach(entry -> merged.add(entry.getKey(), entry.getValue()));
@@ -89,6 +86,6 @@ public final class ParameterSet extends Architecture {
       float[] scratch,
       float[] sensors,
       float[] actuators) {
-    throw new UnsupportedOperationException("a parameter set steers nobody");
+    throw new UnsupportedOperationException("a parameter set steers no agents");
   }
 }

@@ -10,11 +10,11 @@ import java.util.List;
 import java.util.Set;
 import java.util.stream.Collectors;
 
-/** Reads the fields of a specification one by one, so that every complaint names its field. */
+/** Reads the fields of a specification one by one, so that every error names its field. */
 final class SpecificationReader {
   /**
-   * Keys of a parameters message that are no parameters, and the one that every episode has its own
-   * of.
+   * Keys of a parameters message that are not parameters of the simulation, and the seed, which
+   * differs from episode to episode.
    */
   private static final Set<String> RESERVED =
       Set.of("server", "simulation", "simulation_hash", "seed");
@@ -121,15 +121,12 @@ final class SpecificationReader {
     return thresholds;
   }
 
-  /**
-   * At least one parameter: a name that no other has, a type, and the choices where there are any.
-   */
-  List<ParameterSet.Parameter> parameters(int most) {
+  /** At least one parameter: a unique name, a type, and choices if it is categorical. */
+  List<ParameterSet.Parameter> parameters(int max) {
     String expected = "a list of parameters such as {\"name\": \"range\", \"type\": \"real\"}";
     JsonArray items = array("parameters", take("parameters", expected), expected);
-    if (items.isEmpty() || items.size() > most) {
-      throw new SpecificationException(
-          "parameters", items.size() + " found, expected 1 to " + most);
+    if (items.isEmpty() || items.size() > max) {
+      throw new SpecificationException("parameters", items.size() + " found, expected 1 to " + max);
     }
     List<ParameterSet.Parameter> parameters = new ArrayList<>();
     Set<String> names = new HashSet<>();
@@ -147,10 +144,10 @@ final class SpecificationReader {
       item.end();
       if (name.isEmpty() || RESERVED.contains(name)) {
         throw new SpecificationException(
-            field, "\"" + name + "\" is no name of a parameter to be set");
+            field, "\"" + name + "\" cannot be the name of a parameter");
       }
       if (!names.add(name)) {
-        throw new SpecificationException(field, "\"" + name + "\" stands twice");
+        throw new SpecificationException(field, "\"" + name + "\" is there twice");
       }
       if (!List.of("real", "integer", "categorical").contains(type)) {
         throw new SpecificationException(
@@ -176,7 +173,11 @@ final class SpecificationReader {
     return choices;
   }
 
-  /** Complains of fields that nobody asked for. */
+  /**
+   * Checks that all fields have been read.
+   *
+   * @throws SpecificationException if there is another one
+   */
   void end() {
     for (String field : fields.keySet()) {
       if (!known.contains(field)) {
@@ -202,10 +203,7 @@ final class SpecificationReader {
     return (int) count;
   }
 
-  /**
-   * The binary32 nearest to a decimal, NaN if it is none; binary64 rounds to it without a decimal
-   * between.
-   */
+  /** The binary32 nearest to a decimal, rounded once; NaN if the value is not a number. */
   private static float single(JsonElement value) {
     boolean number = value.isJsonPrimitive() && value.getAsJsonPrimitive().isNumber();
     return number ? value.getAsFloat() : Float.NaN;

@@ -79,7 +79,7 @@ public final class Answers {
         });
   }
 
-  /** Why a stepwise episode has ended without fitness (protocol/schemas/failed.schema.json). */
+  /** The failure of a stepwise episode (protocol/schemas/failed.schema.json). */
   public static byte[] failed(Failed message) {
     return pack(
         packer -> {

@@ -5,9 +5,9 @@ import java.util.List;
 import java.util.Map;
 import java.util.TreeMap;
 
-/** What all agents sense that act next, and the episodes that have ended. */
+/** The sensors of all agents that act next, and the episodes that have ended. */
 public final class BatchSensors {
-  /** The batch, 64 bits without sign. */
+  /** The batch, an unsigned 64-bit integer. */
   public final long request;
 
   /** ID of the server. */
@@ -37,7 +37,7 @@ public final class BatchSensors {
   /** Episodes that failed. */
   public final List<Failure> failed = new ArrayList<>();
 
-  /** Why the batch is not served; null if it is. */
+  /** Why the batch is not served; null if it is served. */
   public final Refusal error;
 
   /** A message without rows. */

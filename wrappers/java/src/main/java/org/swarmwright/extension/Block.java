@@ -4,11 +4,11 @@ import java.nio.ByteBuffer;
 import java.nio.ByteOrder;
 import java.util.Arrays;
 
-/** Numbers one behind the other, little-endian. */
+/** A growing array of numbers, little-endian. */
 public final class Block {
   private ByteBuffer bytes = ByteBuffer.allocate(64).order(ByteOrder.LITTLE_ENDIAN);
 
-  private ByteBuffer room(int more) {
+  private ByteBuffer reserve(int more) {
     if (bytes.remaining() < more) {
       ByteBuffer larger =
           ByteBuffer.allocate(2 * bytes.capacity() + more).order(ByteOrder.LITTLE_ENDIAN);
@@ -19,17 +19,17 @@ public final class Block {
 
   /** Appends an integer of 32 bits. */
   public void add(int number) {
-    room(Integer.BYTES).putInt(number);
+    reserve(Integer.BYTES).putInt(number);
   }
 
   /** Appends a binary32. */
   public void add(float number) {
-    room(Float.BYTES).putFloat(number);
+    reserve(Float.BYTES).putFloat(number);
   }
 
   /** Appends a binary64. */
   public void add(double number) {
-    room(Double.BYTES).putDouble(number);
+    reserve(Double.BYTES).putDouble(number);
   }
 
   /** Number of bytes. */
@@ -37,7 +37,7 @@ public final class Block {
     return bytes.position();
   }
 
-  /** Takes away what was appended behind so many bytes. */
+  /** Keeps only the first bytes. */
   public void truncate(int size) {
     bytes.position(size);
   }

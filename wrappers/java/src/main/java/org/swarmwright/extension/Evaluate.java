@@ -20,13 +20,13 @@ public final class Evaluate extends Request {
   /** One seed per episode, at least one; the bits of unsigned numbers. */
   public final long[] seeds;
 
-  /** Names of the metrics that are to come with the fitness. */
+  /** Names of the metrics to return with the fitness. */
   public final List<String> metrics;
 
   /** 1 for the first try of this work. */
   public final long attempt;
 
-  /** Seconds after which the tool gives the work to somebody else; 0 or less for never. */
+  /** Seconds after which the tool gives the work to another server; 0 or less for never. */
   public final double lease;
 
   Evaluate(MapReader map) {

@@ -8,15 +8,13 @@ public final class Failed {
   /** Of the control message that started the episode. */
   public final String simulationHash;
 
-  /** What went wrong, for people. */
+  /** The error, as a text to be read. */
   public final String reason;
 
-  /** Where in the simulation's code; null where that is not known. */
+  /** Stack trace in the simulation's code; null if that is not known. */
   public final String stack;
 
-  /**
-   * Whether the simulation refuses the parameters, so that no other attempt will go better here.
-   */
+  /** Whether the simulation refuses the parameters, so that another attempt fails, too. */
   public final boolean invalid;
 
   /** A stepwise episode that has ended without fitness. */

@@ -8,7 +8,7 @@ public final class Failure {
   /** Index of the seed in the request. */
   public final long episode;
 
-  /** What went wrong, for people. */
+  /** The error, as a text to be read. */
   public final String reason;
 
   /** Where in the simulation's code; null where that is not known. */

@@ -23,7 +23,7 @@ import org.swarmwright.messages.MessageException;
 
 /** A MessagePack map with text keys, each with the type that it must have. */
 public final class MapReader {
-  /** Larger payloads are refused unread, bytes. */
+  /** The size limit of payloads; larger ones are refused without reading them. */
   public static final int MAX_BLOCK = 64 << 20;
 
   private static final int MAX_NESTING = 127;
@@ -35,7 +35,7 @@ public final class MapReader {
   /**
    * Reads a payload.
    *
-   * @throws MessageException if it is too large or no such map
+   * @throws MessageException if it is too large or not such a map
    */
   public static MapReader of(byte[] payload) {
     if (payload.length > MAX_BLOCK) {
@@ -54,12 +54,12 @@ public final class MapReader {
         | MessagePackException
         | IndexOutOfBoundsException
         | NegativeArraySizeException error) {
-      throw new MessageException("no MessagePack map: " + error.getMessage());
+      throw new MessageException("not a valid MessagePack map: " + error.getMessage());
     }
   }
 
   /**
-   * A value; binary that promises more bytes than there are is refused before room is made for it.
+   * A value; binary whose length exceeds the payload is refused before memory is allocated for it.
    */
   private static ImmutableValue value(MessageUnpacker unpacker, int length) throws IOException {
     if (unpacker.getNextFormat().getValueType().isBinaryType()) {
@@ -81,38 +81,38 @@ public final class MapReader {
   }
 
   private static MessageException wrong(String key, String expected) {
-    return new MessageException("\"" + key + "\" is no " + expected);
+    return new MessageException("\"" + key + "\" is not " + expected);
   }
 
-  /** A text. */
+  /** A string. */
   public String text(String key) {
     if (!get(key).isStringValue()) {
-      throw wrong(key, "text");
+      throw wrong(key, "a string");
     }
     try {
       return get(key).asStringValue().asString();
     } catch (MessagePackException error) {
-      throw wrong(key, "text in UTF-8");
+      throw wrong(key, "a string in UTF-8");
     }
   }
 
-  /** A text, null if the key is absent. */
+  /** A string; null if the key is absent. */
   public String optionalText(String key) {
     return fields.containsKey(key) ? text(key) : null;
   }
 
-  /** Texts, none if the key is absent. */
+  /** Strings; none if the key is absent. */
   public List<String> texts(String key) {
     if (!fields.containsKey(key)) {
       return List.of();
     }
     if (!get(key).isArrayValue()) {
-      throw wrong(key, "list of texts");
+      throw wrong(key, "a list of strings");
     }
     List<String> texts = new ArrayList<>();
     for (Value value : get(key).asArrayValue()) {
       if (!value.isStringValue()) {
-        throw wrong(key, "list of texts");
+        throw wrong(key, "a list of strings");
       }
       texts.add(value.asStringValue().asString());
     }
@@ -126,16 +126,16 @@ public final class MapReader {
             && get(key).asIntegerValue().asBigInteger().signum() >= 0
             && get(key).asIntegerValue().asBigInteger().bitLength() <= 64;
     if (!fits) {
-      throw wrong(key, "integer from 0 to 2^64 - 1");
+      throw wrong(key, "an integer from 0 to 2^64 - 1");
     }
     return get(key).asIntegerValue().asBigInteger().longValue();
   }
 
-  /** An integer from 0 to most. */
-  public long count(String key, long most) {
+  /** An integer from 0 to max. */
+  public long count(String key, long max) {
     long count = bits(key);
-    if (count < 0 || count > most) {
-      throw wrong(key, "integer from 0 to " + most);
+    if (count < 0 || count > max) {
+      throw wrong(key, "an integer from 0 to " + max);
     }
     return count;
   }
@@ -144,7 +144,7 @@ public final class MapReader {
   public double number(String key) {
     double number = get(key).isNumberValue() ? get(key).asNumberValue().toDouble() : Double.NaN;
     if (!Double.isFinite(number)) {
-      throw wrong(key, "finite number");
+      throw wrong(key, "a finite number");
     }
     return number;
   }
@@ -152,7 +152,7 @@ public final class MapReader {
   /** A map, as JSON. */
   public JsonObject object(String key) {
     if (!get(key).isMapValue()) {
-      throw wrong(key, "map");
+      throw wrong(key, "a map");
     }
     return json(key, get(key), 1).getAsJsonObject();
   }
@@ -168,7 +168,7 @@ public final class MapReader {
               + key
               + "\" has "
               + bytes.remaining()
-              + " bytes, no whole number of "
+              + " bytes, not a whole number of "
               + size
               + "-byte numbers");
     }
@@ -198,7 +198,7 @@ public final class MapReader {
 
   private static JsonElement json(String key, Value value, int depth) {
     if (depth > MAX_NESTING) {
-      throw wrong(key, "map of at most " + MAX_NESTING + " levels");
+      throw wrong(key, "a map of at most " + MAX_NESTING + " levels");
     }
     switch (value.getValueType()) {
       case NIL:
@@ -219,20 +219,20 @@ public final class MapReader {
         JsonObject object = new JsonObject();
         for (Map.Entry<Value, Value> entry : value.asMapValue().entrySet()) {
           if (!entry.getKey().isStringValue()) {
-            throw wrong(key, "map whose keys are texts");
+            throw wrong(key, "a map whose keys are strings");
           }
           object.add(
               entry.getKey().asStringValue().asString(), json(key, entry.getValue(), depth + 1));
         }
         return object;
       default:
-        throw wrong(key, "map of what JSON has");
+        throw wrong(key, "a map of JSON values");
     }
   }
 
   private static double finite(String key, double number) {
     if (!Double.isFinite(number)) {
-      throw wrong(key, "map of finite numbers");
+      throw wrong(key, "a map of finite numbers");
     }
     return number;
   }

@@ -6,17 +6,17 @@ public final class Refusal extends RuntimeException {
 
   /** For programs. */
   public enum Kind {
-    /** Another tool has the server: try another server, or later. */
+    /** Another tool has the server: another server, or a later request, may succeed. */
     TAKEN,
     /** The request cannot be served by this server. */
     INVALID,
-    /** It was begun or waited for in vain. */
+    /** The request was accepted, but could not be finished. */
     FAILED
   }
 
   private final Kind kind;
 
-  /** The reason is for people. */
+  /** Makes a refusal; the reason is a text to be read. */
   public Refusal(Kind kind, String reason) {
     super(reason, null, false, false);
     this.kind = kind;

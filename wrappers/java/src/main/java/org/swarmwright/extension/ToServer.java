@@ -13,8 +13,8 @@ public interface ToServer {
   /**
    * Reads a payload.
    *
-   * @throws MessageException if it is too large, no MessagePack map of a known kind and version, or
-   *     a field is missing or wrong
+   * @throws MessageException if it is too large, not a MessagePack map of a known kind and version,
+   *     or a field is missing or wrong
    */
   static ToServer read(byte[] payload) {
     MapReader map = MapReader.of(payload);

@@ -5,8 +5,8 @@ import java.math.BigInteger;
 import java.util.function.Predicate;
 
 /**
- * The shortest decimals that read back as the same number; Java's own are longer now and then
- * before version 19.
+ * The shortest decimals that read back as the same number; those of Java before version 19 are
+ * sometimes longer.
  */
 public final class Decimals {
   private static final boolean EXACT = Runtime.version().feature() >= 19;
@@ -36,8 +36,8 @@ public final class Decimals {
   }
 
   /**
-   * Takes away digits while the number stays the same: of two decimals between which it lies, one
-   * will do, or none shorter.
+   * Removes digits while the decimal still reads back as the same number, by trying the two
+   * decimals of that length next to it.
    */
   private static String shorten(String text, Predicate<String> same) {
     String best = text;

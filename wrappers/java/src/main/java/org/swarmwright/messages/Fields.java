@@ -49,9 +49,9 @@ final class Fields {
   }
 
   String optionalText(String key) {
-    JsonPrimitive value = primitive(key, "a text");
+    JsonPrimitive value = primitive(key, "a string");
     if (value != null && !value.isString()) {
-      throw wrong(key, "a text");
+      throw wrong(key, "a string");
     }
     return value == null ? null : value.getAsString();
   }
@@ -128,7 +128,7 @@ final class Fields {
     return numbers;
   }
 
-  /** Of an extension's object what is a finite number; null if there is none, or no object. */
+  /** The finite numbers of an extension's object; null if it is missing, empty or not an object. */
   Map<String, Double> numbers(String key) {
     JsonElement value = object.get(key);
     Map<String, Double> numbers = new TreeMap<>();
@@ -145,7 +145,7 @@ final class Fields {
   }
 
   List<String> optionalTexts(String key) {
-    String expected = "a list of texts";
+    String expected = "a list of strings";
     JsonArray values = array(key, expected);
     if (values == null) {
       return null;
@@ -177,7 +177,7 @@ final class Fields {
     return new Fields(value.getAsJsonObject());
   }
 
-  /** An extension's key: another peer's own use of its name is as good as none. */
+  /** A key of an extension: if another peer uses its name for something else, it is ignored. */
   <T> T lenient(Supplier<T> read) {
     try {
       return read.get();

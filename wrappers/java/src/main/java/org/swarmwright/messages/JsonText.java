@@ -11,14 +11,14 @@ import java.nio.charset.CharacterCodingException;
 import java.nio.charset.StandardCharsets;
 
 /**
- * Reads payloads as strictly as JSON is written down (RFC 8259); of repeated keys the last one
+ * A strict JSON parser (RFC 8259) that keeps the decimals of numbers; of repeated keys the last one
  * counts.
  *
- * <p>Gson's own reader is more generous (half a surrogate pair), and refuses some long integers.
- * Numbers keep their decimals.
+ * <p>Gson's parser accepts some invalid texts (half a surrogate pair), and refuses some long
+ * integers.
  */
 final class JsonText {
-  /** Larger payloads are refused unread, bytes. */
+  /** The size limit of payloads; larger ones are refused without reading them. */
   static final int MAX_PAYLOAD = 1 << 20;
 
   private static final int MAX_NESTING = 127;
@@ -33,7 +33,8 @@ final class JsonText {
   /**
    * Reads one JSON object.
    *
-   * @throws MessageException if the payload is too large, no UTF-8, no JSON or no object
+   * @throws MessageException if the payload is too large, not in UTF-8, not valid JSON or not an
+   *     object
    */
   static JsonObject read(byte[] payload) {
     if (payload.length > MAX_PAYLOAD) {
@@ -46,7 +47,7 @@ final class JsonText {
           new JsonText(
               StandardCharsets.UTF_8.newDecoder().decode(ByteBuffer.wrap(payload)).toString());
     } catch (CharacterCodingException error) {
-      throw new MessageException("no UTF-8");
+      throw new MessageException("not in UTF-8");
     }
     json.blank();
     JsonElement element = json.value(0);
@@ -55,13 +56,14 @@ final class JsonText {
       throw json.wrong("nothing more");
     }
     if (!element.isJsonObject()) {
-      throw new MessageException("no JSON object");
+      throw new MessageException("not a JSON object");
     }
     return element.getAsJsonObject();
   }
 
   private MessageException wrong(String expected) {
-    return new MessageException("no JSON: expected " + expected + " at character " + (at + 1));
+    return new MessageException(
+        "not valid JSON: expected " + expected + " at character " + (at + 1));
   }
 
   private char peek() {
@@ -114,7 +116,7 @@ final class JsonText {
 
   private void nest(int depth) {
     if (depth > MAX_NESTING) {
-      throw new MessageException("no JSON of at most " + MAX_NESTING + " levels");
+      throw new MessageException("more than " + MAX_NESTING + " levels of JSON");
     }
     at++;
     blank();

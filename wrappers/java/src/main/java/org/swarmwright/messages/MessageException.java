@@ -1,6 +1,6 @@
 package org.swarmwright.messages;
 
-/** A payload that is no message of this protocol; says what is wrong with it. */
+/** A payload is not a valid message of this protocol; the message says why. */
 public class MessageException extends IllegalArgumentException {
   private static final long serialVersionUID = 1L;
 

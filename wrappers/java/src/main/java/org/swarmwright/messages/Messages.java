@@ -21,7 +21,7 @@ public final class Messages {
   private static final Set<String> ADDRESS = Set.of("server", "simulation_hash");
   private static final Gson GSON = gson(Decimals::shortest);
 
-  /** For what is binary32. */
+  /** For binary32 numbers. */
   private static final Gson SINGLES = gson(number -> Decimals.shortest((float) number));
 
   private Messages() {}
@@ -139,7 +139,7 @@ public final class Messages {
   }
 
   /**
-   * The payload of any of these messages; what is null is left out.
+   * The payload of any of these messages; null fields are omitted.
    *
    * @throws MessageException if a number is not finite
    */
@@ -159,7 +159,7 @@ public final class Messages {
     return text.getBytes(StandardCharsets.UTF_8);
   }
 
-  /** What a server can do, of a server or presence message. */
+  /** The capabilities in a server or presence message. */
   static Capabilities readCapabilities(Fields fields) {
     return new Capabilities()
         .withDimensions(fields.number("dimensions"))

@@ -7,7 +7,7 @@ import com.google.gson.stream.JsonWriter;
 import java.io.IOException;
 import java.util.function.DoubleFunction;
 
-/** Writes numbers by a rule of its own. */
+/** Writes numbers with a given conversion. */
 final class NumberWriter extends TypeAdapter<Double> {
   private final DoubleFunction<String> decimals;
 
@@ -22,7 +22,7 @@ final class NumberWriter extends TypeAdapter<Double> {
     } else if (Double.isFinite(value)) {
       out.value(new LazilyParsedNumber(decimals.apply(value)));
     } else {
-      throw new MessageException(value + " is no number that can be sent");
+      throw new MessageException(value + " cannot be sent: it is not a finite number");
     }
   }
 

@@ -4,8 +4,8 @@ import java.util.LinkedHashMap;
 import java.util.Map;
 
 /**
- * The simulation's parameters in a parameters message, which stand beside the server's ID and the
- * hash.
+ * The simulation's parameters in a parameters message, which are at the same level as the server's
+ * ID and the hash.
  */
 public class ParameterValues {
   private final transient Map<String, Object> values = new LinkedHashMap<>();

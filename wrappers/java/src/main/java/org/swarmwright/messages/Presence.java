@@ -3,7 +3,7 @@ package org.swarmwright.messages;
 import com.google.gson.annotations.SerializedName;
 import java.util.List;
 
-/** A server's retained message (an extension): who is there, what it offers, free or taken. */
+/** A server's retained message (an extension): what it offers, and whether it is free. */
 public final class Presence {
   /** What a server does. */
   public enum State {
@@ -32,7 +32,7 @@ public final class Presence {
   /**
    * Makes the message.
    *
-   * @param tool who holds the server; null if nobody does, or somebody without a name
+   * @param tool the tool that has the server; null if none, or an unnamed one, has it
    * @param since when the state began, RFC 3339
    */
   public Presence(
@@ -100,7 +100,7 @@ public final class Presence {
     return capabilities;
   }
 
-  /** Who holds it; null if that is not known. */
+  /** The tool that has it; null if none, or an unnamed one, has it. */
   public String getTool() {
     return tool;
   }

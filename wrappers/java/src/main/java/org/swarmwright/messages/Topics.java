@@ -4,9 +4,9 @@ import java.nio.charset.StandardCharsets;
 
 /** Names of the topics under one prefix. */
 public final class Topics {
-  /** What a message is about. */
+  /** The topics of the protocol. */
   public enum Topic {
-    /** Which servers are there? */
+    /** Asks which servers are available. */
     DISCOVERY("discovery"),
     /** A server's answer. */
     SERVER("server"),
@@ -14,9 +14,9 @@ public final class Topics {
     PARAMETERS("parameters"),
     /** Start or end of an episode. */
     CONTROL("control"),
-    /** What an agent senses. */
+    /** The sensors of an agent. */
     SENSOR("sensor"),
-    /** What an agent does. */
+    /** The actuators of an agent. */
     ACTUATOR("actuator"),
     /** The end of an episode. */
     FITNESS("fitness"),
@@ -26,7 +26,7 @@ public final class Topics {
     TO_SERVER("swarmwright/v1/server"),
     /** Answers to one tool (an extension). */
     TO_TOOL("swarmwright/v1/tool"),
-    /** What one tool does now, for those who watch (an extension). */
+    /** What one tool does now, for monitoring (an extension). */
     STATUS("swarmwright/v1/status");
 
     private final String text;
@@ -56,7 +56,7 @@ public final class Topics {
     String bare = prefix.endsWith("/") ? prefix.substring(0, prefix.length() - 1) : prefix;
     String wrong = null;
     if (bare.chars().anyMatch(c -> c == '+' || c == '#' || c == 0)) {
-      wrong = "+, # and NUL have a meaning of their own in MQTT; use letters, digits, - and /";
+      wrong = "+, # and NUL have a special meaning in MQTT; use letters, digits, - and /";
     } else if (bare.startsWith("/") || bare.startsWith("$") || prefix.equals("/")) {
       wrong = "must not begin with / or $";
     } else if (bare.getBytes(StandardCharsets.UTF_8).length > MAX_PREFIX) {
@@ -78,12 +78,12 @@ public final class Topics {
     return prefix + topic.text + "/" + server;
   }
 
-  /** The full name of a topic that stands in a message without prefix. */
+  /** The full name of a topic that a message gives without prefix. */
   public String under(String name) {
     return prefix + name;
   }
 
-  /** What a full name means; null if it is none of ours. */
+  /** The topic with a full name; null if it is not one of the protocol. */
   public Topic parse(String name) {
     if (!name.startsWith(prefix)) {
       return null;

@@ -5,13 +5,11 @@ import java.util.List;
 import org.swarmwright.CommandLine;
 import org.swarmwright.SimulationServer;
 
-/**
- * The example server: Minisim; with {@code --plain} as a server that knows D6.1 and nothing else.
- */
+/** The example server: Minisim; with {@code --plain} as a server of the D6.1 profile. */
 public final class Main {
   private Main() {}
 
-  /** Serves until it is told to end. */
+  /** Serves until it is terminated. */
   public static void main(String[] arguments) {
     List<String> rest = new ArrayList<>(List.of(arguments));
     if (rest.remove("--plain")) {

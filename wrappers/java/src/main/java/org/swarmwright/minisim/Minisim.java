@@ -10,11 +10,11 @@ import org.swarmwright.controllers.Functions;
 /**
  * Minisim: agents try to reach a goal before slower defenders catch them (D6.1, section 7.2.1).
  *
- * <p>The bits are those of Swarmwright's own Minisim: every operation is one of IEEE 754 binary32
- * in the order written, until the fitness, which is summed in binary64. Sensors of an agent: the
- * way to the goal and to the closest defender, each by the size of the map. Its actuator: the
- * heading, as an angle by pi. Fitness: minus the mean distance to the goal at the end, 0 for those
- * that arrived.
+ * <p>The results are bit-identical to those of Swarmwright's built-in Minisim: every operation is
+ * one of IEEE 754 binary32 in the order written, until the fitness, which is summed in binary64.
+ * Sensors of an agent: the way to the goal and to the closest defender, each by the size of the
+ * map. Its actuator: the heading, as an angle by pi. Fitness: minus the mean distance to the goal
+ * at the end, 0 for those that arrived.
  */
 public final strictfp class Minisim implements Simulation {
   private static final Description DESCRIPTION =
@@ -22,7 +22,7 @@ public final strictfp class Minisim implements Simulation {
           .withMaxAgents(Settings.MAX_BODIES)
           .withMetrics("arrived", "caught", "steps", "distance")
           .with(Description.Determinism.BITWISE);
-  private static final int[] NOBODY = {};
+  private static final int[] NO_AGENTS = {};
 
   private enum State {
     FREE,
@@ -61,7 +61,7 @@ public final strictfp class Minisim implements Simulation {
 
   @Override
   public int[] acting() {
-    return settings.rule == null ? free : NOBODY;
+    return settings.rule == null ? free : NO_AGENTS;
   }
 
   @Override
@@ -101,7 +101,7 @@ public final strictfp class Minisim implements Simulation {
     step++;
     free =
         step >= settings.maxSteps
-            ? NOBODY
+            ? NO_AGENTS
             : Arrays.stream(free).filter(i -> states[i] == State.FREE).toArray();
   }
 

@@ -157,7 +157,7 @@ public final class MinisimSimulationWrapper extends SimulationWrapper {
               .withSimulation("minisim")
               .withSimulationHash(parameters.getSimulationHash())
               .withFitness(minisim.fitness());
-      // Available before the fitness is out: whoever hears it may ask at once.
+      // Available before the fitness is published: a tool may ask as soon as it receives it.
       end();
       publishFitness(fitness);
     }

@@ -2,7 +2,7 @@ package org.swarmwright.minisim;
 
 import org.swarmwright.ParameterReader;
 
-/** A steering rule written by hand: to the goal, and around the closest defender. */
+/** A steering rule: towards the goal, and around the closest defender. */
 final strictfp class Rule {
   private final float avoidance;
   private final float radius;

@@ -4,8 +4,8 @@ import org.swarmwright.ParameterException;
 import org.swarmwright.ParameterReader;
 
 /**
- * Parameters of Minisim, checked, with the positions at the start; left out, they are D6.1's
- * example.
+ * Parameters of Minisim, checked, with the positions at the start. The defaults are the example of
+ * D6.1.
  */
 final strictfp class Settings {
   static final int MAX_BODIES = 100_000;
@@ -27,7 +27,7 @@ final strictfp class Settings {
   final float captureRadius;
   final float goalRadius;
 
-  /** How agents steer themselves; null if they are steered. */
+  /** The rule by which agents steer themselves; null if controllers steer them. */
   final Rule rule;
 
   Settings(ParameterReader read) {

@@ -7,10 +7,10 @@ import java.net.Socket;
 import jdk.net.ExtendedSocketOptions;
 
 /**
- * A socket that has the system acknowledge what was read at once, where it can (Linux).
+ * A socket whose received data is acknowledged at once, if the system can do that (Linux).
  *
- * <p>A broker that leaves Nagle's algorithm on sends nothing more before, and left to itself the
- * system waits 40 ms.
+ * <p>A broker with Nagle's algorithm sends no more data before the acknowledgement, which the
+ * system delays by 40 ms.
  */
 final class AcknowledgingSocket extends Socket {
   private InputStream stream;
@@ -26,7 +26,7 @@ final class AcknowledgingSocket extends Socket {
   }
 
   private final class Acknowledging extends FilterInputStream {
-    /** What one read of the socket brought: Paho reads a byte at a time. */
+    /** A buffer, since Paho reads a byte at a time. */
     private final byte[] buffer = new byte[8192];
 
     private int next;

@@ -18,7 +18,7 @@ import javax.net.ssl.SSLContext;
 import javax.net.ssl.TrustManagerFactory;
 
 /**
- * Where a broker is and who asks: a URL, and the credentials that the environment has.
+ * The URL of a broker, and the credentials from environment variables.
  *
  * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line),
  * SWARMWRIGHT_CA_FILE (PEM).
@@ -45,7 +45,7 @@ public final class BrokerAddress {
    * Reads mqtt://, mqtts://, ws:// or wss://, host and optional port; without a scheme mqtt:// is
    * meant.
    *
-   * @throws IllegalArgumentException if it is none of these, or has credentials in it
+   * @throws IllegalArgumentException if it is not such a URL, or contains credentials
    */
   public static BrokerAddress of(String url) {
     return of(url, System.getenv());
@@ -57,7 +57,7 @@ public final class BrokerAddress {
     try {
       parsed = new URI(url.contains("://") ? url : "mqtt://" + url);
     } catch (URISyntaxException error) {
-      throw wrong(shown, "expected HOST or HOST:PORT behind the scheme");
+      throw wrong(shown, "expected HOST or HOST:PORT after the scheme");
     }
     String scheme = SCHEMES.get(parsed.getScheme().toLowerCase(Locale.ROOT));
     if (scheme == null) {
@@ -75,8 +75,7 @@ public final class BrokerAddress {
     boolean web = scheme.startsWith("ws");
     String query = parsed.getQuery() == null ? "" : parsed.getQuery();
     if (!query.isEmpty() && !query.equals("mqtt=5")) {
-      throw wrong(
-          shown, "servers in Java speak MQTT 5 only; behind the address there may be ?mqtt=5");
+      throw wrong(shown, "servers in Java speak MQTT 5 only; the only query is ?mqtt=5");
     }
     String path = parsed.getPath() == null ? "" : parsed.getPath();
     if (!web && path.length() > 1) {
@@ -94,21 +93,21 @@ public final class BrokerAddress {
     return new IllegalArgumentException("broker URL \"" + url + "\": " + reason);
   }
 
-  /** The address in Paho's spelling. */
+  /** The address as Paho spells it. */
   public String uri() {
     return uri;
   }
 
-  /** The account; null for none. */
+  /** The user name; null for none. */
   public String username() {
     return variable("SWARMWRIGHT_USERNAME");
   }
 
   /**
-   * The account's password; null for none.
+   * The password; null for none.
    *
-   * @throws IllegalArgumentException if it is in a file that cannot be read, or there is no account
-   *     for it
+   * @throws IllegalArgumentException if it is in a file that cannot be read, or the user name is
+   *     not set
    */
   public String password() {
     String password = variable("SWARMWRIGHT_PASSWORD");
@@ -130,7 +129,7 @@ public final class BrokerAddress {
   }
 
   /**
-   * Makes sockets that send at once.
+   * A factory of sockets that send at once.
    *
    * @throws IllegalArgumentException if the certificate authority cannot be read
    */

@@ -8,7 +8,7 @@ import javax.net.SocketFactory;
 
 /**
  * Sockets without Nagle's algorithm: several small messages a step would otherwise wait 40 ms for
- * each other. What comes in is acknowledged at once, for brokers that do not do without it.
+ * each other. Received data is acknowledged at once, for brokers that wait for it.
  */
 final class PromptSockets extends SocketFactory {
 

@@ -28,11 +28,11 @@ final class Batch {
   /** When the step under way began to wait for actuators. */
   long waitingSince;
 
-  /** Whether somebody was told of the waiting. */
-  boolean told;
+  /** Whether the operator was warned that the step waits. */
+  boolean warned;
 
-  /** Whether an episode goes on by itself, so that nobody's actuators are waited for. */
-  boolean goesOn;
+  /** Whether an episode has made a step without actuators, and may make another. */
+  private boolean selfSteering;
 
   private final long server;
   private final Description description;
@@ -64,36 +64,43 @@ final class Batch {
         Guard.reset(simulation, parameters);
       } catch (ParameterException error) {
         throw new Refusal(Refusal.Kind.INVALID, error.getMessage());
-      } catch (Guard.Broken broken) {
-        fail(episode, broken, failed);
+      } catch (Guard.EpisodeFailed failure) {
+        fail(episode, failure, failed);
       }
     }
   }
 
-  private void fail(int episode, Guard.Broken broken, List<Failure> list) {
+  private void fail(int episode, Guard.EpisodeFailed failure, List<Failure> list) {
     rows[episode] = ENDED;
-    Replies.addFailure(list, 0, episode, broken);
+    Replies.addFailure(list, 0, episode, failure);
   }
 
   /**
-   * Makes a step of every episode whose simulation steers its agents itself; whether there is one.
+   * Makes a step of every episode whose simulation steers its agents itself.
+   *
+   * @return whether there is one
    */
-  boolean goOn(long now) {
+  boolean stepSelfSteering(long now) {
     waitingSince = now;
-    goesOn = false;
+    selfSteering = false;
     for (int episode = 0; episode < rows.length; episode++) {
       Simulation simulation = simulations.get(episode);
       try {
         if (rows[episode] != ENDED
             && Guard.call(() -> simulation.acting().length == 0 && !simulation.done())) {
           Guard.run(() -> simulation.step(new float[0]));
-          goesOn = true;
+          selfSteering = true;
         }
-      } catch (Guard.Broken broken) {
-        fail(episode, broken, failed);
+      } catch (Guard.EpisodeFailed failure) {
+        fail(episode, failure, failed);
       }
     }
-    return goesOn;
+    return selfSteering;
+  }
+
+  /** Whether the last step needed no actuators, so that the next one is due at once. */
+  boolean isSelfSteering() {
+    return selfSteering;
   }
 
   /** Whether all episodes have ended, or failed. */
@@ -108,7 +115,7 @@ final class Batch {
    */
   BatchSensors sense(long now) {
     waitingSince = now;
-    told = false;
+    warned = false;
     BatchSensors message = new BatchSensors(start.request, server, step, null);
     message.failed.addAll(failed);
     failed.clear();
@@ -121,10 +128,10 @@ final class Batch {
       int sensors = message.sensors.size();
       try {
         sense(episode, message);
-      } catch (Guard.Broken broken) {
+      } catch (Guard.EpisodeFailed failure) {
         message.agents.truncate(agents);
         message.sensors.truncate(sensors);
-        fail(episode, broken, message.failed);
+        fail(episode, failure, message.failed);
       }
       if (message.sensors.size() + 2L * message.agents.size() > MapReader.MAX_BLOCK / 2) {
         throw new Refusal(
@@ -137,7 +144,7 @@ final class Batch {
     return message;
   }
 
-  private void sense(int episode, BatchSensors message) throws Guard.Broken {
+  private void sense(int episode, BatchSensors message) throws Guard.EpisodeFailed {
     Simulation simulation = simulations.get(episode);
     int[] acting = Guard.call(simulation::acting);
     float[] sensors = new float[description.sensors()];
@@ -171,7 +178,8 @@ final class Batch {
   /**
    * Takes the actuators of a step and makes it.
    *
-   * @throws MessageException if they are not those waited for; the batch goes on waiting
+   * @throws MessageException if the batch does not wait for them; it keeps waiting for the right
+   *     ones
    */
   void actuate(BatchActuators message) {
     if (message.step != step) {
@@ -195,26 +203,26 @@ final class Batch {
       if (rows[episode] == ENDED) {
         continue;
       }
-      float[] own = new float[rows[episode] * width];
-      for (int i = 0; i < own.length; i++) {
-        own[i] = Run.clamp(message.actuators[next++]);
+      float[] actuators = new float[rows[episode] * width];
+      for (int i = 0; i < actuators.length; i++) {
+        actuators[i] = Run.clamp(message.actuators[next++]);
       }
       Simulation simulation = simulations.get(episode);
       try {
-        Guard.run(() -> simulation.step(own));
-      } catch (Guard.Broken broken) {
-        fail(episode, broken, failed);
+        Guard.run(() -> simulation.step(actuators));
+      } catch (Guard.EpisodeFailed failure) {
+        fail(episode, failure, failed);
       }
     }
     step++;
   }
 
-  /** The message that says why the batch is not served any more. */
+  /** The message that ends the batch and says why. */
   BatchSensors refused(Refusal refusal) {
     return new BatchSensors(start.request, server, step, refusal);
   }
 
-  /** Who is missing and for how long, in words. */
+  /** Whose actuators are missing and for how long, in words. */
   String waitingFor(long now) {
     return String.format(
         Locale.ROOT,

@@ -5,65 +5,65 @@ import org.swarmwright.ParameterException;
 import org.swarmwright.ParameterReader;
 import org.swarmwright.Simulation;
 
-/** The simulation's code, called so that it cannot end the server. */
+/** Calls the simulation's code so that its exceptions fail the episode, not the server. */
 final class Guard {
-  private static final int MOST_FRAMES = 32;
-  private static final int MOST_REASON = 2000;
-  private static final int MOST_STACK = 8000;
+  private static final int MAX_FRAMES = 32;
+  private static final int MAX_REASON = 2000;
+  private static final int MAX_STACK = 8000;
 
   private Guard() {}
 
-  /** Why an episode is broken; the message says in which line, where that is known. */
-  static final class Broken extends Exception {
+  /** An episode has failed; the message says in which line of code, if that is known. */
+  static final class EpisodeFailed extends Exception {
     private static final long serialVersionUID = 1L;
 
     /** What the simulation threw, with the frames of its code; null if it threw nothing. */
     final String stack;
 
-    /** Whether it would be so another time, too, whoever computes it with this server. */
+    /** Whether it would fail again with the same parameters and seed, for any tool. */
     final boolean invalid;
 
-    Broken(String reason) {
+    EpisodeFailed(String reason) {
       this(reason, false);
     }
 
-    Broken(String reason, boolean invalid) {
+    EpisodeFailed(String reason, boolean invalid) {
       super(reason, null, false, false);
       this.invalid = invalid;
       stack = null;
     }
 
-    Broken(Throwable cause) {
+    EpisodeFailed(Throwable cause) {
       super(
-          shortened("the simulation threw " + cause + place(cause), MOST_REASON),
+          shortened("the simulation threw " + cause + place(cause), MAX_REASON),
           null,
           false,
           false);
       invalid = false;
-      stack = shortened(describe(cause), MOST_STACK);
+      stack = shortened(describe(cause), MAX_STACK);
     }
   }
 
   /** Code of the simulation, with a result. */
   interface Code<T> {
-    T run() throws Broken;
+    T run() throws EpisodeFailed;
   }
 
   /**
    * Calls the simulation.
    *
-   * @throws Broken if it throws anything
+   * @throws EpisodeFailed if it throws anything
    */
-  static <T> T call(Code<T> code) throws Broken {
+  static <T> T call(Code<T> code) throws EpisodeFailed {
     try {
       return code.run();
     } catch (RuntimeException | LinkageError | AssertionError | VirtualMachineError error) {
-      throw new Broken(error);
+      throw new EpisodeFailed(error);
     }
   }
 
   /** As {@link #call}, without a result. */
-  static void run(Runnable code) throws Broken {
+  static void run(Runnable code) throws EpisodeFailed {
     call(
         () -> {
           code.run();
@@ -75,36 +75,36 @@ final class Guard {
    * Resets the simulation.
    *
    * @throws ParameterException if it refuses a parameter
-   * @throws Broken if it throws anything else
+   * @throws EpisodeFailed if it throws anything else
    */
-  static void reset(Simulation simulation, ParameterReader parameters) throws Broken {
+  static void reset(Simulation simulation, ParameterReader parameters) throws EpisodeFailed {
     try {
       simulation.reset(parameters);
     } catch (ParameterException error) {
       throw error;
     } catch (RuntimeException | LinkageError | AssertionError | VirtualMachineError error) {
-      throw new Broken(error);
+      throw new EpisodeFailed(error);
     }
   }
 
   /**
-   * The fitness, if it can be sent.
+   * Checks that a fitness can be sent.
    *
-   * @throws Broken if it is NaN or infinite
+   * @throws EpisodeFailed if it is NaN or infinite
    */
-  static double finite(double fitness) throws Broken {
+  static double finite(double fitness) throws EpisodeFailed {
     if (!Double.isFinite(fitness)) {
-      throw new Broken("the simulation's fitness is " + fitness + ", not a finite number");
+      throw new EpisodeFailed("the simulation's fitness is " + fitness + ", not a finite number");
     }
     return fitness;
   }
 
   /**
-   * The fitness of the episode that has ended, and behind it the metrics with these names.
+   * The fitness of an episode that has ended, followed by the metrics with these names.
    *
-   * @throws Broken if one is NaN or infinite, or the simulation throws
+   * @throws EpisodeFailed if one is NaN or infinite, or the simulation throws
    */
-  static double[] results(Simulation simulation, List<String> names) throws Broken {
+  static double[] results(Simulation simulation, List<String> names) throws EpisodeFailed {
     double[] results = new double[1 + names.size()];
     results[0] = finite(call(simulation::fitness));
     if (names.isEmpty()) {
@@ -116,7 +116,7 @@ final class Guard {
       int index = known.indexOf(names.get(i));
       results[1 + i] = index < all.length ? all[index] : Double.NaN;
       if (!Double.isFinite(results[1 + i])) {
-        throw new Broken(
+        throw new EpisodeFailed(
             "the simulation's metric "
                 + names.get(i)
                 + " is "
@@ -127,7 +127,7 @@ final class Guard {
     return results;
   }
 
-  /** Message and stack, down to where this library called. */
+  /** Message and stack, down to the call by this library. */
   private static String describe(Throwable error) {
     StringBuilder text = new StringBuilder(error.toString());
     append(text, error.getStackTrace());
@@ -139,7 +139,7 @@ final class Guard {
     return text.toString();
   }
 
-  /** The first line outside of Java's own library, which is the one to look at. */
+  /** The first line outside of Java's class library: most likely that of the bug. */
   private static String place(Throwable error) {
     for (StackTraceElement frame : error.getStackTrace()) {
       String name = frame.getClassName();
@@ -151,7 +151,7 @@ final class Guard {
     return "";
   }
 
-  /** A text of at most as many characters; a cut is marked. */
+  /** A text of at most this many characters; one that is cut ends in "...". */
   static String shortened(String text, int most) {
     if (text.codePointCount(0, text.length()) <= most) {
       return text;
@@ -162,7 +162,7 @@ final class Guard {
   private static void append(StringBuilder text, StackTraceElement[] stack) {
     int shown = 0;
     for (StackTraceElement frame : stack) {
-      if (frame.getClassName().startsWith("org.swarmwright.server.") || shown++ == MOST_FRAMES) {
+      if (frame.getClassName().startsWith("org.swarmwright.server.") || shown++ == MAX_FRAMES) {
         break;
       }
       text.append("\n    at ").append(frame);

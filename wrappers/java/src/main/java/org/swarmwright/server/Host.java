@@ -25,17 +25,17 @@ import org.swarmwright.messages.Topics.Topic;
 import org.swarmwright.mqtt.BrokerAddress;
 
 /**
- * A server's shell: connection, clock, a thread for evaluations. All events enter the machine under
- * one lock.
+ * Runs a {@link Machine}: connection, clock, a thread for evaluations. All events are passed to the
+ * machine under one lock.
  *
- * <p>Part of the library's inside: {@link org.swarmwright.SimulationServer} is the way in.
+ * <p>Not part of the public interface, which is {@link org.swarmwright.SimulationServer}.
  */
 public final class Host implements AutoCloseable, Link.Listener, Outbox {
-  /** For how long a server that starts or comes back listens for another with its ID. */
+  /** How long a server that starts or reconnects listens for another with its ID. */
   private static final long LISTEN_MILLIS = 100;
 
-  /** For how long one that comes back waits for another that only the broker remembers. */
-  private static final long SPEAK_UP_MILLIS = 1000;
+  /** How long one that reconnects waits for a sign of life of another with its ID. */
+  private static final long CONFIRM_MILLIS = 1000;
 
   private final Object lock = new Object();
   private final Identity identity;
@@ -51,21 +51,23 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   private ScheduledFuture<?> alarm;
   private Long alarmAt;
 
-  /** What came while it was not sure that no other server has the ID; null when it is. */
-  private List<Runnable> early = new ArrayList<>();
+  /** Messages that came before it was certain that no other server has the ID; null afterwards. */
+  private List<Runnable> deferred = new ArrayList<>();
 
-  /** How often the connection came or went: whoever waited for its end has to look. */
+  /** How often the connection came or went: a scheduled check is for one connection only. */
   private int changes;
 
   /** Why the server has left by itself; null if it has not. */
-  private String lost;
+  private String leftBecause;
 
   private Presence rival;
 
-  /** Whether the other server said so itself, and whether it was asked to. */
-  private boolean spoke;
+  /** Whether the other server has published its presence just now: it is not only retained. */
+  private boolean rivalAlive;
 
-  private boolean asked;
+  /** Whether the other server was made to publish its presence again. */
+  private boolean rivalAsked;
+
   private boolean closed;
   private final CountDownLatch end = new CountDownLatch(1);
 
@@ -109,8 +111,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     refuseRival();
     synchronized (lock) {
       machine.publishPresence(stamp());
-      List<Runnable> waiting = early;
-      early = null;
+      List<Runnable> waiting = deferred;
+      deferred = null;
       waiting.forEach(Runnable::run);
       watch();
     }
@@ -132,7 +134,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     return Instant.now().truncatedTo(ChronoUnit.SECONDS).toString();
   }
 
-  /** Listens for a moment for a living server with the same ID. */
+  /** Listens for a moment for a running server with the same ID. */
   private void refuseRival() {
     try {
       Thread.sleep(LISTEN_MILLIS);
@@ -144,7 +146,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       other = rival;
     }
     if (other != null) {
-      // A good-bye, or the last will would declare the rightful owner of the ID lost.
+      // In order, or the last will would declare the server that has the ID lost.
       link.close();
       throw new IllegalStateException(
           "the id "
@@ -166,37 +168,37 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
         && !identity.isDead(other);
   }
 
-  // What happens.
+  // Events.
 
   @Override
   public void received(String topic, byte[] payload, boolean retained) {
     synchronized (lock) {
-      if (lost != null) {
+      if (leftBecause != null) {
         return;
       }
-      if (early == null) {
+      if (deferred == null) {
         receive(topic, payload, retained);
       } else if (!topic.equals(presenceTopic())) {
-        early.add(() -> receive(topic, payload, retained));
+        deferred.add(() -> receive(topic, payload, retained));
       } else if (payload.length > 0) {
         noteRival(payload, retained);
       }
     }
   }
 
-  /** A fault of this library must not break the connection, as Paho would. */
+  /** A bug in this library must not close the connection, as an exception in Paho does. */
   private void receive(String topic, byte[] payload, boolean retained) {
     try {
       machine.receive(topic, payload, retained, System.nanoTime());
       watch();
-    } catch (RuntimeException fault) {
+    } catch (RuntimeException bug) {
       notices.accept(
-          "fault: a message on "
+          "bug: a message on "
               + topic
               + " was not handled: "
-              + fault
+              + bug
               + " at "
-              + fault.getStackTrace()[0]);
+              + bug.getStackTrace()[0]);
     }
   }
 
@@ -205,7 +207,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       Presence presence = Messages.readPresence(payload);
       if (isRival(presence)) {
         rival = presence;
-        spoke |= !retained;
+        rivalAlive |= !retained;
       }
     } catch (MessageException error) {
       notices.accept(
@@ -219,37 +221,38 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       if (closed) {
         return;
       }
-      early = new ArrayList<>();
+      deferred = new ArrayList<>();
       rival = null;
-      spoke = false;
-      asked = false;
+      rivalAlive = false;
+      rivalAsked = false;
       int now = ++changes;
       clock.schedule(() -> returned(now), LISTEN_MILLIS, TimeUnit.MILLISECONDS);
     }
   }
 
   /**
-   * The connection has been there again for a moment: another server has the ID by now, or none.
+   * The connection has been back for a moment: by now it is known whether another server has the
+   * ID.
    */
   private void returned(int change) {
     synchronized (lock) {
       if (closed || change != changes) {
         return;
       }
-      if (rival != null && spoke) {
+      if (rival != null && rivalAlive) {
         giveWay(Identity.words(rival.getCapabilities().getSwarmwright()));
         return;
       }
-      if (rival != null && !asked) {
-        // A broker that was restarted may remember servers that are long gone. One that is there
-        // contradicts this.
-        asked = true;
+      if (rival != null && !rivalAsked) {
+        // A broker that was restarted may have retained presences of servers that have ended. One
+        // that runs contradicts a "lost" by publishing its presence again.
+        rivalAsked = true;
         presence(Messages.write(machine.presence(Presence.State.LOST, stamp())));
-        clock.schedule(() -> returned(change), SPEAK_UP_MILLIS, TimeUnit.MILLISECONDS);
+        clock.schedule(() -> returned(change), CONFIRM_MILLIS, TimeUnit.MILLISECONDS);
         return;
       }
-      List<Runnable> waiting = early;
-      early = null;
+      List<Runnable> waiting = deferred;
+      deferred = null;
       machine.connected(stamp());
       waiting.forEach(Runnable::run);
       watch();
@@ -267,7 +270,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     }
   }
 
-  /** Sets the alarm to when the machine wants to be asked again. */
+  /** Sets the alarm to the next tick of the machine. */
   private void watch() {
     Long next = machine.nextTick();
     boolean same = alarmAt != null && next != null && alarmAt <= next;
@@ -284,14 +287,14 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   private void tick() {
     synchronized (lock) {
       alarmAt = null;
-      if (!closed && lost == null) {
+      if (!closed && leftBecause == null) {
         machine.tick(System.nanoTime(), stamp());
         watch();
       }
     }
   }
 
-  // What the machine wants done.
+  // Actions of the machine.
 
   @Override
   public void publish(Topic topic, byte[] payload) {
@@ -327,13 +330,13 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
 
   @Override
   public void giveWay(String other) {
-    if (lost == null) {
-      lost =
+    if (leftBecause == null) {
+      leftBecause =
           "another server has the id "
               + identity.id
               + " too ("
               + other
-              + "): this one, which was away, leaves; start it again with another --id";
+              + "): this one, which was disconnected, leaves; start it again with another --id";
       // Not here: this may be the connection's own thread.
       clock.execute(this::close);
     }
@@ -351,12 +354,12 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
    */
   public void await() throws InterruptedException {
     end.await();
-    if (lost != null) {
-      throw new IllegalStateException(lost);
+    if (leftBecause != null) {
+      throw new IllegalStateException(leftBecause);
     }
   }
 
-  /** Gives up what is under way and leaves the broker in good order. */
+  /** Gives up what is under way, removes the presence and disconnects. */
   @Override
   public void close() {
     synchronized (lock) {
@@ -365,8 +368,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       }
       closed = true;
       machine.free(System.nanoTime());
-      // The presence of another server with the ID is not this one's to remove.
-      if (lost == null) {
+      // Otherwise the presence on the broker is that of the other server with the ID.
+      if (leftBecause == null) {
         link.retain(presenceTopic(), new byte[0]);
       }
     }

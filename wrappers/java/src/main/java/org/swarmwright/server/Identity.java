@@ -9,7 +9,7 @@ import org.swarmwright.Description;
 import org.swarmwright.messages.Capabilities;
 import org.swarmwright.messages.Swarmwright;
 
-/** Who a server is, and what tells it from another one with the same ID. */
+/** What identifies a server, also among others with the same ID. */
 final class Identity {
   final long id;
   final String instance = String.format("%016x", new SecureRandom().nextLong());
@@ -34,15 +34,15 @@ final class Identity {
     host = hostName();
   }
 
-  /** Where another server runs, in words. */
+  /** Host and process of another server, in words. */
   static String words(Swarmwright other) {
     String host = other == null || other.getHost() == null ? "an unknown host" : other.getHost();
     return other == null || other.getPid() == null ? host : host + ", process " + other.getPid();
   }
 
   /**
-   * Whether another server's process is known to be dead, as one on this machine is that is not
-   * there: a broker that was killed keeps the presence of servers that died with it.
+   * Whether another server's process is known to have ended, which can be checked on this machine
+   * only. A broker that was killed keeps the presence of servers that were killed with it.
    */
   boolean isDead(Swarmwright other) {
     return other != null
@@ -51,13 +51,14 @@ final class Identity {
         && ProcessHandle.of(other.getPid()).isEmpty();
   }
 
-  /** Whether a message for a start of this ID is for this one; null where its tool does not say. */
-  boolean isMeant(String which) {
-    return which == null || which.equals(instance);
+  /** Whether a message is for this server: its {@code instance} field, null if it has none. */
+  boolean isMeant(String addressee) {
+    return addressee == null || addressee.equals(instance);
   }
 
-  /** What this server says of its ability to run a simulation. */
-  Capabilities capabilities(Description simulation, int batch) {
+  /** The capabilities of this server for the simulation that it offers. */
+  Capabilities capabilities(Offer offer) {
+    Description simulation = offer.description();
     return new Capabilities()
         .withDimensions((double) simulation.dimensions())
         .withMaxAgents(simulation.maxAgents() == 0 ? null : (double) simulation.maxAgents())
@@ -66,7 +67,7 @@ final class Identity {
                 .withVersion(1)
                 .withModes(List.of("stepwise", "batched", "offloaded"))
                 .withControllers(List.of("layered", "fully_meshed", "mealy_fsm", "parameter_set"))
-                .withBatch(batch)
+                .withBatch(offer.maxBatch())
                 .withMetrics(simulation.metrics().isEmpty() ? null : simulation.metrics())
                 .withDeterminism(name(simulation.determinism()))
                 .withTolerance(simulation.tolerance())

@@ -17,15 +17,15 @@ import org.swarmwright.extension.Failure;
 import org.swarmwright.extension.Refusal;
 
 /**
- * One request for offloaded evaluation: every candidate in every episode, computed in whatever
- * thread runs it.
+ * One request for offloaded evaluation: every candidate in every episode, computed in the thread
+ * that runs it.
  */
 final class Job implements Runnable {
   final Evaluate request;
 
   /**
-   * When the tool gives the work to somebody else, nanoseconds of {@link System#nanoTime}; null for
-   * never.
+   * When the tool gives the request to another server, nanoseconds of {@link System#nanoTime}; null
+   * for never.
    */
   final Long expires;
 
@@ -53,19 +53,19 @@ final class Job implements Runnable {
     request.metrics.forEach(name -> metrics.put(name, nan()));
   }
 
-  /** What an episode has that fails. */
+  /** The results of episodes that have not been computed or have failed. */
   private double[] nan() {
     double[] numbers = new double[candidates * request.seeds.length];
     Arrays.fill(numbers, Double.NaN);
     return numbers;
   }
 
-  /** Bytes held. */
+  /** Bytes of the request in memory. */
   long size() {
     return 4L * request.genomes.length + 8L * request.seeds.length;
   }
 
-  /** Nobody waits for the result. */
+  /** The result is not needed any more: stops after the episode under way. */
   void abort() {
     aborted = true;
   }
@@ -80,7 +80,7 @@ final class Job implements Runnable {
     } catch (Refusal refused) {
       error = refused;
     } catch (Throwable fault) {
-      // Without an answer the tool would wait for its lease to run out.
+      // Without a reply the tool would wait until its lease expires.
       error = new Refusal(Refusal.Kind.FAILED, "the server failed: " + fault);
     }
     seconds = (System.nanoTime() - start) / 1e9;
@@ -98,15 +98,15 @@ final class Job implements Runnable {
       for (int episode = 0; episode < episodes && !aborted; episode++) {
         try {
           rollout.run(new ParameterReader(merged(parameters[episode], first)), first);
-          note(candidate * episodes + episode, Guard.results(simulation, request.metrics));
-        } catch (Guard.Broken broken) {
-          Replies.addFailure(failed, candidate, episode, broken);
+          setResults(candidate * episodes + episode, Guard.results(simulation, request.metrics));
+        } catch (Guard.EpisodeFailed failure) {
+          Replies.addFailure(failed, candidate, episode, failure);
         }
       }
     }
   }
 
-  private void note(int index, double[] results) {
+  private void setResults(int index, double[] results) {
     fitness[index] = results[0];
     for (int i = 0; i < request.metrics.size(); i++) {
       metrics.get(request.metrics.get(i))[index] = results[1 + i];
@@ -119,7 +119,7 @@ final class Job implements Runnable {
         : parameters;
   }
 
-  /** Parameters with a seed, 64 bits without sign. */
+  /** A copy of parameters with a seed, an unsigned 64-bit integer. */
   static JsonObject seeded(JsonObject parameters, long seed) {
     JsonObject copy = new JsonObject();
     parameters.entrySet().forEach(entry -> copy.add(entry.getKey(), entry.getValue()));

@@ -19,19 +19,19 @@ import org.eclipse.paho.mqttv5.common.packet.MqttProperties;
 import org.swarmwright.BrokerException;
 import org.swarmwright.mqtt.BrokerAddress;
 
-/** The connection of a server, MQTT 5; it comes back by itself, with its subscriptions. */
+/** The connection of a server, MQTT 5, which reconnects and subscribes again by itself. */
 final class Link {
   private static final Logger LOG = Logger.getLogger(Link.class.getName());
   private static final int TIMEOUT_MILLIS = 10_000;
-  private static final int KEEP_ALIVE = 20;
+  private static final int KEEP_ALIVE_S = 20;
 
-  /** For how long the broker keeps the news that a server was lost, seconds. */
-  private static final long LOST_EXPIRY = 3600;
+  /** How long the broker retains the last will, seconds. */
+  private static final long WILL_EXPIRY_S = 3600;
 
   /** Bytes of a packet beside topic, payload and properties: type, lengths of all of these. */
   private static final int HEADER = 8;
 
-  /** Bytes of an answer's properties, content type and correlation data. */
+  /** Bytes of the properties of a reply: content type and correlation data. */
   private static final int ANSWER_PROPERTIES = 33;
 
   private final BrokerAddress address;
@@ -39,7 +39,7 @@ final class Link {
   private final List<MqttSubscription> subscriptions;
   private final Listener listener;
 
-  /** Who hears of a connection. */
+  /** Receives the events of a connection. */
   interface Listener {
     void received(String topic, byte[] payload, boolean retained);
 
@@ -51,8 +51,8 @@ final class Link {
   /**
    * Connects and subscribes.
    *
-   * @param will what the broker publishes, retained, when the connection breaks
-   * @throws BrokerException if that cannot be done
+   * @param will the last will, which the broker publishes, retained, when the connection breaks
+   * @throws BrokerException if the broker cannot be reached
    */
   Link(
       BrokerAddress address,
@@ -69,7 +69,7 @@ final class Link {
     options.setAutomaticReconnect(true);
     options.setAutomaticReconnectDelay(1, 5);
     options.setConnectionTimeout(TIMEOUT_MILLIS / 1000);
-    options.setKeepAliveInterval(KEEP_ALIVE);
+    options.setKeepAliveInterval(KEEP_ALIVE_S);
     options.setSocketFactory(address.sockets());
     if (address.username() != null) {
       options.setUserName(address.username());
@@ -78,7 +78,7 @@ final class Link {
       options.setPassword(address.password().getBytes(StandardCharsets.UTF_8));
     }
     MqttProperties expiry = new MqttProperties();
-    expiry.setMessageExpiryInterval(LOST_EXPIRY);
+    expiry.setMessageExpiryInterval(WILL_EXPIRY_S);
     options.setWill(willTopic, new MqttMessage(will, 1, true, expiry));
     options.setWillMessageProperties(expiry);
     try {
@@ -107,7 +107,7 @@ final class Link {
   }
 
   /**
-   * Publishes with QoS 0; {@code what} names it for people.
+   * Publishes with QoS 0; {@code what} names the message in errors.
    *
    * @throws TooLarge if the broker would not take it
    */
@@ -122,7 +122,7 @@ final class Link {
   }
 
   /**
-   * Publishes the answer to a request, or to none: null; QoS 0.
+   * Publishes a message to a tool with QoS 0; {@code request} is what it answers, null for none.
    *
    * @throws TooLarge if the broker would not take it
    */
@@ -136,16 +136,16 @@ final class Link {
     send(topic, new MqttMessage(payload, 0, false, properties));
   }
 
-  /** A broker breaks the connection on a packet that is larger than it announced. */
+  /** Brokers close the connection after a packet that is larger than they announced. */
   private void check(String what, String topic, long payload) {
     long bytes = HEADER + topic.getBytes(StandardCharsets.UTF_8).length + payload;
-    long most = client.largestPacket();
-    if (bytes > most) {
-      throw new TooLarge(what, bytes, most);
+    long max = client.largestPacket();
+    if (bytes > max) {
+      throw new TooLarge(what, bytes, max);
     }
   }
 
-  /** Without a connection the message is lost, as the run is to which it belongs. */
+  /** Without a connection the message is lost; the run to which it belongs is given up anyway. */
   private void send(String topic, MqttMessage message) {
     try {
       client.publish(topic, message);
@@ -154,7 +154,7 @@ final class Link {
     }
   }
 
-  /** Leaves in order; what was published goes out first. */
+  /** Sends what was published, then disconnects in order. */
   void close() {
     try {
       client.disconnect(1000).waitForCompletion(2000);
@@ -176,7 +176,7 @@ final class Link {
     }
   }
 
-  /** Paho's client, asked for what the broker announced when it accepted the connection. */
+  /** Paho's client, with access to what the broker announced when it accepted the connection. */
   private static final class Client extends MqttAsyncClient {
     private volatile IMqttToken accepted;
 
@@ -184,7 +184,7 @@ final class Link {
       super(uri, name, new MemoryPersistence());
     }
 
-    /** Called for every connection, also for those that Paho makes again by itself. */
+    /** Called for every connection, also when Paho reconnects by itself. */
     @Override
     public IMqttToken connect(
         MqttConnectionOptions options, Object context, MqttActionListener listener)
@@ -194,14 +194,14 @@ final class Link {
     }
 
     /**
-     * Bytes of the largest packet that the broker takes, as far as it says. Paho has a method for
-     * it that tells what this client takes.
+     * Bytes of the largest packet that the broker accepts, if it announced a limit. The method of
+     * Paho with this name returns the limit of the client.
      */
     long largestPacket() {
       IMqttToken token = accepted;
       MqttProperties announced = token == null ? null : token.getResponseProperties();
-      Long most = announced == null ? null : announced.getMaximumPacketSize();
-      return most == null ? Long.MAX_VALUE : most;
+      Long max = announced == null ? null : announced.getMaximumPacketSize();
+      return max == null ? Long.MAX_VALUE : max;
     }
   }
 

@@ -1,20 +1,11 @@
 package org.swarmwright.server;
 
-import java.util.HashSet;
-import java.util.List;
 import java.util.Objects;
 import java.util.Optional;
-import java.util.Set;
-import org.swarmwright.messages.Capabilities;
 import org.swarmwright.messages.Discovery;
-import org.swarmwright.messages.Messages;
-import org.swarmwright.messages.Presence;
-import org.swarmwright.messages.Server;
-import org.swarmwright.messages.Swarmwright;
-import org.swarmwright.messages.Topics.Topic;
 
 /**
- * Who has a server, and what it says of itself.
+ * Which optimization tool has a server, and what the server computes for it.
  *
  * <p>A server is free, configured (parameters came, it waits for control), running an episode,
  * stepping a batch, working on requests for offloaded evaluation, or held: between two episodes of
@@ -22,21 +13,9 @@ import org.swarmwright.messages.Topics.Topic;
  * so it does for one whose turn has come ({@link Turns}). Times are nanoseconds of {@link
  * System#nanoTime}.
  */
-abstract class Occupancy {
-  static final long SECOND = 1_000_000_000L;
-
-  /**
-   * How long parameters without control, or a holder without a new episode, keep the server taken.
-   */
-  static final long PATIENCE = 5 * SECOND;
-
-  /**
-   * A change of presence is published when it has lasted this long: runs of a few milliseconds are
-   * no news.
-   */
-  static final long SETTLE = 150_000_000L;
-
-  private static final int MOST_COMPLAINTS = 1000;
+final class Occupancy {
+  /** How long a server stays configured without control, or held without another episode. */
+  private static final long IDLE_LIMIT_NANOS = 5_000_000_000L;
 
   /** See the class. */
   enum State {
@@ -48,165 +27,81 @@ abstract class Occupancy {
     HELD
   }
 
-  final Identity identity;
-  final Offer offer;
-  final Outbox outbox;
+  private final Offer offer;
+  private final DiscoveryReplies discoveryReplies;
+  private final PresencePublisher presence;
+  private final Turns turns = new Turns();
 
-  State state = State.FREE;
+  private State state = State.FREE;
 
   /** When the server is free again, while configured or held. */
-  long until;
+  private long until;
 
   /** While running. */
-  Run run;
+  private Run run;
 
   /** While stepping. */
-  Batch batch;
+  private Batch batch;
 
   /** While working. */
-  Work work;
+  private EvaluationQueue evaluations;
 
-  /** The tool for which it is held; null for one without a name. */
-  String holder;
+  /** The tool for which the server is held; null for an unnamed one. */
+  private String heldFor;
 
   /** The hash of the run before, which a control{run: false} may still name. */
-  String lastHash;
+  private String lastHash;
 
-  /** For how long it may turn out that another server with the ID is gone. */
-  static final long LISTEN = SECOND / 10;
-
-  /** Another server that has the ID and is to keep it, in words; null for none. */
-  String leavingTo;
-
-  private String leavingFrom;
-
-  /** When this server leaves to it. */
-  long leavingAt;
-
-  /** Since when presence has to be published; null if it is known. */
-  Long changedAt;
-
-  final Turns turns = new Turns();
-
-  private final Set<String> complaints = new HashSet<>();
-  private Presence.State published;
-  private String publishedHolder;
-
-  Occupancy(Identity identity, Offer offer, Outbox outbox) {
-    this.identity = identity;
+  Occupancy(Offer offer, DiscoveryReplies discoveryReplies, PresencePublisher presence) {
     this.offer = offer;
-    this.outbox = outbox;
+    this.discoveryReplies = discoveryReplies;
+    this.presence = presence;
   }
 
-  /** Gives up whatever is under way; what is being computed, as soon as it can be stopped. */
-  void free(long now) {
-    if (state == State.WORKING) {
-      work.release();
-    } else {
-      enter(State.FREE, now);
-    }
+  boolean is(State which) {
+    return state == which;
   }
 
-  /**
-   * A run is over: its tool, if it gave its name, keeps the server for the next one, unless it is
-   * another one's turn. A tool without a name keeps it for as long as its turn lasts, where it had
-   * to wait for that.
-   */
-  void leave(long now) {
-    Discovery next = turns.next(now);
-    String tool = holder();
-    if (next != null) {
-      handOver(next, now);
-    } else if (tool != null) {
-      hold(tool, now + PATIENCE, now);
-    } else if (turns.keepsNameless(now)) {
-      hold(null, now + Turns.RESERVED_NAMELESS, now);
-    } else {
-      enter(State.FREE, now);
-    }
+  State state() {
+    return state;
   }
 
-  /**
-   * The server waits for a tool, which hears of it at once: one with a name by presence, one
-   * without by the answer to its question.
-   */
-  final void handOver(Discovery next, long now) {
-    hold(next.getTool(), now + Turns.patience(next.getTool()), now);
-    if (next.getTool() == null) {
-      turns.invite(next.getSimulationHash());
-      answer(next);
-    }
-    tellAtOnce(now);
+  /** The episode that is running, else null. */
+  Run run() {
+    return run;
   }
 
-  /** Tells a tool that it may have the server. */
-  final void answer(Discovery discovery) {
-    Server answer =
-        new Server()
-            .withServer(identity.id)
-            .withSimulationHash(discovery.getSimulationHash())
-            .withSimulations(titles())
-            .withCapabilities(capabilities());
-    outbox.publish(Topic.SERVER, Messages.write(answer));
+  /** The batch that is being stepped, else null. */
+  Batch batch() {
+    return batch;
   }
 
-  /** The server is free, or configured. */
-  final void enter(State next, long now) {
-    change(next, now);
-    turns.heldBy(null, next == State.CONFIGURED, now);
+  /** The requests that are being computed, else null. */
+  EvaluationQueue evaluations() {
+    return evaluations;
   }
 
-  /** The server waits for a tool; null for one without a name. */
-  final void hold(String tool, long end, long now) {
-    change(State.HELD, now);
-    holder = tool;
-    until = end;
-    turns.heldBy(Optional.ofNullable(tool), false, now);
+  /** The hash of the run before; null if there was none. */
+  String lastHash() {
+    return lastHash;
   }
 
-  /** An episode begins. */
-  final void begin(Run started, long now) {
-    change(State.RUNNING, now);
-    run = started;
-    hasBegun(now);
+  /** Whether something is being computed. */
+  boolean isActive() {
+    return state == State.RUNNING || state == State.STEPPING || state == State.WORKING;
   }
 
-  /** A batch begins. */
-  final void begin(Batch started, long now) {
-    change(State.STEPPING, now);
-    batch = started;
-    hasBegun(now);
+  /** Whether the server is held for another tool than this; null for an unnamed one. */
+  boolean isHeldForOther(String tool) {
+    return state == State.HELD && !Objects.equals(heldFor, tool);
   }
 
-  /** Requests begin. */
-  final void begin(Work started, long now) {
-    change(State.WORKING, now);
-    work = started;
-    hasBegun(now);
+  /** Whether the server is held for a tool without a name. */
+  boolean isHeldForUnnamed() {
+    return state == State.HELD && heldFor == null;
   }
 
-  /** Something is computed for whoever has the server. */
-  final void hasBegun(long now) {
-    turns.heldBy(Optional.ofNullable(holder()), true, now);
-  }
-
-  private void change(State next, long now) {
-    if (state == State.RUNNING) {
-      lastHash = run.hash;
-    }
-    if (next == State.FREE) {
-      offer.tidy();
-    }
-    state = next;
-    run = null;
-    batch = null;
-    work = null;
-    holder = null;
-    if (changedAt == null) {
-      changedAt = now;
-    }
-  }
-
+  /** The tool that has the server; null if none, or an unnamed one, has it. */
   String holder() {
     switch (state) {
       case RUNNING:
@@ -214,9 +109,9 @@ abstract class Occupancy {
       case STEPPING:
         return batch.start.tool;
       case WORKING:
-        return work.holder();
+        return evaluations.tool();
       case HELD:
-        return holder;
+        return heldFor;
       default:
         return null;
     }
@@ -226,100 +121,158 @@ abstract class Occupancy {
     return holder() == null ? "another optimization tool" : holder();
   }
 
-  List<String> titles() {
-    return List.of(offer.description().title());
-  }
-
-  Capabilities capabilities() {
-    return identity.capabilities(offer.description(), offer.batch());
-  }
-
-  /** The presence message for a state. */
-  Presence presence(Presence.State now, String since) {
-    return new Presence(identity.id, now, titles(), capabilities(), holder(), since);
-  }
-
-  /** Publishes what the server does now, unless that is known. */
-  void publishPresence(String since) {
-    changedAt = null;
-    Presence.State now = state == State.FREE ? Presence.State.READY : Presence.State.BUSY;
-    if (now == published && Objects.equals(holder(), publishedHolder)) {
-      return;
+  /** Whether a tool may have the server. One that may not is remembered, and has its turn later. */
+  boolean admits(Discovery discovery, long now) {
+    String tool = discovery.getTool();
+    boolean heldForIt = state == State.HELD && !isHeldForOther(tool);
+    if (state == State.FREE || heldForIt) {
+      if (tool == null) {
+        turns.removeQuestions(null);
+      }
+      return true;
     }
-    outbox.presence(Messages.write(presence(now, since)));
-    outbox.notice(
-        now == Presence.State.READY ? "ready" : holder() == null ? "busy" : "busy for " + holder());
-    published = now;
-    publishedHolder = holder();
+    if (!turns.isHeldBy(tool)) {
+      turns.ask(discovery, now);
+    }
+    return false;
+  }
+
+  /** Parameters for this server came in. */
+  void configured(long now) {
+    if (state == State.FREE || state == State.CONFIGURED) {
+      enter(State.CONFIGURED, now);
+      until = now + IDLE_LIMIT_NANOS;
+    } else if (isHeldForUnnamed()) {
+      // Parameters do not name their tool; most likely they are those of the awaited one.
+      until = now + IDLE_LIMIT_NANOS;
+    }
+  }
+
+  /** Parameters for another server came in: an unnamed tool that was invited may have chosen it. */
+  void otherConfigured(String hash, long now) {
+    boolean choseOther = turns.choseOther(hash);
+    if (choseOther && isHeldForUnnamed()) {
+      enter(State.FREE, now);
+      presence.changedForLong(now);
+    }
+  }
+
+  /** An episode begins. */
+  void begin(Run started, long now) {
+    change(State.RUNNING, now);
+    run = started;
+    activated(now);
+  }
+
+  /** A batch begins. */
+  void begin(Batch started, long now) {
+    change(State.STEPPING, now);
+    batch = started;
+    activated(now);
+  }
+
+  /** Requests for offloaded evaluation begin. */
+  void begin(EvaluationQueue started, long now) {
+    change(State.WORKING, now);
+    evaluations = started;
+    activated(now);
+  }
+
+  /** A tool takes over the queue of one that gave up while an evaluation is being stopped. */
+  void queueTakenOver(long now) {
+    presence.changed(now);
+    activated(now);
+  }
+
+  private void activated(long now) {
+    turns.heldBy(Optional.ofNullable(holder()), true, now);
+  }
+
+  /** Gives up what is under way; an evaluation, as soon as it can be stopped. */
+  void giveUp(long now) {
+    if (state == State.WORKING) {
+      evaluations.giveUp();
+    } else {
+      free(now);
+    }
   }
 
   /**
-   * A presence message came in under this server's ID. Of two servers with one ID that are at work
-   * the one whose instance is the greater text goes, and the other one says that it is there.
+   * A run is over: its tool, if it gave its name, keeps the server for the next one, unless it is
+   * another one's turn. An unnamed tool that had to wait for its turn keeps the server until the
+   * turn is over.
    */
-  void otherPresence(Presence presence, long now) {
-    if (presence.getServer() != identity.id) {
-      return;
-    }
-    if (presence.getState() == Presence.State.LOST) {
-      // A last will, an old one of this server or that of another with its ID, stands in the place
-      // of what is true.
-      Swarmwright gone = presence.getCapabilities().getSwarmwright();
-      if (gone != null && leavingTo != null && leavingFrom.equals(gone.getInstance())) {
-        leavingTo = null;
-      }
-      forgetPresence();
-      publishPresence(presence.getSince());
-      return;
-    }
-    Swarmwright other = presence.getCapabilities().getSwarmwright();
-    if (other != null && identity.instance.equals(other.getInstance())) {
-      return;
-    }
-    String rival = Identity.words(other);
-    if (identity.isDead(other)) {
-      return;
-    }
-    leavingTo = null;
-    if (other != null
-        && other.getInstance() != null
-        && other.getInstance().compareTo(identity.instance) < 0) {
-      // What comes late may be of one that is gone by now: that would come right behind it.
-      leavingTo = rival;
-      leavingFrom = other.getInstance();
-      leavingAt = now + LISTEN;
-      return;
-    }
-    complain(
-        String.format(
-            "another server has the id %d too (%s); give one of them another --id",
-            identity.id, rival));
-    forgetPresence();
-    tellAtOnce(now);
-  }
-
-  /** A warning that is made only once, however often its cause comes back. */
-  void complain(String text) {
-    if (complaints.size() < MOST_COMPLAINTS && complaints.add(text)) {
-      outbox.notice("warning: " + text);
+  void finish(long now) {
+    Discovery next = turns.next(now);
+    String tool = holder();
+    if (next != null) {
+      handOver(next, now);
+    } else if (tool != null) {
+      hold(tool, now);
+    } else if (turns.keepsUnnamed(now)) {
+      hold(null, now + Turns.UNNAMED_RESERVATION_NANOS, now);
+    } else {
+      free(now);
     }
   }
 
-  /** A tool that came too late hears of it, also when nothing has changed since. */
-  void tellAgain(long now) {
-    published = null;
-    if (changedAt == null) {
-      changedAt = now;
+  /** The tool whose turn it is now, if another one waits and the turn is over; else null. */
+  Discovery nextTurn(long now) {
+    return turns.next(now);
+  }
+
+  /**
+   * Reserves the server for a tool. One with a name learns of it by presence, an unnamed one by the
+   * reply to its discovery.
+   */
+  void handOver(Discovery next, long now) {
+    hold(next.getTool(), now + Turns.reservationNanos(next.getTool()), now);
+    if (next.getTool() == null) {
+      turns.invite(next.getSimulationHash());
+      discoveryReplies.send(next);
     }
+    presence.changedForLong(now);
   }
 
-  /** A change of presence that is no matter of milliseconds. */
-  final void tellAtOnce(long now) {
-    changedAt = now - SETTLE;
+  /** Keeps the server for another episode of a tool. */
+  void hold(String tool, long now) {
+    hold(tool, now + IDLE_LIMIT_NANOS, now);
   }
 
-  /** Nobody knows any more what the server does. */
-  void forgetPresence() {
-    published = null;
+  private void hold(String tool, long end, long now) {
+    change(State.HELD, now);
+    heldFor = tool;
+    until = end;
+    turns.heldBy(Optional.ofNullable(tool), false, now);
+  }
+
+  /** The server is free. */
+  void free(long now) {
+    enter(State.FREE, now);
+  }
+
+  private void enter(State next, long now) {
+    change(next, now);
+    turns.heldBy(null, next == State.CONFIGURED, now);
+  }
+
+  private void change(State next, long now) {
+    if (state == State.RUNNING) {
+      lastHash = run.hash;
+    }
+    if (next == State.FREE) {
+      offer.discardDuplicates();
+    }
+    state = next;
+    run = null;
+    batch = null;
+    evaluations = null;
+    heldFor = null;
+    presence.changed(now);
+  }
+
+  /** When waiting for control or another episode ends; null if the server does not wait for it. */
+  Long expiry() {
+    return state == State.CONFIGURED || state == State.HELD ? (Long) until : null;
   }
 }

@@ -7,7 +7,7 @@ import org.swarmwright.Description;
 import org.swarmwright.Simulation;
 import org.swarmwright.extension.Refusal;
 
-/** The simulation that a server offers, and as many more of its kind as a batch needs. */
+/** The simulation that a server offers, and the duplicates of it that a batch needs. */
 final class Offer {
   static final int MAX_BATCH = 256;
 
@@ -35,8 +35,17 @@ final class Offer {
     return description;
   }
 
-  /** Most episodes of a batch. */
-  int batch() {
+  /** The titles of all simulations, as messages list them. */
+  List<String> titles() {
+    return List.of(description.title());
+  }
+
+  boolean offers(String title) {
+    return description.title().equals(title);
+  }
+
+  /** The largest number of episodes of a batch. */
+  int maxBatch() {
     return maker == null ? 1 : MAX_BATCH;
   }
 
@@ -45,20 +54,20 @@ final class Offer {
   }
 
   /**
-   * Simulations for so many episodes.
+   * Simulations for a number of episodes.
    *
    * @throws Refusal if they cannot be made
    */
   List<Simulation> several(int number) {
-    if (number > batch()) {
+    if (number > maxBatch()) {
       throw new Refusal(
           Refusal.Kind.INVALID,
-          "seeds: " + number + " episodes, but a batch here has at most " + batch());
+          "seeds: " + number + " episodes, but a batch here has at most " + maxBatch());
     }
     while (simulations.size() < number) {
       try {
         simulations.add(Guard.<Simulation>call(maker::get));
-      } catch (Guard.Broken | RuntimeException error) {
+      } catch (Guard.EpisodeFailed | RuntimeException error) {
         throw new Refusal(
             Refusal.Kind.FAILED, "no simulation for another episode: " + error.getMessage());
       }
@@ -66,8 +75,8 @@ final class Offer {
     return List.copyOf(simulations.subList(0, number));
   }
 
-  /** Forgets what only batches need. */
-  void tidy() {
+  /** Removes the duplicates that only batches need. */
+  void discardDuplicates() {
     simulations.subList(1, simulations.size()).clear();
   }
 }

@@ -2,10 +2,10 @@ package org.swarmwright.server;
 
 import org.swarmwright.messages.Topics.Topic;
 
-/** What a server's machine wants done. */
+/** Carries out what a {@link Machine} decides. */
 interface Outbox {
   /**
-   * Publishes on one of the seven topics.
+   * Publishes on one of the topics of D6.1.
    *
    * @throws TooLarge if the broker would not take it
    */
@@ -15,19 +15,21 @@ interface Outbox {
   void presence(byte[] payload);
 
   /**
-   * Publishes the answer to a request, or to none: null; {@code topic} is without prefix.
+   * Publishes a message to a tool.
    *
+   * @param topic without prefix
+   * @param request the request that it answers; null for none
    * @throws TooLarge if the broker would not take it
    */
   void reply(String topic, Long request, byte[] payload);
 
-  /** Computes, in a thread of its own, and gives the job to {@link Machine#finished}. */
+  /** Computes a job in another thread, then passes it to {@link Machine#finished}. */
   void evaluate(Job job);
 
-  /** Tells the operator. */
+  /** Shows a line of text to the operator. */
   void notice(String text);
 
-  /** Leaves the broker for good: another server, described in words, has the ID. */
+  /** Disconnects for good: another server, described in words, keeps the ID. */
   void giveWay(String rival);
 
   /** Shows a picture of a run. */

@@ -20,18 +20,18 @@ import org.swarmwright.extension.Request;
 import org.swarmwright.messages.MessageException;
 import org.swarmwright.messages.Topics.Topic;
 
-/** Checks requests of the extensions and writes their answers. */
+/** Checks requests of the extensions and sends the replies. */
 final class Replies {
   /**
-   * Numbers of an answer: a fitness and some metrics for every episode, and as much room again for
-   * reasons.
+   * Numbers of a reply: fitness and metrics of every episode, in at most half of the largest block;
+   * the rest is left for the reasons of failures.
    */
-  private static final long MOST_NUMBERS = MapReader.MAX_BLOCK / 8;
+  private static final long MAX_NUMBERS = MapReader.MAX_BLOCK / 8;
 
   /** Stacks in a message, at most. */
-  private static final int MOST_STACKS = 16;
+  private static final int MAX_STACKS = 16;
 
-  private static final double LONGEST_LEASE = 1e6;
+  private static final double MAX_LEASE_S = 1e6;
   private static final Pattern REPLY =
       Pattern.compile(Pattern.quote(Topic.TO_TOOL.text()) + "/[A-Za-z0-9_-]{1,200}");
 
@@ -39,7 +39,7 @@ final class Replies {
   private final Offer offer;
   private final Outbox outbox;
 
-  /** The controllers of the last sound request, which are usually those of the next. */
+  /** The specification of the last valid request, which is usually that of the next one. */
   private JsonObject specification;
 
   private Architecture architecture;
@@ -51,8 +51,8 @@ final class Replies {
   }
 
   /**
-   * Whether an answer can be sent to a topic: none but those of tools, so that nobody can make a
-   * server speak elsewhere.
+   * Whether a reply can be sent to a topic: only to those of tools, so that a request cannot make
+   * the server publish on other topics.
    */
   static boolean canReply(String reply) {
     return REPLY.matcher(reply).matches();
@@ -75,9 +75,9 @@ final class Replies {
         throw invalid(
             "metrics: \""
                 + name
-                + "\" is none of "
+                + "\" is not a metric of "
                 + offer.description().title()
-                + "'s; "
+                + "; "
                 + (known.isEmpty() ? "it has none" : "it has " + String.join(", ", known)));
       }
     }
@@ -98,11 +98,11 @@ final class Replies {
       throw invalid(
           "genomes: "
               + numbers
-              + " numbers are no whole number of candidates; the controller has "
+              + " numbers are not a whole number of candidates; the controller has "
               + weights
               + " weights");
     }
-    if (numbers / weights * request.seeds.length > MOST_NUMBERS / (2 + request.metrics.size())) {
+    if (numbers / weights * request.seeds.length > MAX_NUMBERS / (2 + request.metrics.size())) {
       throw invalid(
           "genomes: "
               + numbers / weights
@@ -110,7 +110,7 @@ final class Replies {
               + request.seeds.length
               + " episodes are too many for one answer; send fewer at once");
     }
-    boolean limited = request.lease > 0 && request.lease < LONGEST_LEASE;
+    boolean limited = request.lease > 0 && request.lease < MAX_LEASE_S;
     return new Job(
         request,
         offer.first(),
@@ -157,21 +157,22 @@ final class Replies {
   }
 
   /**
-   * Adds a failure to those of a message. Its stack is left out where one with the same reason has
-   * it: many candidates often fail in one line.
+   * Adds a failure to those of a message. Its stack is omitted if a failure with the same reason
+   * has one: often many candidates fail in the same line.
    */
-  static void addFailure(List<Failure> failed, long candidate, long episode, Guard.Broken broken) {
-    String reason = broken.getMessage();
-    boolean news =
-        broken.stack != null
-            && failed.stream().filter(other -> other.stack != null).limit(MOST_STACKS).count()
-                < MOST_STACKS
+  static void addFailure(
+      List<Failure> failed, long candidate, long episode, Guard.EpisodeFailed failure) {
+    String reason = failure.getMessage();
+    boolean isNew =
+        failure.stack != null
+            && failed.stream().filter(other -> other.stack != null).limit(MAX_STACKS).count()
+                < MAX_STACKS
             && failed.stream()
                 .noneMatch(other -> other.stack != null && other.reason.equals(reason));
-    failed.add(new Failure(candidate, episode, reason, news ? broken.stack : null));
+    failed.add(new Failure(candidate, episode, reason, isNew ? failure.stack : null));
   }
 
-  /** Tells a tool that an episode has ended without fitness, if it said where. */
+  /** Tells a tool that an episode has ended without fitness, if it named a reply topic. */
   void failed(String reply, String hash, String reason, String stack, boolean invalid) {
     if (reply != null && canReply(reply)) {
       outbox.reply(reply, null, Answers.failed(new Failed(server, hash, reason, stack, invalid)));
@@ -200,14 +201,14 @@ final class Replies {
     reply(job.request, payload, refusal -> refused(job.request.request, refusal));
   }
 
-  /** Answers; with a refusal where the broker does not take the answer. */
-  private void reply(Request request, byte[] payload, Function<Refusal, byte[]> instead) {
+  /** Sends a reply, or a refusal if the broker does not accept a message of that size. */
+  private void reply(Request request, byte[] payload, Function<Refusal, byte[]> refused) {
     try {
       outbox.reply(request.reply, request.request, payload);
     } catch (TooLarge error) {
       outbox.notice("warning: " + error.getMessage());
       Refusal refusal = new Refusal(Refusal.Kind.FAILED, error.getMessage());
-      outbox.reply(request.reply, request.request, instead.apply(refusal));
+      outbox.reply(request.reply, request.request, refused.apply(refusal));
     }
   }
 
@@ -228,7 +229,7 @@ final class Replies {
             Answers.sensors(new BatchSensors(message.request, server, message.step, refusal)));
   }
 
-  /** Answers that a request is not served. */
+  /** Replies that a request is not served. */
   void refuse(Request request, Refusal refusal) {
     if (request instanceof Evaluate) {
       outbox.reply(request.reply, request.request, refused(request.request, refusal));
@@ -241,7 +242,7 @@ final class Replies {
     return Answers.evaluated(request, server, new double[0], Map.of(), List.of(), refusal, 0);
   }
 
-  /** Answers what could not be read as a whole, if it says where to. */
+  /** Replies to a request that is not valid, if its reply topic can be read. */
   void refuseUnread(byte[] payload, String reason) {
     try {
       MapReader map = MapReader.of(payload);
@@ -258,7 +259,7 @@ final class Replies {
             reply, request, Answers.sensors(new BatchSensors(request, server, 0, invalid(reason))));
       }
     } catch (MessageException error) {
-      // It does not even say who asks.
+      // Not even the reply topic can be read.
       return;
     }
   }

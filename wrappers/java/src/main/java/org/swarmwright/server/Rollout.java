@@ -16,14 +16,14 @@ final class Rollout {
   private final float[] sensors;
   private final float[] row;
 
-  /** By agent, all of one candidate. */
+  /** The controllers of one candidate, by agent. */
   private final List<Controller> controllers = new ArrayList<>();
 
   private int candidate = -1;
   private float[] actuators = {};
 
   /**
-   * Makes room.
+   * Prepares episodes of several candidates.
    *
    * @param genomes weights of all candidates
    */
@@ -41,9 +41,9 @@ final class Rollout {
    * @param first index of the candidate's first weight
    * @throws org.swarmwright.ParameterException if the simulation refuses a parameter
    * @throws Refusal if it asks for actuators of a parameter set
-   * @throws Guard.Broken if it throws anything else
+   * @throws Guard.EpisodeFailed if it throws anything else
    */
-  void run(ParameterReader parameters, int first) throws Guard.Broken {
+  void run(ParameterReader parameters, int first) throws Guard.EpisodeFailed {
     if (candidate != first) {
       controllers.clear();
       candidate = first;
@@ -59,14 +59,14 @@ final class Rollout {
                 + simulation.description().title()
                 + ", agent "
                 + acting[0]
-                + ": an agent is to be steered, but a parameter set steers nobody; use a controller"
-                + " of another kind, such as layered");
+                + ": the agent needs a controller, but a parameter set steers no agents; use a"
+                + " controller of another kind, such as layered");
       }
       Guard.call(() -> step(acting));
     }
   }
 
-  private float[] step(int[] acting) throws Guard.Broken {
+  private float[] step(int[] acting) throws Guard.EpisodeFailed {
     while (acting.length > 0 && controllers.size() <= acting[acting.length - 1]) {
       controllers.add(new Controller(architecture, genomes, candidate));
     }

@@ -19,17 +19,15 @@ import org.swarmwright.messages.Decimals;
 import org.swarmwright.messages.Fitness;
 import org.swarmwright.messages.MessageException;
 
-/**
- * An episode that is being stepped by single messages: who has to act, whose actuators are there.
- */
+/** An episode that is stepped by single messages: which agents act, which actuators have come. */
 final class Run {
-  /** Bytes of a sensor message, at most. */
-  private static final int MOST_SENSOR = 64 << 20;
+  /** The size limit of a sensor message. */
+  private static final int MAX_SENSOR_BYTES = 64 << 20;
 
   final String hash;
   final String tool;
 
-  /** Topic, without prefix, on which the tool wants to hear that the episode failed; else null. */
+  /** Topic, without prefix, for the message that the episode failed; null for none. */
   final String reply;
 
   final boolean visual;
@@ -37,12 +35,12 @@ final class Run {
   /** When the step under way began to wait for actuators. */
   long waitingSince;
 
-  /** Whether somebody was told of the waiting. */
-  boolean told;
+  /** Whether the operator was warned that the step waits. */
+  boolean warned;
 
   /**
-   * When the run goes on, if nobody's actuators are waited for: it is being shown, or the
-   * simulation steers itself; else 0.
+   * When the run goes on, if it does not wait for actuators: it is being shown, or the simulation
+   * steers itself; else 0.
    */
   long resumeAt;
 
@@ -55,8 +53,8 @@ final class Run {
   private int missing;
   private float[] actuators = {};
 
-  /** At the start: the simulation is reset. */
-  Run(Simulation simulation, JsonObject parameters, Control control) throws Guard.Broken {
+  /** Resets the simulation. */
+  Run(Simulation simulation, JsonObject parameters, Control control) throws Guard.EpisodeFailed {
     this.simulation = simulation;
     hash = control.getSimulationHash();
     tool = control.getTool();
@@ -70,7 +68,7 @@ final class Run {
     perAgent = simulation.description().actuators();
   }
 
-  /** What becomes of an episode after a step. */
+  /** What follows a step. */
   enum Next {
     /** Actuators are waited for. */
     ACTUATORS,
@@ -84,9 +82,9 @@ final class Run {
    * Sends the sensors of all acting agents, or has a simulation that steers its agents itself make
    * a step.
    */
-  Next sense(long now, Consumer<byte[]> send) throws Guard.Broken {
+  Next sense(long now, Consumer<byte[]> send) throws Guard.EpisodeFailed {
     waitingSince = now;
-    told = false;
+    warned = false;
     acting = Guard.call(() -> simulation.acting().clone());
     if (acting.length == 0) {
       if (Guard.call(simulation::done)) {
@@ -105,14 +103,14 @@ final class Run {
         text.append(i == 0 ? "" : ",").append(Decimals.shortest(sensors[i]));
       }
       byte[] message = text.append("]}").toString().getBytes(StandardCharsets.UTF_8);
-      if (message.length > MOST_SENSOR) {
-        throw new Guard.Broken(
+      if (message.length > MAX_SENSOR_BYTES) {
+        throw new Guard.EpisodeFailed(
             "the sensor message of agent "
                 + agent
                 + " has "
                 + message.length
                 + " bytes, more than the "
-                + MOST_SENSOR
+                + MAX_SENSOR_BYTES
                 + " that one may have",
             true);
       }
@@ -121,20 +119,25 @@ final class Run {
     return Next.ACTUATORS;
   }
 
-  /** Reads what an agent senses; numbers that cannot be sent break the episode. */
-  static float[] read(Simulation simulation, int agent, float[] sensors) throws Guard.Broken {
+  /**
+   * Reads the sensors of an agent.
+   *
+   * @throws Guard.EpisodeFailed if one is NaN or infinite
+   */
+  static float[] read(Simulation simulation, int agent, float[] sensors)
+      throws Guard.EpisodeFailed {
     simulation.sense(agent, sensors);
     for (int i = 0; i < sensors.length; i++) {
       if (!Float.isFinite(sensors[i])) {
-        throw new Guard.Broken(
+        throw new Guard.EpisodeFailed(
             "sensor " + i + " of agent " + agent + " is " + sensors[i] + ", not a finite number");
       }
     }
     return sensors;
   }
 
-  /** The message that ends the episode, with all metrics but those that no message can carry. */
-  Fitness fitness() throws Guard.Broken {
+  /** The message that ends the episode, with all metrics that are finite. */
+  Fitness fitness() throws Guard.EpisodeFailed {
     List<String> names = simulation.description().metrics();
     double[] values = names.isEmpty() ? new double[0] : Guard.call(simulation::metrics);
     Map<String, Double> metrics = new TreeMap<>();
@@ -151,12 +154,12 @@ final class Run {
   }
 
   /**
-   * Takes the actuators of one agent, and makes the step when all are there.
+   * Sets the actuators of one agent, and makes the step when those of all agents have come.
    *
-   * @return whether it was made
-   * @throws MessageException if they are not those waited for; the run goes on waiting
+   * @return whether the step was made
+   * @throws MessageException if the run does not wait for them; it keeps waiting for the right ones
    */
-  boolean actuate(Actuator message) throws Guard.Broken {
+  boolean actuate(Actuator message) throws Guard.EpisodeFailed {
     long agent = message.getAgent();
     int slot = agent > Integer.MAX_VALUE ? -1 : Arrays.binarySearch(acting, (int) agent);
     if (slot < 0) {
@@ -185,7 +188,7 @@ final class Run {
     return value > 1f ? 1f : value < -1f ? -1f : value;
   }
 
-  /** Who is missing and for how long, in words. */
+  /** Whose actuators are missing and for how long, in words. */
   String waitingFor(long now) {
     String agents =
         IntStream.range(0, acting.length)
@@ -206,11 +209,11 @@ final class Run {
   }
 
   /** The picture to show now; null if there is none to show. */
-  String picture() throws Guard.Broken {
+  String picture() throws Guard.EpisodeFailed {
     return visual ? Guard.call(simulation::picture) : null;
   }
 
-  long pictureNanos() throws Guard.Broken {
+  long pictureNanos() throws Guard.EpisodeFailed {
     return 1_000_000L * Math.max(0, Guard.call(simulation::pictureMillis));
   }
 }

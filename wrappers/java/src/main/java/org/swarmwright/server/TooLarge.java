@@ -1,13 +1,13 @@
 package org.swarmwright.server;
 
-/** A message that the broker does not take: it was not sent, and would not be another time. */
+/** A message is larger than the broker accepts, and was not sent. */
 final class TooLarge extends RuntimeException {
   private static final long serialVersionUID = 1L;
 
-  /** Names what was to be sent, and how many bytes its packet has and may have. */
-  TooLarge(String what, long bytes, long most) {
+  /** Names the message, the bytes of its packet and the limit. */
+  TooLarge(String what, long bytes, long max) {
     super(
-        what + " of " + bytes + " bytes is larger than the " + most + " that the broker takes",
+        what + " of " + bytes + " bytes is larger than the " + max + " that the broker takes",
         null,
         false,
         false);

@@ -7,36 +7,36 @@ import java.util.Optional;
 import org.swarmwright.messages.Discovery;
 
 /**
- * Turns: several optimization tools that want one server have it one after another.
+ * Turns: several optimization tools that want one server use it one after another.
  *
  * <p>A tool that asks for a server while another one has it is remembered. Between two episodes,
  * batches or requests of a tool whose turn is over, the server goes to the one that has waited
- * longest. Tools that know D6.1 alone have no name, and are one tool here: they get their turn as
- * others do. Since such a tool may ask only once, its question is good for longer, and is answered
- * when its turn comes. Times are nanoseconds of {@link System#nanoTime}.
+ * longest. Tools of the D6.1 profile have no name, and count as one tool. Since such a tool may ask
+ * only once, its question is valid for longer, and is answered when its turn comes. Times are
+ * nanoseconds of {@link System#nanoTime}.
  */
 final class Turns {
-  private static final long SECOND = 1_000_000_000L;
+  private static final long SECOND_NANOS = 1_000_000_000L;
 
-  /** How long a tool has a server for itself before another one gets it. */
-  private static final long TURN = 5 * SECOND;
+  /** How long a tool has a server before another one that waits gets it. */
+  private static final long TURN_NANOS = 5 * SECOND_NANOS;
 
-  /** For how long a question is still good: tools with a name ask every two seconds. */
-  private static final long ASKED = 3 * SECOND;
+  /** How long a question is valid: tools with a name repeat it every two seconds. */
+  private static final long QUESTION_NANOS = 3 * SECOND_NANOS;
 
-  /** For how long that of a tool without a name is. */
-  private static final long ASKED_ONCE = 30 * SECOND;
+  /** How long that of an unnamed tool is valid, which may ask only once. */
+  private static final long UNNAMED_QUESTION_NANOS = 30 * SECOND_NANOS;
 
   /** How long a server waits for the tool whose turn it is. */
-  private static final long RESERVED = 3 * SECOND;
+  private static final long RESERVATION_NANOS = 3 * SECOND_NANOS;
 
-  /** How long it waits for one without a name, at first and between two of its episodes. */
-  static final long RESERVED_NAMELESS = SECOND;
+  /** How long it waits for an unnamed one, at first and between two of its episodes. */
+  static final long UNNAMED_RESERVATION_NANOS = SECOND_NANOS;
 
   /** Tools that are remembered. */
-  private static final int MOST = 256;
+  private static final int MAX_WAITING = 256;
 
-  /** A tool that asked in vain. */
+  /** The discovery of a tool that could not have the server. */
   private static final class Question {
     final Discovery discovery;
     final long asked;
@@ -50,26 +50,26 @@ final class Turns {
       return Objects.equals(discovery.getTool(), tool);
     }
 
-    boolean isGood(long now) {
-      return now - asked < (discovery.getTool() == null ? ASKED_ONCE : ASKED);
+    boolean isValid(long now) {
+      return now - asked < (discovery.getTool() == null ? UNNAMED_QUESTION_NANOS : QUESTION_NANOS);
     }
   }
 
-  /** Who has the server, empty for a tool without a name; null for nobody. */
+  /** The tool that has the server, empty for an unnamed one; null if none has it. */
   private Optional<String> holder;
 
   private long since;
 
-  /** The holder has not begun yet: waiting for it is no part of its turn. */
+  /** Whether the holder has not begun yet: waiting for it does not count as its turn. */
   private boolean reserved;
 
-  /** The one that has waited longest first. */
+  /** The oldest first. */
   private final Deque<Question> waiting = new ArrayDeque<>();
 
-  /** The hash of the discovery of a tool without a name that was answered when its turn came. */
+  /** The hash of the discovery of the unnamed tool that was answered when its turn came. */
   private String invited;
 
-  /** A tool asked in vain. Asking again does not cost it its place. */
+  /** Remembers a tool that cannot have the server now. A tool that asks again keeps its place. */
   void ask(Discovery discovery, long now) {
     Question question = new Question(discovery, now);
     boolean known = waiting.stream().anyMatch(one -> one.isOf(discovery.getTool()));
@@ -77,20 +77,20 @@ final class Turns {
       Deque<Question> before = new ArrayDeque<>(waiting);
       waiting.clear();
       before.forEach(one -> waiting.add(one.isOf(discovery.getTool()) ? question : one));
-    } else if (waiting.size() < MOST) {
+    } else if (waiting.size() < MAX_WAITING) {
       waiting.add(question);
     }
   }
 
-  /** Whether it is this tool that has the server; null for one without a name. */
+  /** Whether this tool has the server; null for an unnamed one. */
   boolean isHeldBy(String tool) {
     return holder != null && holder.equals(Optional.ofNullable(tool));
   }
 
   /**
-   * Who has the server from now on.
+   * Sets which tool has the server from now on.
    *
-   * @param next empty for a tool without a name; null for nobody, or somebody unknown
+   * @param next empty for an unnamed tool; null for none, or one that is not known
    * @param active whether something is being computed
    */
   void heldBy(Optional<String> next, boolean active, long now) {
@@ -100,7 +100,7 @@ final class Turns {
     since = now;
     reserved = !active;
     if (next != null) {
-      hasAskedEnough(next.orElse(null));
+      removeQuestions(next.orElse(null));
     }
     if (next == null || next.isPresent()) {
       invited = null;
@@ -108,41 +108,45 @@ final class Turns {
     holder = next;
   }
 
-  /** A tool has an answer; null for one without a name. */
-  void hasAskedEnough(String tool) {
+  /** A tool has an answer; null for an unnamed one. */
+  void removeQuestions(String tool) {
     waiting.removeIf(question -> question.isOf(tool));
   }
 
-  /** A tool without a name is answered, as its turn has come. */
+  /** An unnamed tool is answered, as its turn has come. */
   void invite(String hash) {
     invited = hash;
   }
 
   private boolean isOver(long now) {
-    return now - since >= TURN;
+    return now - since >= TURN_NANOS;
   }
 
-  /** Who is to have the server next, once the turn is over; null for nobody. */
+  /** The discovery of the tool that waits longest, once the turn is over; null for none. */
   Discovery next(long now) {
-    waiting.removeIf(question -> !question.isGood(now));
+    waiting.removeIf(question -> !question.isValid(now));
     if (!isOver(now) || waiting.isEmpty()) {
       return null;
     }
     return waiting.remove().discovery;
   }
 
-  /** Whether the tool without a name that has the server had to wait for it, and goes on. */
-  boolean keepsNameless(long now) {
+  /** Whether the unnamed tool that has the server had to wait for it, and may go on. */
+  boolean keepsUnnamed(long now) {
     return invited != null && !isOver(now);
   }
 
-  /** How long the server waits for a tool whose turn it is. */
-  static long patience(String tool) {
-    return tool == null ? RESERVED_NAMELESS : RESERVED;
+  /** How long the server waits for a tool whose turn it is; null for an unnamed one. */
+  static long reservationNanos(String tool) {
+    return tool == null ? UNNAMED_RESERVATION_NANOS : RESERVATION_NANOS;
   }
 
-  /** A tool configured another server; whether this one need not wait for it any more. */
-  boolean hasChosenAnother(String hash) {
+  /**
+   * A tool configured another server.
+   *
+   * @return whether it is the one that this server is reserved for
+   */
+  boolean choseOther(String hash) {
     waiting.removeIf(
         question -> question.isOf(null) && hash.equals(question.discovery.getSimulationHash()));
     return reserved && hash.equals(invited);

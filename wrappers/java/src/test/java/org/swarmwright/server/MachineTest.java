@@ -16,7 +16,7 @@ class MachineTest extends MachineFixture {
   void controlWaitsForItsParameters() {
     String mine = "'server': 7, 'simulation_hash': 'e'";
     say("control", mine);
-    assertEquals(Early.OVERTAKEN, machine.nextTick());
+    assertEquals(EarlyControls.MAX_WAIT_NANOS, machine.nextTick());
     now += SECOND / 2;
     machine.tick(now, "");
     assertEquals(0, sensors());
@@ -176,7 +176,7 @@ class MachineTest extends MachineFixture {
   @Test
   void whatCannotBeServedIsInvalid() throws IOException {
     evaluate(1, "ada", 0, "speed", floats(0f, 1f), 1);
-    assertTrue(out.error().contains("metrics: \\\"speed\\\" is none of walk's"), out.error());
+    assertTrue(out.error().contains("metrics: \\\"speed\\\" is not a metric of walk"), out.error());
     evaluate(2, "ada", 0, "half", floats(0f, 1f, 2f), 1);
     assertTrue(out.error().contains("genomes: 3 numbers"), out.error());
     evaluate(3, "ada", 0, "half", floats(0f, Float.NaN), 1);

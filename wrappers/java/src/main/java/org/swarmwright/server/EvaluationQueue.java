@@ -5,9 +5,9 @@ import java.util.Deque;
 import org.swarmwright.extension.MapReader;
 
 /** Requests for offloaded evaluation of the tool that has the server. */
-final class Work {
-  private static final int MOST_WAITING = 4096;
-  private static final long MOST_BYTES = 4L * MapReader.MAX_BLOCK;
+final class EvaluationQueue {
+  private static final int MAX_WAITING = 4096;
+  private static final long MAX_BYTES = 4L * MapReader.MAX_BLOCK;
 
   private String tool;
   private final Deque<Job> waiting = new ArrayDeque<>();
@@ -15,31 +15,34 @@ final class Work {
   private long bytes;
   private boolean givenUp;
 
-  Work(String tool, Job first) {
+  EvaluationQueue(String tool, Job first) {
     this.tool = tool;
     current = first;
   }
 
-  /** Who has the server; null once the work was given up, until somebody asks again. */
-  String holder() {
+  /** The tool that has the server; null after the work was given up, until a tool asks again. */
+  String tool() {
     return tool;
   }
 
-  /** Whether nobody waits for what has been computed; what comes next is waited for. */
+  /**
+   * Whether the result of the job that has ended was given up, and is not to be sent. Resets the
+   * mark, since the next job is a new request.
+   */
   boolean wasGivenUp() {
     boolean before = givenUp;
     givenUp = false;
     return before;
   }
 
-  /** Takes a request of a tool; where work was given up, it follows as soon as that has stopped. */
+  /** Adds a request of a tool; after work was given up, it follows as soon as that has stopped. */
   void add(String asking, Job job) {
     tool = asking;
     bytes += job.size();
     waiting.add(job);
   }
 
-  /** The next one, which is then under way; null if there is none. */
+  /** Removes and returns the next job, which is then under way; null if there is none. */
   Job next() {
     current = waiting.poll();
     if (current != null) {
@@ -48,8 +51,8 @@ final class Work {
     return current;
   }
 
-  /** Gives everything up; what is being computed, as soon as it can be stopped. */
-  void release() {
+  /** Gives up all jobs; the one that is being computed, as soon as it can be stopped. */
+  void giveUp() {
     tool = null;
     givenUp = true;
     waiting.clear();
@@ -59,12 +62,12 @@ final class Work {
     }
   }
 
-  /** Why no request of a tool is taken now; null if one is. */
-  String taken(String other) {
+  /** Why a request of a tool cannot be taken now; null if it can. */
+  String reasonTaken(String other) {
     if (tool != null && !tool.equals(other)) {
       return "taken by " + tool;
     }
-    return waiting.size() >= MOST_WAITING || bytes >= MOST_BYTES
+    return waiting.size() >= MAX_WAITING || bytes >= MAX_BYTES
         ? waiting.size() + " requests of this tool are waiting"
         : null;
   }

@@ -9,15 +9,15 @@ import java.util.Objects;
 import org.swarmwright.messages.Control;
 
 /**
- * Control messages that came before their parameters. MQTT keeps the order within a topic; across
- * topics not all brokers do. Times are nanoseconds of {@link System#nanoTime}.
+ * Control messages that came before their parameters. MQTT keeps the order within a topic, but not
+ * all brokers keep it across topics. Times are nanoseconds of {@link System#nanoTime}.
  */
-final class Early {
+final class EarlyControls {
   /** How long a control message waits for its parameters. */
-  static final long OVERTAKEN = 1_000_000_000L;
+  static final long MAX_WAIT_NANOS = 1_000_000_000L;
 
-  /** Messages that are kept: of the tools on a broker, few ask at once. */
-  private static final int KEPT = 8;
+  /** Messages that are kept: few tools ask at once. */
+  private static final int MAX_KEPT = 8;
 
   private static final class Waiting {
     final Control control;
@@ -34,16 +34,16 @@ final class Early {
 
   void keep(Control control, long now) {
     forget(control);
-    if (waiting.size() >= KEPT) {
+    if (waiting.size() >= MAX_KEPT) {
       waiting.removeFirst();
     }
-    waiting.addLast(new Waiting(control, now + OVERTAKEN));
+    waiting.addLast(new Waiting(control, now + MAX_WAIT_NANOS));
   }
 
   /**
-   * Forgets what a tool has sent for an episode; what another one has sent for it waits on.
+   * Removes the messages of a tool for an episode, and keeps those of other tools for it.
    *
-   * @param control any message of that tool for that episode
+   * @param control a message of that tool for that episode
    */
   void forget(Control control) {
     waiting.removeIf(
@@ -52,7 +52,9 @@ final class Early {
                 && Objects.equals(one.control.getTool(), control.getTool()));
   }
 
-  /** Takes out what waits for the parameters of a hash; null for nothing. */
+  /**
+   * Removes and returns a message that waits for the parameters of a hash; null if there is none.
+   */
   Control take(String hash) {
     for (Iterator<Waiting> all = waiting.iterator(); all.hasNext(); ) {
       Control control = all.next().control;
@@ -68,13 +70,13 @@ final class Early {
     waiting.clear();
   }
 
-  /** When the next one has waited for long enough; null for none. */
-  Long next() {
+  /** When the next one has waited for too long; null for none. */
+  Long nextTick() {
     return waiting.isEmpty() ? null : (Long) waiting.peekFirst().until;
   }
 
-  /** Takes out those that have waited for long enough. */
-  List<Control> late(long now) {
+  /** Removes and returns those that have waited for too long. */
+  List<Control> removeLate(long now) {
     List<Control> late = new ArrayList<>();
     while (!waiting.isEmpty() && waiting.peekFirst().until <= now) {
       late.add(waiting.removeFirst().control);
