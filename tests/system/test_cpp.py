@@ -144,7 +144,7 @@ def test_an_id_that_is_taken_and_arguments_that_are_wrong(
     for options, status, words in (
         (["--broker", embedded.url, "--id", "3"], 1, "the id 3 is taken by a server on"),
         (["--broker", "http://x", "--id", "4"], 2, "the scheme must be mqtt://"),
-        (["--id", "one"], 2, '--id: "one" is no number'),
+        (["--id", "one"], 2, '--id: "one" is not a number'),
         (["--id", "18446744073709551615"], 2, "the id is 18446744073709551615, expected a number from 0"),
         (["--step-timeout=0"], 2, "the step time-out is 0 s"),
         (["--step-timeout"], 2, "--step-timeout: expected a value"),

@@ -1,5 +1,4 @@
-// The same server as a plug-in: the loop below stands for a simulator's own, which calls tick() and is called by
-// nobody.
+// The same server as a plug-in: main() has the place of a simulator's main loop, which calls tick().
 //
 //   minisim_plugin --broker mqtt://localhost:1883 --id 6
 
@@ -19,12 +18,12 @@ namespace {
 
 using swarmwright::Plugin;
 
-/// What a plug-in adds to a simulator.
+/// The plug-in of the simulator.
 class MinisimPlugin {
  public:
   explicit MinisimPlugin(const swarmwright::Options& options) : plugin_(world_.description(), options) {}
 
-  /// Called by the simulator, again and again.
+  /// Called by the simulator in every iteration of its main loop.
   void tick() {
     // A simulator that draws or computes between its ticks would not wait here.
     switch (plugin_.poll(std::chrono::milliseconds(100))) {
@@ -47,7 +46,7 @@ class MinisimPlugin {
   }
 
  private:
-  /// What the agents sense, or how the episode went.
+  /// Sends the sensors of the agents, or the results of the episode.
   void report() {
     if (world_.done()) {
       plugin_.finish(world_.fitness(), world_.metrics());

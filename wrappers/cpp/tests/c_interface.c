@@ -28,7 +28,7 @@ static swarmwright_status refuse(void* simulation, const swarmwright_parameters*
   return SWARMWRIGHT_INVALID;
 }
 
-static swarmwright_status nobody(void* simulation, const uint32_t** agents, size_t* count) {
+static swarmwright_status no_agents(void* simulation, const uint32_t** agents, size_t* count) {
   (void)simulation;
   *agents = NULL;
   *count = 0;
@@ -90,7 +90,7 @@ static void what_is_wrong_is_refused(void) {
   CHECK_SAYS("swarmwright_simulation.create: a null pointer");
   simulation.create = create;
   simulation.reset = refuse;
-  simulation.acting = nobody;
+  simulation.acting = no_agents;
   simulation.sense = nothing;
   simulation.step = stay;
   simulation.fitness = zero;

@@ -1,4 +1,4 @@
-// As much of a test framework as is needed: what does not hold is told with its place, and the program fails.
+// A small test framework: failed checks are printed with file and line, and the program fails.
 #pragma once
 
 #include <exception>
@@ -19,7 +19,7 @@ void equal(const A& found, const B& expected, const char* file, int line) {
   }
 }
 
-/// What `call` throws as an E, or a word for what it does instead.
+/// The text of the E that `call` throws, or what it does instead.
 template <class E>
 std::string thrown(const std::function<void()>& call) {
   try {

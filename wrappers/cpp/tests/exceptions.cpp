@@ -1,4 +1,4 @@
-// What a simulation throws is told in words that name its type; and what cannot be served says why.
+// Exceptions of simulations are reported with their type, and invalid descriptions are refused with a reason.
 
 #include "check.hpp"
 
@@ -61,14 +61,14 @@ class Described : public swarmwright::Simulation {
 
   swarmwright::Description description() const override { return says_; }
   void reset(const swarmwright::Parameters&, std::uint64_t) override {}
-  const std::vector<std::uint32_t>& acting() override { return nobody_; }
+  const std::vector<std::uint32_t>& acting() override { return no_agents_; }
   void sense(std::uint32_t, swarmwright::Span<float>) override {}
   void step(swarmwright::Span<const float>) override {}
   double fitness() override { return 0; }
 
  private:
   swarmwright::Description says_;
-  std::vector<std::uint32_t> nobody_;
+  std::vector<std::uint32_t> no_agents_;
 };
 
 void what_cannot_be_served_says_why() {
@@ -102,7 +102,7 @@ void what_cannot_be_served_says_why() {
               }).rfind("line: the determinism is 4, expected", 0),
               0U);
   CHECK_EQUAL(refused([](auto&) {}).find("no broker answers at mqtt://127.0.0.1:1") != std::string::npos, true);
-  CHECK_THROWS(std::invalid_argument, "the factory of simulations gave a null pointer",
+  CHECK_THROWS(std::invalid_argument, "the factory of simulations returned a null pointer",
                swarmwright::Server([] { return std::unique_ptr<swarmwright::Simulation>(); }));
 }
 

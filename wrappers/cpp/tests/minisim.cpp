@@ -1,4 +1,4 @@
-// Minisim gives the bits of protocol/vectors/minisim.json.
+// Minisim is bit-identical to protocol/vectors/minisim.json.
 
 #include "../examples/minisim/minisim.hpp"
 

@@ -1,4 +1,4 @@
-// Parameters are read with type and range, and complaints say what is wrong.
+// Parameters are read with type and range, and errors say what is wrong.
 
 #include "check.hpp"
 

@@ -1,5 +1,5 @@
-// A simulation server that knows deliverable D6.1 and nothing else. Its world is a line: one agent senses where it is
-// and says how fast to move; the closer it ends to 0, the better.
+// A simulation server of the D6.1 profile, without extensions. Its world is a line: one agent senses its
+// position and sets its speed; the closer it ends to 0, the better.
 //
 //	line-server tcp://localhost:1883 4711
 package main
@@ -22,7 +22,7 @@ const steps = 20
 type Message map[string]any
 
 // The readers of a message's keys say whether the key is there with the type that the schemas of section 6.2 demand.
-// Whatever does not fit is none of D6.1's messages.
+// Other messages are not valid in D6.1.
 
 func get[T any](m Message, key string) (T, bool) {
 	value, fits := m[key].(T)

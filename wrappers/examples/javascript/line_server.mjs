@@ -1,5 +1,5 @@
-// A simulation server that knows deliverable D6.1 and nothing else. Its world is a line: one agent senses where it is
-// and says how fast to move; the closer it ends to 0, the better.
+// A simulation server of the D6.1 profile, without extensions. Its world is a line: one agent senses its
+// position and sets its speed; the closer it ends to 0, the better.
 //
 //     node line_server.mjs mqtt://localhost:1883 4711
 import mqtt from "mqtt";
@@ -7,7 +7,7 @@ import mqtt from "mqtt";
 const [broker, id] = [process.argv[2], Number(process.argv[3])];
 const STEPS = 20;
 
-// What the messages have, as the schemas of section 6.2 say. Whatever does not fit is none of D6.1's messages.
+// What the messages have, as the schemas of section 6.2 say. Other messages are not valid in D6.1.
 const text = (value) => typeof value === "string";
 const number = (value) => typeof value === "number" && Number.isFinite(value);
 const flag = (value) => typeof value === "boolean";

@@ -1,9 +1,9 @@
 // Minisim: agents try to reach a goal before slower defenders catch them (D6.1, section 7.2.1).
 //
-// The bits are those of Swarmwright's own Minisim: every operation is one of IEEE 754 binary32 in the order written,
-// until the fitness, which is summed in binary64. Sensors of an agent: the way to the goal and to the closest defender,
-// each by the size of the map. Its actuator: the heading, as an angle by pi. Fitness: minus the mean distance to the
-// goal at the end, 0 for those that arrived.
+// The results are bit-identical to those of Swarmwright's built-in Minisim: every operation is one of IEEE 754 binary32
+// in the order written, until the fitness, which is summed in binary64. Sensors of an agent: the way to the goal and to
+// the closest defender, each by the size of the map. Its actuator: the heading, as an angle by pi. Fitness: minus the
+// mean distance to the goal at the end, 0 for those that arrived.
 #pragma once
 
 #include "functions.hpp"
@@ -47,7 +47,7 @@ class Minisim final : public swarmwright::Simulation {
     step_ = 0;
   }
 
-  const std::vector<std::uint32_t>& acting() override { return settings_.steers_itself ? nobody_ : free_; }
+  const std::vector<std::uint32_t>& acting() override { return settings_.steers_itself ? no_agents_ : free_; }
 
   bool done() override { return free_.empty(); }
 
@@ -197,7 +197,7 @@ class Minisim final : public swarmwright::Simulation {
   std::vector<Point> defenders_;
   std::vector<State> states_;
   std::vector<std::uint32_t> free_;
-  std::vector<std::uint32_t> nobody_;
+  std::vector<std::uint32_t> no_agents_;
   std::uint32_t step_ = 0;
 };
 

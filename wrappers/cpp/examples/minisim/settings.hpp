@@ -1,4 +1,4 @@
-// Parameters of Minisim, checked, with the positions at the start; left out, they are D6.1's example.
+// Parameters of Minisim, checked, with the positions at the start. The defaults are the example of D6.1.
 #pragma once
 
 #include "geometry.hpp"
@@ -15,7 +15,7 @@
 
 namespace minisim {
 
-/// A steering rule written by hand: to the goal, and around the closest defender.
+/// A steering rule: towards the goal, and around the closest defender.
 struct Rule {
   enum class Evasion { away, left, right };
 
@@ -44,10 +44,10 @@ struct Rule {
   }
 };
 
-/// Most agents, and most defenders.
+/// The largest number of agents, and of defenders.
 constexpr std::uint32_t most_bodies = 100000;
 
-/// What an episode is made of.
+/// The settings of an episode.
 class Settings {
  public:
   explicit Settings(const swarmwright::Parameters& read)
@@ -108,7 +108,7 @@ class Settings {
     return read.single(name, 0.0F, std::numeric_limits<float>::infinity(), absent);
   }
 
-  /// The positions that are listed, none if none are.
+  /// The positions in a list; empty if there is none.
   std::vector<Point> listed(const swarmwright::Parameters& read, const char* list, const char* number,
                             std::uint32_t least) const {
     const std::optional<std::vector<Point>> found = read.positions(list, most_bodies, map[0], map[1]);

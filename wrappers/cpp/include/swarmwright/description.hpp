@@ -1,4 +1,4 @@
-// What a simulation says of itself, and how a server of it is to be run.
+// The description of a simulation, and the options of a server.
 #pragma once
 
 #include <swarmwright/swarmwright.h>
@@ -14,7 +14,7 @@
 
 namespace swarmwright {
 
-/// A number that a simulation measures in an episode beside the fitness.
+/// A quantity that a simulation measures in an episode besides the fitness.
 struct Metric {
   /// A letter or _, then letters, digits and _; not "fitness".
   std::string name;
@@ -24,11 +24,11 @@ struct Metric {
   std::string description = {};
 };
 
-/// How far two evaluations of one episode with one controller agree, wherever they were made.
+/// How far two evaluations of one episode with one controller agree, on any server.
 enum class Determinism {
-  /// Nothing is said of it.
+  /// Not declared.
   undeclared = SWARMWRIGHT_UNDECLARED,
-  /// To the bit: all follows from parameters, seed and actuators.
+  /// To the bit: results depend on parameters, seed and actuators only.
   bitwise = SWARMWRIGHT_BITWISE,
   /// Within a tolerance.
   statistical = SWARMWRIGHT_STATISTICAL,
@@ -36,23 +36,23 @@ enum class Determinism {
   none = SWARMWRIGHT_NONE,
 };
 
-/// What a simulation says of itself; the same at any time.
+/// The properties of a simulation, which do not change.
 struct Description {
-  /// The title that experiments name.
+  /// Its name in experiment files.
   std::string title;
-  /// Numbers that an agent senses, at least 1.
+  /// Sensor values of an agent, at least 1.
   std::uint32_t sensors = 0;
-  /// Numbers that an agent is given to do, at least 1.
+  /// Actuator values of an agent, at least 1.
   std::uint32_t actuators = 0;
   /// Spatial dimensions.
   std::uint32_t dimensions = 2;
-  /// Most agents; 0 for no limit.
+  /// Largest number of agents; 0 for no limit.
   std::uint32_t max_agents = 0;
-  /// What is measured, in the order of Simulation::metrics().
+  /// The metrics, in the order of Simulation::metrics().
   std::vector<Metric> metrics = {};
   Determinism determinism = Determinism::undeclared;
-  /// Of a statistical determinism: how far fitness and metrics may differ, as a part of the larger one, absolute
-  /// below 1.
+  /// For statistical determinism: how far fitness and metrics may differ, relative to the larger one, absolute below
+  /// 1.
   double tolerance = 0;
 };
 
@@ -62,25 +62,25 @@ enum class Notice {
   ready = SWARMWRIGHT_NOTICE_READY,
   /// An optimization tool has it.
   busy = SWARMWRIGHT_NOTICE_BUSY,
-  /// Something is not as it should be.
+  /// A warning for the operator.
   warning = SWARMWRIGHT_NOTICE_WARNING,
-  /// The broker is gone; it is tried again.
+  /// The connection to the broker is lost; the server reconnects.
   lost = SWARMWRIGHT_NOTICE_LOST,
 };
 
-/// How a server is to be run. The account at the broker comes from the environment (SWARMWRIGHT_USERNAME, ...).
+/// Options of a server. The user name and password come from the environment (SWARMWRIGHT_USERNAME, ...).
 struct Options {
   /// mqtt://, mqtts://, ws:// or wss://; empty for the environment's SWARMWRIGHT_BROKER, else mqtt://localhost:1883.
   std::string broker = {};
-  /// The server's id, from 0, which no other server on the broker has.
+  /// The server's id, from 0, unique on the broker.
   std::uint64_t id = 1;
-  /// What stands before all topics.
+  /// Prefix of all topics.
   std::string prefix = {};
-  /// After how long a step that misses actuators is given up.
+  /// How long a step waits for actuators before it is given up.
   std::chrono::duration<double> step_timeout = std::chrono::seconds(60);
-  /// Threads of an offloaded evaluation, each with a simulation of its own; 0 for one per processor.
+  /// Threads of an offloaded evaluation, each with another simulation; 0 for one per processor.
   std::uint32_t threads = 1;
-  /// Is told what the operator should know; on standard error by default. What it throws comes out of run() or poll().
+  /// Receives messages for the operator; standard error by default. Its exceptions are rethrown by run() or poll().
   std::function<void(Notice, const std::string&)> notice = [](Notice, const std::string& text) {
     std::cerr << text << std::endl;
   };
@@ -107,7 +107,7 @@ inline swarmwright_description plain(const Description& from, std::vector<swarmw
   return description;
 }
 
-/// Passes notices on, and keeps what the listener throws until it can be thrown again.
+/// Passes notices on, and keeps exceptions of the listener until they can be rethrown.
 class Listener {
  public:
   explicit Listener(std::function<void(Notice, const std::string&)> call) : call_(std::move(call)) {}
@@ -125,7 +125,7 @@ class Listener {
     return options;
   }
 
-  /// The server that is not to run on once the listener has thrown.
+  /// The server that is stopped when the listener throws.
   void stops(const swarmwright_server* server) noexcept { server_ = server; }
 
   void rethrow() {

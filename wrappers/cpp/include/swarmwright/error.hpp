@@ -1,4 +1,4 @@
-// What can go wrong, as exceptions; and exceptions as what the C interface can carry.
+// Errors as exceptions, and exceptions as statuses and texts for the C interface.
 #pragma once
 
 #include <swarmwright/swarmwright.h>
@@ -18,7 +18,7 @@
 
 namespace swarmwright {
 
-/// Something was tried in vain: no broker answers, it refuses access, the server's id is taken.
+/// An operation has failed: the broker does not answer or refuses access, or the server's id is taken.
 class Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -41,7 +41,7 @@ class ParameterError : public std::runtime_error {
 
 namespace detail {
 
-/// Throws what a call of the C interface says: ParameterError, std::invalid_argument or Error.
+/// Throws the error of a call of the C interface: ParameterError, std::invalid_argument or Error.
 inline void check(swarmwright_status status) {
   if (status == SWARMWRIGHT_OK) {
     return;
@@ -55,7 +55,7 @@ inline void check(swarmwright_status status) {
   throw Error(swarmwright_error());
 }
 
-/// A type's name as it is written in a program.
+/// A type's name as in source code.
 inline std::string readable(const char* name) {
 #ifdef SWARMWRIGHT_DEMANGLES
   struct Free {
@@ -70,13 +70,13 @@ inline std::string readable(const char* name) {
   return name;
 }
 
-/// The exception that is being handled: its type and what it says, and the same of those that led to it.
+/// The type and text of the exception that is being handled, and of the exceptions nested in it.
 inline std::string words_of_current_exception() {
   try {
     throw;
   } catch (const std::exception& error) {
     std::string words = readable(typeid(error).name()) + ": " + error.what();
-    // Of std::throw_with_nested only what was thrown is worth telling.
+    // The wrapper type of std::throw_with_nested is left out.
     const std::string wrapper = "std::_Nested_exception<";
     if (words.compare(0, wrapper.size(), wrapper) == 0) {
       words = error.what();
@@ -101,7 +101,7 @@ inline std::string words_of_current_exception() {
   }
 }
 
-/// Runs what may throw; what it throws becomes a status and words for the C interface.
+/// Makes a call; an exception becomes a status and a text for the C interface.
 template <class Call>
 swarmwright_status guarded(Call&& call) noexcept {
   try {
@@ -114,7 +114,7 @@ swarmwright_status guarded(Call&& call) noexcept {
     try {
       swarmwright_set_error(words_of_current_exception().c_str());
     } catch (...) {
-      swarmwright_set_error("an exception, and no memory to say which");
+      swarmwright_set_error("an exception, and not enough memory to describe it");
     }
     return SWARMWRIGHT_FAILED;
   }

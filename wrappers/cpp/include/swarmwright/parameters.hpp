@@ -19,13 +19,13 @@ namespace swarmwright {
 /// x and y.
 using Position = std::array<float, 2>;
 
-/// What an experiment sets for an episode. What it leaves out takes the default that is given here.
+/// The parameters that an experiment sets for an episode. Missing ones take the default given by the caller.
 ///
-/// All methods throw ParameterError where the experiment sets something that does not fit: it names the parameter, what
-/// was found and what is expected.
+/// All methods throw ParameterError if a value is not valid: it names the parameter, what was found and what is
+/// expected.
 class Parameters {
  public:
-  /// Parameters made of a JSON object, to test a simulation with. Throws std::invalid_argument if it is none.
+  /// Parameters from a JSON object, for tests of simulations. Throws std::invalid_argument if it is not valid.
   explicit Parameters(const std::string& json) {
     swarmwright_parameters* made = nullptr;
     detail::check(swarmwright_parameters_new(json.c_str(), &made));
@@ -33,10 +33,10 @@ class Parameters {
     given_ = made;
   }
 
-  /// Those that a function of the C interface was given, for as long as it has them.
+  /// The parameters passed to a function of the C interface, valid during the call.
   explicit Parameters(const swarmwright_parameters* given) noexcept : given_(given) {}
 
-  /// All of them as a JSON object, for what the other methods do not read.
+  /// All parameters as a JSON object, for values that the other methods cannot read.
   std::string json() const {
     const char* text = swarmwright_parameters_json(given_);
     return text == nullptr ? std::string("{}") : std::string(text);
@@ -54,7 +54,7 @@ class Parameters {
     return static_cast<Integer>(value);
   }
 
-  /// A finite number in low..high; a bound that is infinite is none.
+  /// A finite number in low..high; an infinite bound means no limit.
   double number(const char* name, double low, double high, double absent) const {
     detail::check(swarmwright_parameter_number(given_, name, low, high, &absent));
     return absent;

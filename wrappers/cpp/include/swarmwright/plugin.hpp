@@ -1,4 +1,4 @@
-// A simulator that keeps its own loop: nothing calls it, it looks in.
+// For simulators that have a main loop, which polls for work.
 #pragma once
 
 #include <swarmwright/description.hpp>
@@ -17,28 +17,28 @@
 
 namespace swarmwright {
 
-/// Offers a simulator that has its own loop, as plug-ins of simulators do. The server has a thread of its own; yours is
-/// never called back but for notices, and only while it polls.
+/// Offers a simulator that has a main loop, as plug-ins of simulators do. The server runs in another thread; the only
+/// callback are notices, during poll().
 ///
-///     switch (plugin.poll()) {                  // once a tick, or with a time to wait
-///       case Plugin::Event::reset:              // go to the start with plugin.parameters(), then plugin.sense(...)
-///       case Plugin::Event::step:               // do plugin.actuators(); later plugin.sense(...) or
-///       plugin.finish(...) case Plugin::Event::abandoned:          // nobody waits for this episode any more case
-///       Plugin::Event::nothing:            // no episode, or what the agents do has not come yet
+///     switch (plugin.poll()) {            // once a tick, or with a time to wait
+///       case Plugin::Event::reset:        // go to the start with plugin.parameters(), then sense()
+///       case Plugin::Event::step:         // apply plugin.actuators(), then sense() or finish()
+///       case Plugin::Event::abandoned:    // the episode was given up
+///       case Plugin::Event::nothing:      // no episode, or the actuators have not come yet
 ///     }
 ///
 /// Used by one thread at a time. Constructing throws as Server does; the other methods throw std::invalid_argument
-/// where they are called out of turn.
+/// if they are called in the wrong order.
 class Plugin {
  public:
-  /// What to do.
+  /// The next task.
   enum class Event {
     nothing = SWARMWRIGHT_NOTHING,
     /// An episode is to begin. Answer with sense, finish, refuse or fail. If another one was under way, it was given
     /// up.
     reset = SWARMWRIGHT_RESET,
-    /// Those that sensed are to do actuators(); make a step. Answer with sense, finish or fail, as many ticks later as
-    /// you like.
+    /// A step with actuators() for the agents that sensed. Answer with sense, finish or fail, any number of ticks
+    /// later.
     step = SWARMWRIGHT_STEP,
     /// The episode was given up.
     abandoned = SWARMWRIGHT_ABANDONED,
@@ -57,10 +57,10 @@ class Plugin {
   Plugin(Plugin&&) = delete;
   Plugin& operator=(Plugin&&) = delete;
 
-  /// Gives up what is under way and leaves the broker in good order.
+  /// Gives up what is under way, removes the presence and disconnects.
   ~Plugin() { swarmwright_plugin_close(plugin_); }
 
-  /// What to do next; waits at most so long until there is something. While an answer is due it never waits.
+  /// The next task; waits for at most `patience` until there is one. Does not wait while an answer is due.
   Event poll(std::chrono::duration<double> patience = std::chrono::seconds(0)) {
     parameters_.reset();
     event_ = SWARMWRIGHT_EVENT;
@@ -72,17 +72,17 @@ class Plugin {
     return static_cast<Event>(event_.kind);
   }
 
-  /// Of the reset that poll() told of last, until it is called again.
+  /// The parameters of the last reset that poll() returned, valid until its next call.
   const Parameters& parameters() const { return parameters_.value(); }
 
-  /// Of the same reset: the parameter "seed", different in each of several episodes, 0 by default.
+  /// The seed of that reset: the parameter "seed", different in each of several episodes, 0 by default.
   std::uint64_t seed() const noexcept { return event_.seed; }
 
-  /// Of the step that poll() told of last, until it is called again: a row for each agent that sensed, in their order.
+  /// The actuators of the last step that poll() returned, valid until its next call: a row for each agent that sensed.
   Span<const float> actuators() const noexcept { return {event_.actuators, event_.count}; }
 
-  /// Answers a reset or a step: these agents act next, ascending from 0, and this is what they sense, a row for each.
-  /// Nobody: the simulator steers its agents itself, and is told to make a step without actuators.
+  /// Answers a reset or a step: the agents that act next, ascending from 0, and their sensors, a row for each. No
+  /// agents: the simulator steers them itself, and the next task is a step without actuators.
   void sense(Span<const std::uint32_t> agents, Span<const float> sensors) {
     if (sensors.size() != agents.size() * offers_.sensors) {
       throw std::invalid_argument(std::to_string(sensors.size()) + " sensors for " + std::to_string(agents.size()) +
@@ -108,8 +108,8 @@ class Plugin {
   /// Answers a reset or a step: the episode cannot go on.
   void fail(const std::string& reason) { detail::check(swarmwright_plugin_fail(plugin_, reason.c_str())); }
 
-  /// Runs code of yours that answers a reset or a step. What it throws is the answer in its place: a ParameterError
-  /// refuses, anything else fails the episode with its type and what().
+  /// Runs code that answers a reset or a step, and answers with its exception if it throws one: a ParameterError
+  /// refuses, any other fails the episode with its type and what().
   template <class Work>
   void answer(Work&& work) {
     try {

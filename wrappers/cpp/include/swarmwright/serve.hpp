@@ -1,4 +1,4 @@
-// A whole program that serves a simulation.
+// The main function of a simulation server.
 #pragma once
 
 #include <swarmwright/server.hpp>
@@ -22,21 +22,21 @@ namespace swarmwright {
 
 namespace detail {
 
-/// What signals stop. Signal handlers have nothing else to find it by.
+/// The server that signals stop; global, since signal handlers have no other access to it.
 inline std::atomic<const swarmwright_server*> stopped_by_signals{nullptr};
-inline volatile std::sig_atomic_t told_to_stop = 0;
+inline volatile std::sig_atomic_t stop_requested = 0;
 
 extern "C" inline void swarmwright_stop_by_signal(int) {
-  told_to_stop = 1;
+  stop_requested = 1;
   swarmwright_server_stop(stopped_by_signals.load());
 }
 
-/// Lets signals stop a server as long as this is there.
+/// Lets signals stop a server during the lifetime of this object.
 class StoppedBySignals {
  public:
   explicit StoppedBySignals(Server& server) noexcept {
     stopped_by_signals = server.handle();
-    if (told_to_stop != 0) {
+    if (stop_requested != 0) {
       server.stop();
     }
   }
@@ -45,13 +45,13 @@ class StoppedBySignals {
   StoppedBySignals& operator=(const StoppedBySignals&) = delete;
 };
 
-/// A number that fills the text. Throws std::invalid_argument.
+/// The whole text as a number. Throws std::invalid_argument.
 template <class Number>
 Number number(std::string_view name, const std::string& text) {
   Number value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size()) {
-    throw std::invalid_argument(std::string(name) + ": \"" + text + "\" is no number that it can be");
+    throw std::invalid_argument(std::string(name) + ": \"" + text + "\" is not a number in its range");
   }
   return value;
 }
@@ -62,8 +62,8 @@ Number number(std::string_view name, const std::string& text) {
 inline constexpr const char* usage =
     "usage: [--broker URL] [--id NUMBER] [--prefix PREFIX] [--step-timeout SECONDS] [--threads NUMBER]\n"
     "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; SWARMWRIGHT_BROKER, else mqtt://localhost:1883\n"
-    "  --id            the server's id, from 0, its own on the broker; 1 by default\n"
-    "  --prefix        what stands before all topics; nothing by default\n"
+    "  --id            the server's id, from 0, unique on the broker; 1 by default\n"
+    "  --prefix        prefix of all topics; empty by default\n"
     "  --step-timeout  after how long a step that misses actuators is given up; 60 by default\n"
     "  --threads       of an offloaded evaluation, 0 for one per processor; 1 by default\n";
 
@@ -88,7 +88,7 @@ inline Options arguments(int count, const char* const* values) {
       throw std::invalid_argument(name + ": unknown\n" + usage);
     }
     if (!joined && ++i >= count) {
-      throw std::invalid_argument(name + ": expected a value behind it");
+      throw std::invalid_argument(name + ": expected a value after it");
     }
     if (text != nullptr) {
       *text = value;
@@ -103,8 +103,8 @@ inline Options arguments(int count, const char* const* values) {
   return options;
 }
 
-/// A whole program: reads its arguments, serves until it is told to end (SIGINT, SIGTERM). Returns its exit status: 0,
-/// 1 where no server could be offered, 2 for wrong arguments; then it has said why on standard error.
+/// The main function of a server: reads its arguments, serves until it is terminated (SIGINT, SIGTERM). Returns the
+/// exit status: 0, 1 if the server could not be started, 2 for wrong arguments, with a message on standard error.
 inline int serve(int count, char** values, Server::Factory factory) {
   for (int i = 1; i < count; ++i) {
     if (std::string_view(values[i]) == "--help") {
@@ -114,7 +114,7 @@ inline int serve(int count, char** values, Server::Factory factory) {
   }
   try {
     const Options options = arguments(count, values);
-    // Before the start: who is told to end while starting leaves in order all the same.
+    // Before the start, so that a program terminated while it starts closes its server, too.
     std::signal(SIGINT, detail::swarmwright_stop_by_signal);
     std::signal(SIGTERM, detail::swarmwright_stop_by_signal);
     Server server(std::move(factory), options);
@@ -130,7 +130,7 @@ inline int serve(int count, char** values, Server::Factory factory) {
   }
 }
 
-/// As above, of simulations of one kind.
+/// As above, for simulations of one type.
 template <class T>
 int serve(int count, char** values) {
   return serve(count, values, [] { return std::make_unique<T>(); });

@@ -12,16 +12,16 @@
 
 namespace swarmwright {
 
-/// Offers a simulation to optimization tools: everything that messages, brokers and tools ask for.
+/// Offers a simulation to optimization tools, with all modes and messages of the protocol.
 ///
-/// Throws std::invalid_argument for options that cannot be, Error where no broker answers, it refuses access, or the id
-/// is taken.
+/// Throws std::invalid_argument for options that are not valid, Error if the broker does not answer or refuses access,
+/// or the id is taken.
 class Server {
  public:
   /// Makes a simulation.
   using Factory = std::function<std::unique_ptr<Simulation>()>;
 
-  /// Offers simulations of one kind; as many are made as run side by side.
+  /// Offers simulations of one kind; one is made for each episode that runs in parallel.
   explicit Server(Factory factory, const Options& options = {})
       : context_(std::make_unique<Context>(std::move(factory), options)) {
     context_->first = context_->make();
@@ -35,7 +35,7 @@ class Server {
     open(options, true);
   }
 
-  /// As of the factory that makes a T.
+  /// A server whose factory makes objects of type T.
   template <class T>
   static Server offering(const Options& options = {}) {
     return Server([] { return std::make_unique<T>(); }, options);
@@ -46,25 +46,24 @@ class Server {
   Server(Server&&) = delete;
   Server& operator=(Server&&) = delete;
 
-  /// Gives up what is under way, leaves the broker in good order, and waits for an episode that is evaluated elsewhere.
+  /// Gives up what is under way, removes the presence, disconnects, and waits for an episode in another thread to end.
   ~Server() { swarmwright_server_close(server_); }
 
-  /// Serves until it is stopped, then leaves the broker.
+  /// Serves until it is stopped, then disconnects.
   void run() {
     detail::check(swarmwright_server_run(server_));
     context_->listener.rethrow();
   }
 
-  /// One turn, for those who have a loop of their own: waits for at most so long for something to happen and does what
-  /// is due. The simulation is called meanwhile. What is not polled for 45 s loses its connection, until it is polled
-  /// again.
+  /// For programs with a main loop: waits for events for at most `patience` and handles them, which calls the
+  /// simulation. A server that is not polled for 45 s loses its connection, until it is polled again.
   void poll(std::chrono::duration<double> patience = std::chrono::seconds(0)) {
     detail::check(swarmwright_server_poll(server_, patience.count()));
     context_->listener.rethrow();
   }
 
-  /// Makes run() return within 0.1 s, once the simulation has returned. From any thread, from the simulation and from
-  /// signal handlers.
+  /// Makes run() return within 0.1 s after the simulation has returned. May be called from any thread, from the
+  /// simulation and from signal handlers.
   void stop() noexcept { swarmwright_server_stop(server_); }
 
   /// For the C interface.
@@ -77,14 +76,14 @@ class Server {
     std::unique_ptr<detail::Hosted> make() const {
       std::unique_ptr<Simulation> simulation = factory();
       if (!simulation) {
-        throw std::invalid_argument("the factory of simulations gave a null pointer");
+        throw std::invalid_argument("the factory of simulations returned a null pointer");
       }
       return std::make_unique<detail::Hosted>(std::move(simulation));
     }
 
     Factory factory;
     detail::Listener listener;
-    /// Made to ask for its description; the first that is wanted.
+    /// Made for its description; the first to be used.
     std::unique_ptr<detail::Hosted> first;
   };
 

@@ -1,4 +1,4 @@
-// A simulation to derive from, and how the C interface calls it.
+// The base class of simulations, and its calls by the C interface.
 #pragma once
 
 #include <swarmwright/description.hpp>
@@ -17,7 +17,7 @@
 #include <utility>
 #include <vector>
 
-// The wrapper hands simulations from thread to thread under locks that ThreadSanitizer does not see.
+// The wrapper moves simulations between threads under locks that ThreadSanitizer cannot see.
 #if defined(__SANITIZE_THREAD__)
 #define SWARMWRIGHT_TSAN 1
 #elif defined(__has_feature)
@@ -32,47 +32,46 @@ extern "C" void __tsan_release(void* address);
 
 namespace swarmwright {
 
-/// An environment that can be reset and stepped. One object runs one episode at a time, any number of them in turn.
+/// An environment that can be reset and stepped. One object runs one episode after another.
 ///
-/// An episode: reset, then, until it is done, sense for every acting agent and step with what they do; then fitness and
-/// metrics. The same parameters and actuators must give the same sensors and fitness, to the bit.
+/// An episode: reset, then, until it is done, sense for every acting agent and step with their actuators; then fitness
+/// and metrics. The same parameters and actuators must give the same sensors and fitness, to the bit.
 ///
-/// Whatever a method throws ends the episode, is told to the optimization tool with its type and what(), and leaves the
-/// server usable: the next episode begins with reset as any other. An object is used by one thread at a time, not
-/// always the same.
+/// An exception ends the episode and is reported to the optimization tool with its type and what(). The server stays
+/// usable: the next episode begins with reset. An object is used by one thread at a time, not always the same.
 class Simulation {
  public:
   virtual ~Simulation() = default;
 
-  /// What it offers; the same at any time.
+  /// The properties of the simulation, which do not change.
   virtual Description description() const = 0;
 
   /// Goes to the start of an episode. `seed` is the parameter "seed": different in each of several episodes, 0 by
-  /// default. Throws ParameterError if a value cannot be used, as `parameters` does by itself.
+  /// default. Throws ParameterError if a value cannot be used, as the methods of `parameters` do.
   virtual void reset(const Parameters& parameters, std::uint64_t seed) = 0;
 
   /// The agents whose actuators the next step needs, ascending from 0; none when the episode has ended.
   virtual const std::vector<std::uint32_t>& acting() = 0;
 
-  /// Whether the episode has ended. A simulation that steers its agents itself lets nobody act before: it is stepped
-  /// without actuators.
+  /// Whether the episode has ended. A simulation that steers its agents itself has no acting agents before: it is
+  /// stepped without actuators.
   virtual bool done() { return acting().empty(); }
 
-  /// Writes what an acting agent senses: finite numbers, as many as the description says.
+  /// Writes the sensors of an acting agent: finite numbers, as many as the description says.
   virtual void sense(std::uint32_t agent, Span<float> sensors) = 0;
 
-  /// Moves on by one step. A row for each acting agent, in the order of acting(), one behind the other; each number is
-  /// in -1..1.
+  /// Makes one step. `actuators`: (acting agents, actuators), row-major, in the order of acting(); each number is in
+  /// -1..1.
   virtual void step(Span<const float> actuators) = 0;
 
   /// Fitness of the episode so far, a finite number; larger is better.
   virtual double fitness() = 0;
 
-  /// What else is measured in the episode, in the order of the description: an experiment can make a fitness of it.
+  /// Metrics of the episode, in the order of the description; an experiment can define its fitness from them.
   virtual std::vector<double> metrics() { return {}; }
 
-  /// Shows the episode as it is now, when somebody wants to see it; returns for how long it is to be looked at, 0 if
-  /// there is nothing to see.
+  /// Shows the current state of the episode, if that was asked for; returns how long it stays visible, 0 if there is
+  /// nothing to see.
   virtual std::chrono::milliseconds show() { return std::chrono::milliseconds(0); }
 
  protected:
@@ -85,7 +84,7 @@ class Simulation {
 
 namespace detail {
 
-/// For ThreadSanitizer: what this thread does with the object from here on comes after what others did with it before.
+/// For ThreadSanitizer: accesses of this thread to the object happen after earlier ones of other threads.
 class Turn {
  public:
   explicit Turn([[maybe_unused]] void* object) noexcept
@@ -110,22 +109,22 @@ class Turn {
 /// A simulation as an object of the C interface.
 struct Hosted {
   explicit Hosted(Simulation& other) : simulation(&other), offers(other.description()) {}
-  explicit Hosted(std::unique_ptr<Simulation> own)
-      : owned(std::move(own)), simulation(owned.get()), offers(simulation->description()) {}
+  explicit Hosted(std::unique_ptr<Simulation> other)
+      : owned(std::move(other)), simulation(owned.get()), offers(simulation->description()) {}
 
   std::unique_ptr<Simulation> owned;
   Simulation* simulation;
   Description offers;
 };
 
-/// Calls a hosted simulation; what it throws becomes a status.
+/// Calls a hosted simulation; an exception becomes a status.
 template <class Call>
 swarmwright_status hosted(void* object, Call&& call) noexcept {
   const Turn turn(object);
   return guarded([&] { call(*static_cast<Hosted*>(object)); });
 }
 
-/// The functions of all simulations. What makes them stands with the server.
+/// The functions of all simulations, except create, which the server sets.
 inline swarmwright_simulation functions() noexcept {
   swarmwright_simulation table = {};
   table.size = sizeof(table);

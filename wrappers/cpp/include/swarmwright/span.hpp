@@ -1,4 +1,4 @@
-// A stretch of numbers that somebody else owns.
+// A view of an array of numbers.
 #pragma once
 
 #include <cassert>
@@ -9,8 +9,7 @@
 
 namespace swarmwright {
 
-/// What std::span is from C++20 on, as far as it is needed here. From vectors, arrays and whatever has data() and
-/// size().
+/// The part of std::span of C++20 that is needed here. Made from vectors, arrays and anything with data() and size().
 template <class T>
 class Span {
  public:

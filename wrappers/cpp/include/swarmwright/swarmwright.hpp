@@ -1,10 +1,10 @@
 // Swarmwright's simulation wrapper for C++17: a simulator becomes a simulation server.
 //
-//   Simulation   to derive from: reset, acting, sense, step, fitness
-//   Server       offers a Simulation: run() has the loop, poll() leaves it to you
-//   Plugin       for simulators that keep their loop and are never called: poll() says what to do
-//   serve        a whole program out of a Simulation
-//   Parameters   of an episode, read with type and range
+//   Simulation   the base class to derive from: reset, acting, sense, step, fitness
+//   Server       offers a Simulation: run() has a loop, poll() is for programs with a main loop
+//   Plugin       for simulators with a main loop that cannot be called: poll() returns the next task
+//   serve        the main function of a simulation server
+//   Parameters   the parameters of an episode, read with type and range
 //
 // How to use it: docs/how-to/attach-cpp.md. All of this is a layer over the C interface in swarmwright.h.
 #pragma once

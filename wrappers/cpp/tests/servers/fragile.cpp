@@ -1,7 +1,7 @@
-// A simulation that breaks in every way that it is told to, and a server that is polled by a loop of the program's own.
+// A simulation that fails in the way that its parameters ask for, and a server that is polled by a main loop.
 //
-//   fragile --broker URL --id N            the wrapper has the loop
-//   fragile --broker URL --id N --polled   the program has it
+//   fragile --broker URL --id N            run() has the loop
+//   fragile --broker URL --id N --polled   the program has the loop
 
 #include <swarmwright/swarmwright.hpp>
 
