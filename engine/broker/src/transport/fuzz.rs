@@ -5,13 +5,14 @@ use super::websocket::{BINARY, WebSocket, frame};
 use proptest::prelude::*;
 use std::sync::Arc;
 use swarmwright_fuzzing::{config, mutated, noise, peak};
+use tungstenite::protocol::frame::coding::OpCode;
 
 const REQUEST: &[u8] = b"GET /mqtt HTTP/1.1\r\nHost: localhost:9001\r\nOrigin: http://localhost\r\nupgrade: WebSocket\r\nConnection: keep-alive, Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: mqtt\r\n\r\n";
 /// A read of the socket at most.
 const LONGEST: usize = 1 << 14;
 
 /// A frame as clients send them.
-pub fn masked(opcode: u8, payload: &[u8], mask: [u8; 4]) -> Vec<u8> {
+pub fn masked(opcode: OpCode, payload: &[u8], mask: [u8; 4]) -> Vec<u8> {
     let mut bytes = Vec::new();
     frame(&mut bytes, opcode, payload);
     let start = bytes.len() - payload.len();
@@ -30,14 +31,14 @@ fn golden() -> Vec<Vec<u8>> {
         masked(BINARY, b"\xc0\0", mask),
         masked(BINARY, &[7; 130], mask),
         masked(BINARY, &vec![9; 70_000], mask)[..4000].to_vec(),
-        masked(9, b"there?", mask),
-        masked(9, &[1; 125], mask),
-        masked(10, b"", mask),
-        masked(8, &1000u16.to_be_bytes(), mask),
+        masked(OpCode::from(9), b"there?", mask),
+        masked(OpCode::from(9), &[1; 125], mask),
+        masked(OpCode::from(10), b"", mask),
+        masked(OpCode::from(8), &1000u16.to_be_bytes(), mask),
         // A message in three frames, with a PING between them.
         [
             &[0x02, 0x81, 0, 0, 0, 0, 1][..],
-            &masked(9, b"x", mask),
+            &masked(OpCode::from(9), b"x", mask),
             &[0x80, 0x81, 1, 1, 1, 1, 2],
         ]
         .concat(),
