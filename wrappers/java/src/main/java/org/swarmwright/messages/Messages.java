@@ -175,6 +175,7 @@ public final class Messages {
         .withModes(fields.lenient(() -> fields.optionalTexts("modes")))
         .withControllers(fields.lenient(() -> fields.optionalTexts("controllers")))
         .withBatch(count(fields, "batch"))
+        .withLanes(count(fields, "lanes"))
         .withSensors(count(fields, "sensors"))
         .withActuators(count(fields, "actuators"))
         .withMetrics(fields.lenient(() -> fields.optionalTexts("metrics")))

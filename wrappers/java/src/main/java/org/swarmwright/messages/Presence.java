@@ -58,6 +58,7 @@ public final class Presence {
     if (fields.id("version") != 1) {
       throw new MessageException("\"version\" is " + fields.id("version") + ", expected 1");
     }
+    checkProcess(fields);
     return new Presence(
         fields.id("server"),
         readState(fields.text("state")),
@@ -65,6 +66,15 @@ public final class Presence {
         Messages.readCapabilities(fields.object("capabilities")),
         fields.optionalText("tool"),
         fields.text("since"));
+  }
+
+  /** Checks the copies of host, process ID and instance; they are read from the capabilities. */
+  private static void checkProcess(Fields fields) {
+    fields.optionalText("host");
+    fields.optionalText("instance");
+    if (fields.has("pid")) {
+      fields.id("pid");
+    }
   }
 
   private static State readState(String name) {
