@@ -170,8 +170,8 @@ LENIENT: set[tuple[str, Path]] = {
     ("control", ("instance",)),
     ("fitness", ("metrics",)),
 }
-"""Fields of extensions in messages of D6.1: another peer may use the names for something else, so readers ignore
-other types, as they do in `capabilities.swarmwright`."""
+"""Fields of extensions in messages of D6.1: another peer may use the names for something else, so readers
+ignore other types, as they do in `capabilities.swarmwright`."""
 
 
 def schema(message: str) -> Json:
