@@ -1,6 +1,7 @@
 //! The beginning and the end of connections and sessions: MQTT 5.0, chapters 3.1, 3.14 and 4.1.
 
-use super::{Hub, Next};
+use super::Hub;
+use super::packets::Next;
 use crate::codec::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
 use crate::message::Message;
 use crate::session::{Session, Terms, Testament};

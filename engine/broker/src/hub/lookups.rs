@@ -1,7 +1,8 @@
 //! Retained messages for new subscriptions, looked up in slices: a client with many filters and a broker with many retained
 //! messages must not keep everybody else waiting.
 
-use super::{Hub, Link, mark};
+use super::Hub;
+use super::link::{Link, mark};
 use crate::retained::Search;
 use crate::session::{Delivery, Session};
 use std::sync::Arc;

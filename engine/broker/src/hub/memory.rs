@@ -8,7 +8,8 @@
 //! accounts), and then of the connections of that account, so that many small connections do not drive out one that is large.
 
 use super::complaints::Kind;
-use super::{Hub, Link, STANDSTILL};
+use super::link::Link;
+use super::{Hub, STANDSTILL};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 

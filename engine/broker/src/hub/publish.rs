@@ -2,8 +2,9 @@
 
 use super::complaints::{Complaints, Kind};
 use super::connect::WINDOW;
+use super::link::{Link, mark};
 use super::memory::recount;
-use super::{BEHIND, BYTES_OF_WORK, Hub, Link, STANDSTILL, mark};
+use super::{BEHIND, BYTES_OF_WORK, Hub, STANDSTILL};
 use crate::codec::{Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason};
 use crate::message::Message;
 use crate::session::{Delivery, Session};

@@ -1,4 +1,6 @@
 use super::*;
+use crate::manner::Manner;
+use crate::settings::Settings;
 
 const VERSIONS: [Version; 2] = [Version::V5, Version::V3];
 

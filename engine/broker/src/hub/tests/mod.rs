@@ -7,6 +7,7 @@ mod refusals;
 mod sessions;
 
 use super::*;
+use crate::codec::{self, reason};
 
 const CONNACK: u8 = 0x20;
 const PUBLISH: u8 = 0x30;

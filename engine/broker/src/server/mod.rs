@@ -2,14 +2,18 @@
 //!
 //! Everything that arrived since the last turn is routed first, then each connection's bytes are sent with one system call.
 
-use crate::access::Access;
-use crate::config::Config;
+mod control;
+mod listening;
+
+pub use control::{Renewal, Stopper};
+pub use listening::listen;
+
 use crate::connection::{CHUNK, Connection};
 use crate::hub::Hub;
-use crate::passwords::Users;
-use crate::transport::{Layers, Origins};
+use crate::transport::Origins;
+use listening::Listener;
 use mio::event::Event;
-use mio::net::{TcpListener, TcpStream};
+use mio::net::TcpListener;
 use mio::{Events, Interest, Poll, Token, Waker};
 use rustls::ServerConfig;
 use std::io::{self, ErrorKind, Read};
@@ -47,44 +51,6 @@ pub struct Server {
     chunk: Box<[u8]>,
     stop: Arc<AtomicBool>,
     renewal: Arc<Mutex<Option<Renewal>>>,
-}
-
-/// Files that were read again.
-pub struct Renewal {
-    pub tls: Option<Arc<ServerConfig>>,
-    pub users: Option<Users>,
-    pub access: Option<Access>,
-}
-
-struct Listener {
-    socket: TcpListener,
-    websocket: bool,
-}
-
-/// Ends a running server from another thread, or gives it other files.
-pub struct Stopper {
-    stop: Arc<AtomicBool>,
-    renewal: Arc<Mutex<Option<Renewal>>>,
-    waker: Arc<Waker>,
-}
-
-impl Stopper {
-    pub fn stop(&self) {
-        self.stop.store(true, Ordering::Release);
-        self.wake();
-    }
-
-    /// What is in force from the server's next turn on.
-    pub fn renew(&self, renewal: Renewal) {
-        *self.renewal.lock().unwrap_or_else(PoisonError::into_inner) = Some(renewal);
-        self.wake();
-    }
-
-    fn wake(&self) {
-        if let Err(error) = self.waker.wake() {
-            log::error!("the broker could not be woken: {error}");
-        }
-    }
 }
 
 impl Server {
@@ -245,71 +211,6 @@ impl Server {
         }
     }
 
-    fn accept(&mut self, place: usize, now: Instant) {
-        let Some(listener) = self.listeners.get(place) else {
-            return;
-        };
-        let websocket = listener.websocket;
-        loop {
-            match self.listeners[place].socket.accept() {
-                Ok((socket, peer)) => {
-                    let peer = peer.to_string();
-                    if let Err(error) = self.welcome(socket, websocket, peer.clone(), now) {
-                        self.hub.complain_of_stranger(&peer, error, now);
-                    }
-                }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        ErrorKind::Interrupted | ErrorKind::ConnectionAborted
-                    ) => {}
-                // Most likely no file descriptors are left: where strangers hold some, one of them goes. The next tick tries again.
-                Err(error) => {
-                    self.hub.complain_of_stranger("a client", error, now);
-                    if !self.hub.end_stranger() {
-                        return;
-                    }
-                    self.close_dropped(now);
-                }
-            }
-        }
-    }
-
-    fn welcome(
-        &mut self,
-        mut socket: TcpStream,
-        websocket: bool,
-        peer: String,
-        now: Instant,
-    ) -> Result<(), String> {
-        // Several small packets a step must not wait for each other's acknowledgement.
-        socket
-            .set_nodelay(true)
-            .map_err(|error| error.to_string())?;
-        let origins = websocket.then(|| Arc::clone(&self.origins));
-        let layers = Layers::new(self.tls.as_ref(), origins)?;
-        self.hub.make_room();
-        self.close_dropped(now);
-        let Some(id) = self.hub.open(peer, now) else {
-            return Ok(());
-        };
-        let interest = Interest::READABLE | Interest::WRITABLE;
-        if let Err(error) = self
-            .poll
-            .registry()
-            .register(&mut socket, Token(id + FIRST), interest)
-        {
-            self.hub.closed(id, now);
-            return Err(error.to_string());
-        }
-        if self.connections.len() <= id {
-            self.connections.resize_with(id + 1, || None);
-        }
-        self.connections[id] = Some(Connection::new(socket, layers));
-        Ok(())
-    }
-
     /// Reads a connection and has its packets handled, until they have cost their share.
     fn read(&mut self, id: usize, share: usize, now: Instant) {
         let before = self.hub.work();
@@ -430,25 +331,4 @@ impl Server {
 fn is_behind(connections: &[Option<Connection>], id: usize) -> bool {
     let connection = connections.get(id).and_then(Option::as_ref);
     connection.is_some_and(Connection::is_behind)
-}
-
-/// Sockets that listen for a configuration, with errors that say how to mend them.
-pub fn listen(config: &Config) -> Result<Vec<std::net::TcpListener>, crate::BrokerError> {
-    let ports = std::iter::once(config.port).chain(config.websocket_port);
-    ports.map(|port| listen_on(&config.host, port)).collect()
-}
-
-fn listen_on(host: &str, port: u16) -> Result<std::net::TcpListener, crate::BrokerError> {
-    use crate::BrokerError as E;
-    std::net::TcpListener::bind((host, port)).map_err(|source| match source.kind() {
-        ErrorKind::AddrInUse => E::AddressInUse {
-            host: host.into(),
-            port,
-        },
-        ErrorKind::PermissionDenied => E::PortForbidden { port },
-        _ => E::AddressNotOurs {
-            host: host.into(),
-            source,
-        },
-    })
 }

@@ -1,0 +1,92 @@
+//! Connections that the broker ends: for what the client did, for what it keeps for the client, and when it stops.
+
+use super::Hub;
+use super::complaints::Kind;
+use crate::codec::{self, Refusal, reason};
+use std::time::Instant;
+
+impl Hub {
+    /// The broker stops: every client is told.
+    pub fn stop(&mut self) {
+        let ids: Vec<usize> = self.links.iter().map(|(id, _)| id).collect();
+        for id in ids {
+            let link = &mut self.links[id];
+            if link.session.is_some() && !link.closing {
+                let version = link.terms.version;
+                codec::disconnect(
+                    link.out.end(),
+                    reason::SHUTTING_DOWN,
+                    "the broker is stopping",
+                    version,
+                );
+            }
+            link.closing = true;
+            self.mark(id);
+        }
+    }
+
+    /// Ends a connection for something its client did, and says why: to the client and in the log.
+    pub(super) fn refuse(&mut self, id: usize, refusal: Refusal, now: Instant) {
+        let link = &mut self.links[id];
+        if link.closing {
+            return;
+        }
+        match link.session {
+            Some(session) => {
+                let client = &self.sessions[session].client_id;
+                self.complaints.say(Kind::Disconnected, now, || {
+                    format!(
+                        "client {client} at {}: {}; disconnected",
+                        link.peer, refusal.what
+                    )
+                });
+                codec::disconnect(
+                    link.out.end(),
+                    refusal.reason,
+                    refusal.what,
+                    link.terms.version,
+                );
+            }
+            None => {
+                self.complaints.say(Kind::Refused, now, || {
+                    format!("{}: {}; refused", link.peer, refusal.what)
+                });
+                codec::connack(
+                    link.out.end(),
+                    link.terms.version,
+                    false,
+                    refusal.reason,
+                    None,
+                    refusal.what,
+                );
+            }
+        }
+        link.closing = true;
+        self.mark(id);
+        self.leave(id, true, now);
+    }
+
+    /// Disconnects those that fell too far behind while messages were routed.
+    pub(super) fn settle(&mut self, now: Instant) {
+        while let Some(id) = self.doomed.pop() {
+            if self.links.get(id).is_some_and(|link| !link.closing) {
+                self.cut_off(id, "too far behind in reading", now);
+            }
+        }
+    }
+
+    /// Disconnects a client and drops what waits for it, which would not reach it before the connection ends.
+    pub(super) fn cut_off(&mut self, id: usize, what: &'static str, now: Instant) {
+        let link = &mut self.links[id];
+        let behind = link.out.len() + link.buffers;
+        self.complaints.say(Kind::Disconnected, now, || {
+            format!("{}: {behind} bytes kept for it", link.peer)
+        });
+        link.out.abandon();
+        link.lookups.clear();
+        // The server lets go of them when it sees that the connection is closing.
+        link.buffers = 0;
+        self.recount(id);
+        self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, what), now);
+    }
+}

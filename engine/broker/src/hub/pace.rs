@@ -1,0 +1,45 @@
+//! Which clients are read later.
+
+use super::{Hub, STANDSTILL};
+use std::time::Instant;
+
+impl Hub {
+    /// Should this client not be read for now: because it is too fast, does not read the answers to what it sent, waits for retained
+    /// messages, or publishes while memory is short or a reader that does read is far behind?
+    pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
+        if self.is_too_fast(id, now) {
+            return true;
+        }
+        // The connection may have ended since it was noted as readable.
+        let Some(link) = self.links.get(id) else {
+            return false;
+        };
+        if link.asked.is_some() || link.is_behind() || self.must_wait(link, now) {
+            return true;
+        }
+        let Some(reader) = link.held_by else {
+            return false;
+        };
+        let held = self.links.get(reader).is_some_and(|reader| {
+            !reader.closing
+                && reader.out.len() > self.limits.backlog / 2
+                && now - reader.progress < STANDSTILL
+        });
+        if !held {
+            self.links[id].held_by = None;
+        }
+        held
+    }
+
+    /// Has this client sent more than it may, so that it is read later?
+    fn is_too_fast(&mut self, id: usize, now: Instant) -> bool {
+        let Some(link) = self.links.get_mut(id).filter(|link| link.allowance < 0.0) else {
+            return false;
+        };
+        let rate = f64::from(self.limits.rate);
+        let passed = now.saturating_duration_since(link.allowed_at).as_secs_f64();
+        link.allowance = (link.allowance + rate * passed).min(rate);
+        link.allowed_at = now;
+        link.allowance < 0.0
+    }
+}

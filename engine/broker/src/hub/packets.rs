@@ -1,0 +1,156 @@
+//! Packets: cut out of the bytes that came, decoded, and handed to what they ask for.
+
+use super::{Hub, WORK_OF_PACKET};
+use crate::codec::{self, Answer, Packet, Refusal, Version, reason};
+use std::time::Instant;
+
+/// Client identifier, will, user name and password with 64 KiB each, and properties.
+const LARGEST_CONNECT: usize = 1 << 19;
+
+/// What to do after a packet.
+pub(super) enum Next {
+    /// Take the next one.
+    Packet,
+    /// Wait until the password that it brought was looked at.
+    Verdict,
+}
+
+impl Hub {
+    /// Bytes came; returns how many of them were packets and are done with. The rest has to be given again, with more behind it.
+    pub fn receive(&mut self, id: usize, bytes: &[u8], now: Instant) -> usize {
+        let mut done = 0;
+        let link = &mut self.links[id];
+        // Strangers do not gain time by sending piecemeal.
+        if link.session.is_some() {
+            link.heard = now;
+        }
+        while !self.links[id].closing && self.links[id].asked.is_none() {
+            let (first, head, body) = match self.frame(id, &bytes[done..]) {
+                Ok(Some(frame)) => frame,
+                Ok(None) => return done,
+                Err(refusal) => {
+                    self.refuse(id, refusal, now);
+                    break;
+                }
+            };
+            let start = done + head;
+            done = start + body;
+            self.links[id].allowance -= 1.0;
+            self.work += WORK_OF_PACKET;
+            let version = self.links[id].terms.version;
+            let outcome = codec::decode(first, &bytes[start..done], version)
+                .and_then(|packet| self.handle(id, packet, now));
+            match outcome {
+                Ok(Next::Packet) => {}
+                Ok(Next::Verdict) => {
+                    self.links[id].asked = Some(bytes[start..done].into());
+                    self.recount(id);
+                }
+                Err(refusal) => self.refuse(id, refusal, now),
+            }
+            self.relieve(now);
+            self.settle(now);
+        }
+        if self.links[id].closing {
+            bytes.len()
+        } else {
+            done
+        }
+    }
+
+    /// The first packet of `bytes`, where it is complete. Strangers may send a CONNECT and nothing else, at once.
+    fn frame(&self, id: usize, bytes: &[u8]) -> Result<Option<(u8, usize, usize)>, Refusal> {
+        let is_known = self.links[id].session.is_some();
+        if !is_known && bytes.first().is_some_and(|&first| first != 0x10) {
+            return Err(Refusal::protocol("the first packet must be CONNECT"));
+        }
+        let limit = if is_known {
+            self.limits.packet
+        } else {
+            self.limits.packet.min(LARGEST_CONNECT)
+        };
+        let frame = codec::frame(bytes, limit)?;
+        Ok(frame.filter(|(_, head, body)| bytes.len() >= head + body))
+    }
+
+    fn handle(&mut self, id: usize, packet: Packet<'_>, now: Instant) -> Result<Next, Refusal> {
+        let packet = match packet {
+            Packet::Connect(connect) => return self.connect(id, &connect, now),
+            other => other,
+        };
+        let Some(session) = self.links[id].session else {
+            return Err(Refusal::protocol("the first packet must be CONNECT"));
+        };
+        match packet {
+            Packet::Connect(_) => {}
+            Packet::Publish(publish) => self.published(id, session, &publish, now)?,
+            Packet::Acknowledge(kind, packet, code) => {
+                self.acknowledged(id, session, kind, packet, code, now)
+            }
+            Packet::Subscribe {
+                id: packet,
+                identifier,
+                filters,
+            } => self.subscribe(id, session, packet, identifier, &filters, now),
+            Packet::Unsubscribe {
+                id: packet,
+                filters,
+            } => self.unsubscribe(id, session, packet, &filters),
+            Packet::Ping => self.answer(id, |out, _| codec::pingresp(out)),
+            Packet::Disconnect {
+                reason,
+                session_expiry,
+            } => self.goodbye(id, session, reason, session_expiry, now)?,
+        }
+        Ok(Next::Packet)
+    }
+
+    fn acknowledged(
+        &mut self,
+        id: usize,
+        session: usize,
+        kind: Answer,
+        packet: u16,
+        code: u8,
+        now: Instant,
+    ) {
+        let remembered = &mut self.sessions[session];
+        let known = |known| {
+            if known {
+                reason::SUCCESS
+            } else {
+                reason::UNKNOWN_PACKET_ID
+            }
+        };
+        let reply = match kind {
+            Answer::Acknowledged | Answer::Complete => {
+                remembered.finish(packet);
+                None
+            }
+            Answer::Received if code >= 0x80 => {
+                remembered.finish(packet);
+                None
+            }
+            Answer::Received => Some((Answer::Release, known(remembered.received(packet)))),
+            Answer::Release => Some((Answer::Complete, known(remembered.inbound.remove(&packet)))),
+        };
+        if let Some((kind, code)) = reply {
+            self.answer(id, |out, version| {
+                codec::acknowledge(out, kind, packet, code, version);
+            });
+        }
+        let link = &mut self.links[id];
+        self.sessions[session].advance(&mut link.out, link.terms, now);
+        self.mark(id);
+        self.recount_session(session);
+    }
+
+    /// Appends an answer to a client's own packet.
+    pub(super) fn answer(&mut self, id: usize, write: impl FnOnce(&mut Vec<u8>, Version)) {
+        let link = &mut self.links[id];
+        let before = link.out.len();
+        write(link.out.end(), link.terms.version);
+        link.answers += link.out.len() - before;
+        self.mark(id);
+    }
+}

@@ -1,0 +1,163 @@
+//! The socket of a connection: it is opened, waited for, read and written, and opened again when it breaks.
+
+use std::io::ErrorKind;
+use std::time::{Duration, Instant};
+
+use mio::Interest;
+
+use super::{Connection, Event, FIRST_PAUSE, Link, SOCKET};
+use crate::ConnectError;
+use crate::handshake::{self, Caller};
+use crate::session::Received;
+
+const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+
+impl Connection {
+    pub(super) fn reconnect(&mut self, events: &mut Vec<Event>) {
+        if self.link.is_some() || Instant::now() < self.retry_at {
+            return;
+        }
+        match self.establish() {
+            Ok(()) => events.push(Event::Connected),
+            Err(error) => {
+                log::debug!("{error}");
+                // Jitter, so that the servers of a cluster do not all come back in the same instant.
+                self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
+                self.pause = (self.pause * 2).min(LONGEST_PAUSE);
+            }
+        }
+    }
+
+    pub(super) fn establish(&mut self) -> Result<(), ConnectError> {
+        let caller = Caller {
+            settings: &self.settings,
+            client_id: &self.client_id,
+            subscriptions: &self.subscriptions,
+        };
+        let (mut transport, session) =
+            handshake::connect(&caller, &mut self.chunk, &mut self.out, &mut self.early)?;
+        let failed = |error: std::io::Error| ConnectError::NoBroker {
+            url: self.settings.url.to_string(),
+            reason: error.to_string(),
+        };
+        transport.set_nonblocking().map_err(failed)?;
+        self.poll
+            .registry()
+            .register(
+                transport.socket(),
+                SOCKET,
+                Interest::READABLE | Interest::WRITABLE,
+            )
+            .map_err(failed)?;
+        self.link = Some(Link {
+            transport,
+            session,
+            readable: true,
+            unacknowledged: true,
+            closing: false,
+        });
+        self.pause = FIRST_PAUSE;
+        Ok(())
+    }
+
+    pub(super) fn wait(&mut self, until: Instant, events: &mut Vec<Event>) {
+        // What is sent in answer carries the acknowledgement; so it costs a system call only where nothing was.
+        if let Some(link) = &mut self.link
+            && std::mem::take(&mut link.unacknowledged)
+        {
+            link.transport.acknowledge();
+        }
+        // Rounded up to the clock of epoll, so that a wait never ends just before its time and spins.
+        let timeout = until.saturating_duration_since(Instant::now());
+        let timeout = if timeout.is_zero() {
+            timeout
+        } else {
+            timeout + Duration::from_micros(999)
+        };
+        if let Err(error) = self.poll.poll(&mut self.mio_events, Some(timeout)) {
+            if error.kind() != ErrorKind::Interrupted {
+                self.broke(format!("the system's event queue failed: {error}"), events);
+            }
+            return;
+        }
+        for event in &self.mio_events {
+            if event.token() == SOCKET
+                && let Some(link) = &mut self.link
+            {
+                link.closing |= event.is_read_closed() || event.is_error();
+                link.readable |= event.is_readable() || link.closing;
+            }
+        }
+    }
+
+    pub(super) fn flush(&mut self, events: &mut Vec<Event>) {
+        let Some(link) = &mut self.link else { return };
+        let mut sent = 0;
+        let result = loop {
+            if sent == self.out.len() {
+                break link.transport.flush();
+            }
+            match link.transport.write(&self.out[sent..]) {
+                Ok(count) => sent += count,
+                Err(error) => break Err(error),
+            }
+        };
+        self.out.drain(..sent);
+        link.unacknowledged &= sent == 0;
+        self.traffic.sent_bytes += sent as u64;
+        match result {
+            // Full: the socket's becoming writable ends the next wait.
+            Err(error)
+                if !matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
+            {
+                self.broke(error.to_string(), events);
+            }
+            _ => {}
+        }
+    }
+
+    pub(super) fn read(&mut self, events: &mut Vec<Event>) {
+        let Some(link) = self.link.as_mut().filter(|link| link.readable) else {
+            return;
+        };
+        let count = match link.transport.read(&mut self.chunk) {
+            Ok(0) => return self.broke("the broker closed the connection".to_owned(), events),
+            Ok(count) => count,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                link.readable = false;
+                return;
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => return,
+            Err(error) => return self.broke(error.to_string(), events),
+        };
+        self.traffic.received_bytes += count as u64;
+        link.unacknowledged = true;
+        let before = events.len();
+        link.readable =
+            count == self.chunk.len() || link.closing || !link.transport.short_read_is_all();
+        let mut closed = None;
+        link.session.receive(
+            &self.chunk[..count],
+            &mut self.out,
+            &mut |received| match received {
+                Received::Publish(message) => events.push(Event::Message(message)),
+                Received::Closed(reason) | Received::Refused(reason, _) => closed = Some(reason),
+                Received::Accepted | Received::Subscribed(_) => {}
+            },
+        );
+        self.traffic.received_messages += (events.len() - before) as u64;
+        if let Some(reason) = closed {
+            self.broke(reason, events);
+        }
+    }
+
+    pub(super) fn broke(&mut self, reason: String, events: &mut Vec<Event>) {
+        if let Some(mut link) = self.link.take() {
+            let _ = self.poll.registry().deregister(link.transport.socket());
+            self.out.clear();
+            self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
+            let (_, unread) = link.session.read();
+            events.push(Event::Disconnected { reason, unread });
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Connections under test, with a limit on the time that each wait takes.
+#![allow(clippy::unwrap_used, clippy::panic, dead_code)] // helpers of tests
+
+use std::time::{Duration, Instant};
+
+use swarmwright_mqtt::{Connection, Event, QoS, Settings, Subscription};
+
+pub const PATIENCE: Duration = Duration::from_secs(10);
+
+pub fn settings(url: &str) -> Settings {
+    let mut settings = Settings::new(url.parse().unwrap());
+    settings.timeout = Duration::from_millis(500);
+    settings
+}
+
+pub fn subscription(filter: &str) -> Vec<Subscription> {
+    vec![Subscription {
+        filter: filter.into(),
+        qos: QoS::AtLeastOnce,
+    }]
+}
+
+pub fn open(url: &str, filter: &str) -> Connection {
+    Connection::open(settings(url), subscription(filter)).unwrap()
+}
+
+/// Polls until `count` messages are there.
+pub fn messages(connection: &mut Connection, count: usize) -> Vec<(String, Vec<u8>, bool)> {
+    let deadline = Instant::now() + PATIENCE;
+    let mut found = Vec::new();
+    let mut events = Vec::new();
+    while found.len() < count {
+        assert!(
+            Instant::now() < deadline,
+            "{} of {count} messages came",
+            found.len()
+        );
+        connection.poll(deadline, &mut events);
+        for event in events.drain(..) {
+            if let Event::Message(message) = event {
+                found.push((
+                    message.topic().to_owned(),
+                    message.payload().to_vec(),
+                    message.retained(),
+                ));
+            }
+        }
+    }
+    found
+}
+
+/// Polls until an event of a kind is there.
+pub fn until(connection: &mut Connection, wanted: impl Fn(&Event) -> bool) {
+    let deadline = Instant::now() + PATIENCE;
+    let mut events = Vec::new();
+    while !events.drain(..).any(|event| wanted(&event)) {
+        assert!(Instant::now() < deadline, "the event did not come");
+        connection.poll(deadline, &mut events);
+    }
+}
