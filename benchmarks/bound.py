@@ -6,6 +6,7 @@ except for what lanes must read and write one by one. `benchmarks/peak` measures
 processor does in a nanosecond.
 """
 
+import copy
 import json
 import subprocess
 from dataclasses import dataclass, fields
@@ -100,11 +101,11 @@ def endless_minisim(candidates: int) -> tuple[Block, int]:
 def endless_stadium(candidates: int) -> tuple[Block, int]:
     """Stadium with its exits walled in; and its agent-steps."""
     block = stadium(candidates)
-    parameters = json.loads(block.parameters)
+    parameters = copy.deepcopy(block.parameters)
     field = parameters["field"]
     field["blockades"] += [[x, y] for x in (1, 18) for y in (8, 9, 10, 11)]
     agents = len(field["agents"])
-    block.parameters = json.dumps(parameters)
+    block.parameters = parameters
     return block, candidates * agents * 50
 
 

@@ -67,8 +67,8 @@ class BusySuite:
         self._pool = _engine.Pool(
             self._broker.url,
             simulation="sleeper",
-            parameters="{}",
-            requirements='{"dimensions": 2}',
+            parameters={},
+            requirements={"dimensions": 2},
             mode="offloaded",
             alone=True,
         )

@@ -51,8 +51,8 @@ class Block:
     def __init__(
         self, title: str, parameters: dict[str, Any], architecture: dict[str, Any], candidates: int
     ) -> None:
-        self.title, self.parameters = title, json.dumps(parameters)
-        self.architecture = json.dumps(architecture)
+        self.title, self.parameters = title, parameters
+        self.architecture = architecture
         self.candidates = candidates
         weights = _engine.genome_size(self.architecture)
         source = np.random.default_rng(1)

@@ -1,6 +1,5 @@
 """Stepwise evaluation: the optimization tool's pool in this process, Minisim servers in others."""
 
-import json
 import random
 import time
 from dataclasses import dataclass
@@ -13,18 +12,17 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from benchmarks.processes import PATIENCE, Broker
 from swarmwright import _engine
+from swarmwright.store import Journal
 
-ARCHITECTURE = json.dumps(
-    {
-        "version": 1,
-        "kind": "layered",
-        "sensors": 4,
-        "actuators": 1,
-        "hidden": [8],
-        "activation": "tanh",
-        "output_range": [-1, 1],
-    }
-)
+ARCHITECTURE: dict[str, Any] = {
+    "version": 1,
+    "kind": "layered",
+    "sensors": 4,
+    "actuators": 1,
+    "hidden": [8],
+    "activation": "tanh",
+    "output_range": [-1, 1],
+}
 """4-8-1 networks."""
 
 
@@ -59,8 +57,8 @@ class Stepwise:
         self._pool = _engine.Pool(
             broker.url,
             simulation="minisim",
-            parameters=json.dumps(self._parameters),
-            requirements='{"dimensions": 2}',
+            parameters=self._parameters,
+            requirements={"dimensions": 2},
             prefix=prefix,
             tool="bench",
             mode="stepwise",
@@ -85,21 +83,21 @@ class Stepwise:
         """A block, and how many servers took part."""
         genomes = _genomes(episodes)
         start = time.perf_counter()
-        fitness, _, journal = self._pool.evaluate(ARCHITECTURE, genomes, [0])
+        fitness, _, rows, _ = self._pool.evaluate(ARCHITECTURE, genomes, [0])
         seconds = time.perf_counter() - start
-        expected, _ = _engine.evaluate("minisim", json.dumps(self._parameters), ARCHITECTURE, genomes, [0])
+        expected, _ = _engine.evaluate("minisim", self._parameters, ARCHITECTURE, genomes, [0])
         if fitness.tobytes() != expected.tobytes():
             raise SystemExit("stepwise evaluation and a rollout in this process give different fitness")
-        attempts: list[dict[str, Any]] = [json.loads(line) for line in journal.splitlines()]
-        steps = sum(int(attempt["steps"]) for attempt in attempts)
+        attempts = Journal.of(rows, []).attempts
+        steps = sum(attempt.steps or 0 for attempt in attempts)
         done = Evaluation(
             agent_steps=steps * self._agents,
             steps=steps,
             episodes=len(attempts),
             seconds=seconds,
-            episode_seconds=sum(float(attempt["seconds"]) for attempt in attempts),
+            episode_seconds=sum(attempt.seconds for attempt in attempts),
         )
-        return done, len({attempt["server"] for attempt in attempts})
+        return done, len({attempt.server for attempt in attempts})
 
     def close(self) -> None:
         """Free the servers."""

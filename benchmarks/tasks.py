@@ -1,7 +1,6 @@
 """Offloaded evaluation against empty tasks of Ray and Dask, bare MQTT, and the same work in this process."""
 
 import contextlib
-import json
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT, embedded, servers
 from benchmarks.rollout import Block, minisim, stadium
 from swarmwright import _engine
+from swarmwright.store import Journal
 
 SERVERS = 2
 PREFIX = "bench/tasks"
@@ -98,7 +98,7 @@ class TaskSuite:
             self._broker.url,
             simulation=block.title,
             parameters=block.parameters,
-            requirements='{"dimensions": 2}',
+            requirements={"dimensions": 2},
             prefix=PREFIX,
             tool="bench",
             mode="offloaded",
@@ -166,10 +166,10 @@ class TaskSuite:
 
     @staticmethod
     def _evaluate(pool: _engine.Pool, block: Block) -> np.ndarray:
-        fitness, _, journal = pool.evaluate(block.architecture, block.genomes, [0])
-        errors = [json.loads(line).get("error") for line in journal.splitlines()]
-        if any(errors):
-            raise SystemExit(f"offloaded evaluation failed: {next(filter(None, errors))}")
+        fitness, _, attempts, _ = pool.evaluate(block.architecture, block.genomes, [0])
+        errors = Journal.of(attempts, []).errors
+        if errors:
+            raise SystemExit(f"offloaded evaluation failed: {errors[0]}")
         return fitness[:, 0]
 
     def samples(self) -> list[Samples]:

@@ -6,7 +6,6 @@ The adapters show what remains of an environment's or a simulator's own speed.
 """
 
 import contextlib
-import json
 import os
 import shutil
 import subprocess
@@ -25,6 +24,7 @@ from benchmarks.measurement import Samples
 from benchmarks.processes import PATIENCE, PROGRAM, ROOT, Broker, embedded, peak_memory
 from benchmarks.rollout import LAYERED, Block
 from swarmwright import _engine
+from swarmwright.store import Journal
 
 JAR = ROOT / "wrappers" / "java" / "target" / "minisim.jar"
 CPP = ROOT / "wrappers" / "cpp" / "build" / "minisim"
@@ -163,8 +163,8 @@ def _pool(broker: Broker, prefix: str, subject: Subject, mode: str) -> Iterator[
     pool = _engine.Pool(
         broker.url,
         simulation=subject.title,
-        parameters=json.dumps(subject.parameters),
-        requirements=json.dumps({"dimensions": subject.dimensions}),
+        parameters=dict(subject.parameters),
+        requirements={"dimensions": subject.dimensions},
         sensors=subject.sensors,
         actuators=subject.actuators,
         prefix=prefix,
@@ -181,9 +181,9 @@ def _pool(broker: Broker, prefix: str, subject: Subject, mode: str) -> Iterator[
 def _evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], float]:
     """The fitness, (candidates,); seconds."""
     start = time.perf_counter()
-    fitness, _, journal = pool.evaluate(block.architecture, block.genomes, [0])
+    fitness, _, attempts, _ = pool.evaluate(block.architecture, block.genomes, [0])
     seconds = time.perf_counter() - start
-    errors = [error for line in journal.splitlines() if (error := json.loads(line).get("error"))]
+    errors = Journal.of(attempts, []).errors
     if errors:
         raise SystemExit(f"an evaluation failed: {errors[0]}")
     return fitness[:, 0], seconds

@@ -1,14 +1,29 @@
 """The compiled engine. Everything here is built from `engine/python`; `mypy.stubtest` checks the two against each other."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.engine_types import (
+    AttemptRow,
+    Counts,
+    Description,
+    Faults,
+    News,
+    Presence,
+    Report,
+    Requirements,
+    SceneFields,
+    ServerEvent,
+    Timeouts,
+)
 from swarmwright.simulations.host import Host
 
 __all__ = [
+    "FAULTS",
+    "TIMEOUTS",
     "Broker",
     "Controller",
     "EngineError",
@@ -43,6 +58,11 @@ __all__ = [
 
 __version__: str
 
+TIMEOUTS: Timeouts
+"""The defaults of an experiment's `timeouts`, all of them."""
+FAULTS: Faults
+"""The defaults of an experiment's `faults`, all of them."""
+
 class EngineError(RuntimeError):
     """The engine could not do what was asked; the message says what, where and how to fix it."""
 
@@ -55,19 +75,21 @@ class InputError(ValueError):
 def simulations() -> list[str]:
     """Titles of the built-in simulations, sorted."""
 
-def describe(title: str) -> str:
-    """JSON object: title, dimensions, max_agents, sensors, actuators, parameters (name -> {type, default, description}), metrics.
-
-    metrics: name -> {unit, description}, in alphabetical order.
+def describe(title: str) -> Description:
+    """The description of a built-in simulation; parameters and metrics in alphabetical order.
 
     Raises InputError for an unknown title.
     """
 
-def check_parameters(title: str, parameters: str) -> None:
-    """Raise InputError (naming the parameter) unless the JSON object `parameters` configures the built-in simulation `title`."""
+def check_parameters(title: str, parameters: dict[str, Any]) -> None:
+    """Raise InputError (naming the parameter) unless `parameters` configure the built-in simulation `title`.
 
-def steers_itself(title: str, parameters: str) -> bool:
-    """Whether agents of a built-in simulation steer themselves with these parameters (JSON object).
+    Here and below: parameters are values of JSON's kinds; InputError names the place of any other and of numbers that
+    are not finite.
+    """
+
+def steers_itself(title: str, parameters: dict[str, Any]) -> bool:
+    """Whether agents of a built-in simulation steer themselves with these parameters.
 
     Raises InputError for an unknown title and for parameters that the simulation refuses.
     """
@@ -85,21 +107,25 @@ class Controller:
     @property
     def actuators(self) -> int: ...
     @property
-    def parameters(self) -> str:
-        """JSON object: values of a parameter set, by name; empty for what steers agents."""
+    def parameters(self) -> dict[str, Any]:
+        """Values of a parameter set, by name; empty for what steers agents."""
 
     def reset(self) -> None: ...
     def step(self, sensors: NDArray[np.float32]) -> NDArray[np.float32]:
         """(sensors,) float32 -> (actuators,) float32 in -1..1. Raises InputError for another length or a NaN."""
 
-def genome_size(specification: str) -> int:
-    """Number of weights that the specification (JSON, its `weights` ignored) needs."""
+def genome_size(architecture: dict[str, Any]) -> int:
+    """Number of weights that controllers of an architecture (specification, its `weights` ignored) have.
+
+    Raises InputError naming the key that is wrong.
+    """
 
 @final
 class Episode:
     """One simulation, by its title or as a host, stepped in this process by one controller for all agents."""
 
-    def __new__(cls, simulation: str | Host, parameters: str, controller: str) -> Episode: ...
+    def __new__(cls, simulation: str | Host, parameters: dict[str, Any], controller: str) -> Episode:
+        """controller: specification as JSON text."""
     @property
     def done(self) -> bool: ...
     @property
@@ -110,8 +136,8 @@ class Episode:
     def step_size(self) -> float:
         """Seconds between two frames when shown."""
     def step(self) -> None: ...
-    def scene(self) -> str:
-        """JSON: {"width", "height", "step", "message", "grid", "bodies": [{"kind", "x", "y", "state", "radius"}]}; y points up, metres or cells."""
+    def scene(self) -> SceneFields:
+        """What it looks like; y points up, metres or cells. Raises EngineError when there is nothing to show."""
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
@@ -207,8 +233,8 @@ def levels() -> list[str]:
 
 def evaluate(
     title: str,
-    parameters: str,
-    architecture: str,
+    parameters: dict[str, Any],
+    architecture: dict[str, Any],
     genomes: NDArray[np.float32],
     seeds: Sequence[int],
     on_progress: Callable[[int, int, str], None] | None = None,
@@ -220,7 +246,7 @@ def evaluate(
     """Evaluate in this process: fitness (candidates, episodes) and the named metrics (candidates, episodes, metrics).
 
     The parameter `seed` of episode e is seeds[e]. metrics: names; None for none.
-    architecture: controller specification as JSON, its weights ignored. genomes: (candidates, weights), finite.
+    architecture: controller specification, its weights ignored. genomes: (candidates, weights), finite.
     level: "auto" or one of `levels()`; threads: 0 for one per processor. The results depend on neither.
     on_progress(done, total, "") is called about ten times a second and at the end; KeyboardInterrupt is raised promptly.
     Raises InputError for an unknown title, parameters that the simulation refuses, controllers that do not fit it, an unknown metric.
@@ -272,12 +298,12 @@ def log_to(path: str | None, level: str = "info", most: int | None = None) -> No
     """
 
 def log_line(line: str) -> None:
-    """Write a line of one's own where the engine's lines go, see `log_to`; without it nowhere."""
+    """Write a line to where the engine's lines go, see `log_to`; without it nowhere."""
 
 def evaluate_own(
     simulation: Host,
-    parameters: str,
-    architecture: str,
+    parameters: dict[str, Any],
+    architecture: dict[str, Any],
     genomes: NDArray[np.float32],
     seeds: Sequence[int],
     on_progress: Callable[[int, int, str], None] | None = None,
@@ -312,10 +338,10 @@ def serve(
     *,
     id: int,
     prefix: str = "",
-    step_timeout: float = 60.0,
+    step_timeout: float | None = None,
     display: bool = True,
     alone: bool = False,
-    on_event: Callable[[str], None] | None = None,
+    on_event: Callable[[ServerEvent], None] | None = None,
     progress: str | None = None,
 ) -> None:
     """Offer a simulation, built in (its title) or in Python, on the broker until interrupted (KeyboardInterrupt) or the process ends.
@@ -324,11 +350,14 @@ def serve(
     in which six little-endian uint64 say what is computed of offloaded work: request, first candidate in it, candidates (0: none),
     episode in it (2**64 - 1: all), evaluations that have ended, signs of life (one a step at most each 20 ms).
 
-    on_event gets JSON lines {"event": "ready"|"busy"|"warning"|"lost", ...}. Raises NoBrokerError, EngineError: refused, id taken.
+    step_timeout: seconds that a step may wait for actuators; None for the default. Raises NoBrokerError, EngineError: refused, id taken.
     """
 
-def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> str:
-    """JSON array, sorted by id: {"server", "state": "ready"|"busy"|"lost", "simulations", "capabilities", "tool", "since", "host", "pid"}."""
+def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> list[Presence]:
+    """What the servers on a broker announce, sorted by id: what is retained, and what comes within `wait` seconds.
+
+    Raises EngineError (no broker, refused) or InputError.
+    """
 
 @final
 class Supervision:
@@ -364,12 +393,8 @@ class Watcher:
 
     def __new__(cls, broker: str, *, prefix: str = "") -> Watcher:
         """Raises EngineError (no broker, refused) or InputError."""
-    def poll(self, seconds: float) -> str:
-        """JSON array of what came within so many seconds; returns as soon as there is something. KeyboardInterrupt is raised promptly.
-
-        {"presence": as of `servers`}, {"left": server}, {"token", "status": protocol/schemas/status.schema.json, and `words`
-        in each of `waiting_for`}, {"broker": "back"}, {"broker": "lost", "reason"}.
-        """
+    def poll(self, seconds: float) -> list[News]:
+        """What came within so many seconds; returns as soon as there is something. KeyboardInterrupt is raised promptly."""
     def close(self) -> None:
         """Disconnect."""
 
@@ -382,8 +407,8 @@ class Pool:
         broker: str,
         *,
         simulation: str,
-        parameters: str,
-        requirements: str,
+        parameters: dict[str, Any],
+        requirements: Requirements,
         sensors: int | None = None,
         actuators: int | None = None,
         prefix: str = "",
@@ -391,14 +416,8 @@ class Pool:
         mode: str = "auto",
         metrics: Sequence[str] | None = None,
         visual: bool = False,
-        discovery_timeout: float = 10.0,
-        step_timeout: float = 60.0,
-        episode_timeout: float = 86_400.0,
-        least_timeout: float = 1.0,
-        attempts: int = 3,
-        quarantine: int = 3,
-        backup: bool = True,
-        audit: float = 0.0,
+        timeouts: Timeouts | None = None,
+        faults: Faults | None = None,
         largest: int | None = None,
         alone: bool = False,
     ) -> Pool:
@@ -407,37 +426,31 @@ class Pool:
         mode: "auto" (each server in the fastest way that it offers), "stepwise", "batched" or "offloaded". largest: most
         evaluations in one request, None for no limit. metrics: names of what is needed beside the fitness; a server that
         does not announce one of them is not used. visual: servers show their runs, which are stepwise then. alone: all servers on
-        the broker are this process's own; without, a moment is waited in case two of them have one id.
+        the broker are this process's own; without, a moment is waited in case two of them have one id. timeouts, faults: what
+        they lack has the default of `TIMEOUTS`, `FAULTS`.
         """
     def wait_for_server(self, *, sizes: bool = True) -> tuple[int, int]:
         """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found."""
     def evaluate(
         self,
-        architecture: str,
+        architecture: dict[str, Any],
         genomes: NDArray[np.float32],
         seeds: Sequence[int],
         on_progress: Callable[[int, int, str], None] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
         Returns fitness (candidates, episodes) and metrics (candidates, episodes, metrics) float64, NaN where the
-        evaluation failed (a metric that is missing or not finite is a failure), and the journal as JSON lines: an
-        attempt at a block of evaluations {"mode", "candidate" (the first), "candidates" (how many), "episode", "episodes",
-        "server", "attempt", "steps" (unless offloaded), "started", "seconds", "error"}, or {"warning"}.
+        evaluation failed (a metric that is missing or not finite is a failure), attempts at blocks of evaluations, and warnings.
         on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
         """
     def watch(self, servers: Sequence[int]) -> Supervision:
         """The processes of these servers are the caller's own: when one is lost or late, the pool waits for what `Supervision` is told."""
-    def listen(self, on_report: Callable[[str], object], *, warnings_only: bool = False) -> None:
-        """Have `on_report` told what happens, as it happens: JSON objects with an `event`.
+    def listen(self, on_report: Callable[[Report], object], *, warnings_only: bool = False) -> None:
+        """Call `on_report` with what happens, as it happens. What it raises is dropped.
 
-        {"event": "server", "server", "state": "ready"|"busy"|"lost"|"left"}; "attempt": as a line of the journal; "benched":
-        {"server", "failures", "reason", "seconds"}; "warning": {"message"}; "broker_lost": {"reason"}; "broker_back"; "status",
-        once a second and when work has ended: {"status": protocol/schemas/status.schema.json, "traffic": {"sent_bytes",
-        "received_bytes", "sent_messages", "received_messages"}}. What it raises is dropped.
-
-        warnings_only: of these, "warning", "broker_lost" and "broker_back" alone.
+        warnings_only: "warning", "broker_lost" and "broker_back" alone.
         """
     def about(
         self,
@@ -447,25 +460,26 @@ class Pool:
         evaluations: tuple[int, int] | None = None,
     ) -> None:
         """Say what the evaluations that follow are for: those who watch the broker are told."""
-    def counts(self) -> str:
-        """Incidents so far: a JSON object of numbers by name (servers failed, copies, audits, late results, ..)."""
+    def counts(self) -> Counts:
+        """Incidents so far."""
     def announced_metrics(self) -> list[str]:
         """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
     def stream(
         self,
-        architecture: str,
+        architecture: dict[str, Any],
         genomes: NDArray[np.float32],
         seeds: Sequence[int],
         feed: Callable[
-            [list[int], NDArray[np.float64], NDArray[np.float64], str], NDArray[np.float32] | None
+            [list[int], NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]],
+            NDArray[np.float32] | None,
         ],
         on_progress: Callable[[int, int, str], None] | None = None,
     ) -> None:
         """Evaluate candidates as they come, until all that were given have been evaluated.
 
-        feed(candidates, fitness, metrics, journal) is called with the numbers, from 0, of k candidates that have just been
-        evaluated in every episode, their fitness (k, episodes) and metrics (k, episodes, metrics), and journal lines as of
-        `evaluate`. It returns the genomes of further candidates, (n, weights), n may be 0, or None to stop. Otherwise as
+        feed(candidates, fitness, metrics, attempts, warnings) is called with the numbers, from 0, of k candidates that have just been
+        evaluated in every episode, their fitness (k, episodes) and metrics (k, episodes, metrics), attempts and warnings
+        as of `evaluate`. It returns the genomes of further candidates, (n, weights), n may be 0, or None to stop. Otherwise as
         `evaluate`; on_progress's total grows.
         """
     def close(self) -> None:

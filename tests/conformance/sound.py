@@ -388,7 +388,7 @@ class SoundServer:
         controller = request["controller"]
         if (controller["sensors"], controller["actuators"]) != (SENSORS, ACTUATORS):
             raise Invalid("controller")
-        size = _engine.genome_size(json.dumps(controller))
+        size = _engine.genome_size(controller)
         genomes = np.frombuffer(request["genomes"], "<f4")
         if len(genomes) % size or not np.isfinite(genomes).all():
             raise Invalid("genomes")
@@ -412,7 +412,7 @@ class SoundServer:
                     self.enter("held", self.holder)
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
-        size = _engine.genome_size(json.dumps(request["controller"]))
+        size = _engine.genome_size(request["controller"])
         rows = np.frombuffer(request["genomes"], "<f4").reshape(-1, size)
         wanted = request.get("metrics", [])
         fitness: list[float] = []

@@ -6,6 +6,7 @@ use serde_json::{Map, Value};
 use swarmwright_protocol::Topics;
 
 use crate::demand::Demand;
+use crate::sections::{Faults, Timeouts};
 
 /// What the scheduler is to know at the start.
 #[derive(Debug, Clone)]
@@ -22,9 +23,9 @@ pub struct Config {
     pub topics: Topics,
     /// Whether servers are to show their runs.
     pub visual: bool,
-    /// How long a server may be silent in an episode.
-    pub step_timeout: Duration,
-    /// What is done about servers and evaluations that fail, are slow, or wrong.
+    /// How long to wait.
+    pub timeouts: Timeouts,
+    /// How failing, slow and wrong servers and evaluations are treated.
     pub faults: Faults,
     /// Most evaluations in one request.
     pub largest: usize,
@@ -32,34 +33,4 @@ pub struct Config {
     pub probation: Duration,
     /// The first instance number; random, so that no two tools use the same hashes.
     pub first_instance: u64,
-}
-
-/// What is done about servers and evaluations that fail, are slow, or wrong.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Faults {
-    /// How often an evaluation is tried, at most; tries together with other evaluations do not count.
-    pub attempts: u32,
-    /// After how many servers that went down with nothing but one evaluation no other server gets it.
-    pub quarantine: u32,
-    /// Whether an idle server gets a copy of what a slow or silent one has.
-    pub backup: bool,
-    /// The share of evaluations that are repeated on another server, 0 to 1.
-    pub audit: f64,
-    /// A server is a straggler when it is silent for much longer than ever before, and for this time at least.
-    pub least: Duration,
-    /// How long an episode may take, stepwise.
-    pub episode: Duration,
-}
-
-impl Default for Faults {
-    fn default() -> Self {
-        Self {
-            attempts: 3,
-            quarantine: 3,
-            backup: true,
-            audit: 0.0,
-            least: Duration::from_secs(1),
-            episode: Duration::from_secs(86_400),
-        }
-    }
 }

@@ -93,22 +93,21 @@ impl Work {
     /// A specification that is none; numbers that are not finite or no whole number of genomes; no seed.
     pub fn new(architecture: &str, genomes: Vec<f32>, seeds: Vec<u64>) -> Result<Self, WorkError> {
         let read = Architecture::from_json(architecture)?;
-        Self::of(read, architecture, genomes, seeds)
+        let specification = serde_json::from_str(architecture).unwrap_or_default();
+        Self::of(read, specification, genomes, seeds)
     }
 
-    /// As [`new`](Self::new), where the specification has been read: `architecture` is what it says.
+    /// As [`new`](Self::new), where the specification has been read as `architecture`.
     ///
     /// # Errors
     /// As [`new`](Self::new).
     pub fn of(
         architecture: Architecture,
-        specification: &str,
+        mut specification: Map<String, Value>,
         genomes: Vec<f32>,
         seeds: Vec<u64>,
     ) -> Result<Self, WorkError> {
         check_work(&architecture, &genomes, &seeds)?;
-        let mut specification: Map<String, Value> =
-            serde_json::from_str(specification).unwrap_or_default();
         specification.remove("weights");
         Ok(Self {
             architecture: Arc::new(architecture),

@@ -215,7 +215,11 @@ fn insert(object: &mut Value, key: &str, value: Option<impl Into<Value>>) {
 }
 
 impl Requirements {
-    fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
+    /// Reads an object such as `{"dimensions": 2}`.
+    ///
+    /// # Errors
+    /// `dimensions` is missing, or a value is not a number.
+    pub fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
         let mut keys = Keys(object);
         Ok(Self {
             dimensions: keys.required("dimensions")?,

@@ -2,10 +2,12 @@
 
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
-use serde_json::Value;
-use swarmwright_controllers::{Architecture, Controller, Specification};
+use pyo3::types::PyDict;
+use swarmwright_controllers::{Controller, Specification};
 
 use crate::errors::input;
+use crate::genomes::architecture;
+use crate::values::dict;
 
 /// Inference of one controller.
 #[pyclass(name = "Controller", module = "swarmwright._engine")]
@@ -30,10 +32,10 @@ impl PyController {
         self.0.actuators()
     }
 
-    /// Values of a parameter set, as a JSON object.
+    /// Values of a parameter set by their names.
     #[getter]
-    fn parameters(&self) -> String {
-        Value::from(self.0.parameters()).to_string()
+    fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        dict(py, &self.0.parameters())
     }
 
     fn reset(&mut self) {
@@ -56,10 +58,9 @@ impl PyController {
     }
 }
 
-/// Number of weights that a specification needs.
+/// Number of weights that controllers of an architecture need.
 #[pyfunction]
-pub fn genome_size(specification: &str) -> PyResult<usize> {
-    Architecture::from_json(specification)
-        .map(|architecture| architecture.weight_count())
-        .map_err(input)
+pub fn genome_size(architecture: &Bound<'_, PyDict>) -> PyResult<usize> {
+    let (architecture, _) = self::architecture(architecture)?;
+    Ok(architecture.weight_count())
 }

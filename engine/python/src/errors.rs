@@ -4,7 +4,6 @@ use std::fmt::Display;
 
 use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
-use serde_json::{Map, Value};
 use swarmwright_mqtt::ConnectError;
 
 pyo3::create_exception!(
@@ -46,9 +45,4 @@ pub fn unconnected(error: &ConnectError) -> PyErr {
 /// The work could not be done.
 pub fn engine(error: impl Display) -> PyErr {
     EngineError::new_err(error.to_string())
-}
-
-/// A JSON object from Python.
-pub fn object(name: &str, text: &str) -> Result<Map<String, Value>, PyErr> {
-    serde_json::from_str(text).map_err(|error| input(format!("{name}: no JSON object: {error}")))
 }

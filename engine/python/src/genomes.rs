@@ -4,10 +4,13 @@ use std::borrow::Cow;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::{Map, Value};
 use swarmwright_controllers::Architecture;
 use swarmwright_pool::Work;
 
 use crate::errors::input;
+use crate::values::object;
 
 /// The numbers of an array (candidates, weights), row-major, copied only where they do not lie like that in memory.
 pub fn rows<'a>(
@@ -27,15 +30,23 @@ pub fn rows<'a>(
     })
 }
 
-/// Checked work of an architecture (specification as JSON), genomes (candidates, weights) and the episodes' seeds.
+/// An architecture from Python, a specification whose weights are ignored; and what was given.
+pub fn architecture(given: &Bound<'_, PyDict>) -> PyResult<(Architecture, Map<String, Value>)> {
+    let specification = object("controller", given)?;
+    let text = serde_json::to_string(&specification).map_err(input)?;
+    let read = Architecture::from_json(&text).map_err(input)?;
+    Ok((read, specification))
+}
+
+/// Checked work of an architecture, genomes (candidates, weights) and the episodes' seeds.
 pub fn work(
-    architecture: &str,
+    architecture: &Bound<'_, PyDict>,
     genomes: &PyReadonlyArray2<'_, f32>,
     seeds: Vec<u64>,
 ) -> PyResult<Work> {
-    let read = Architecture::from_json(architecture).map_err(input)?;
+    let (read, specification) = self::architecture(architecture)?;
     let rows = rows(&read, genomes)?.into_owned();
-    Work::of(read, architecture, rows, seeds).map_err(input)
+    Work::of(read, specification, rows, seeds).map_err(input)
 }
 
 /// Each row as text: the shortest decimals that read back as the same binary32, with commas between.

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
-use serde_json::Value;
 use swarmwright_controllers::Controller;
 use swarmwright_worlds::{Block, ParameterError, Parameters, RolloutError, Together};
 
 use crate::simulation::{Hosted, Trouble, or_fail, refused};
+use crate::values::dict;
 
 /// What `start` and `go` of a host return: who acts next, (episodes, agents), (episodes, agents, sensors), which episodes
 /// have ended.
@@ -19,7 +19,7 @@ type Many<'py> = (
 );
 
 /// One episode's controllers.
-struct Crew {
+struct Controllers {
     prototype: Controller,
     agents: Vec<Controller>,
 }
@@ -99,7 +99,6 @@ impl Together for Hosted {
         seeds: &[u64],
         wanted: &[usize],
     ) -> Result<(), ParameterError> {
-        let text = Value::Object(parameters.clone()).to_string();
         let mut group = Group {
             results: vec![Vec::new(); seeds.len()],
             wanted: wanted.to_vec(),
@@ -107,7 +106,8 @@ impl Together for Hosted {
         };
         let started = self.call(|python| {
             let seeds = PyArray1::from_slice(python.py(), seeds);
-            let returned = python.call_method1("start", (text, seeds))?;
+            let parameters = dict(python.py(), parameters)?;
+            let returned = python.call_method1("start", (parameters, seeds))?;
             group.seen.take(&returned)
         });
         match started {
@@ -167,13 +167,12 @@ impl Together for Hosted {
 /// [`fail`](swarmwright_worlds::fail).
 pub fn evaluate(host: &Hosted, block: &Block<'_>) -> Result<Vec<f64>, RolloutError> {
     let architecture = Arc::new(block.architecture.clone());
-    let parameters = Value::Object(block.parameters.clone()).to_string();
     let numbers = block.numbers();
     let mut results = vec![f64::NAN; block.len() * numbers];
     for (index, results) in results.chunks_mut(host.lanes * numbers).enumerate() {
         let first = index * host.lanes;
-        let mut crews = Vec::with_capacity(results.len() / numbers);
-        let mut seeds = Vec::with_capacity(crews.capacity());
+        let mut episodes = Vec::with_capacity(results.len() / numbers);
+        let mut seeds = Vec::with_capacity(episodes.capacity());
         for evaluation in first..first + results.len() / numbers {
             let (candidate, episode) = (
                 evaluation / block.seeds.len(),
@@ -181,13 +180,13 @@ pub fn evaluate(host: &Hosted, block: &Block<'_>) -> Result<Vec<f64>, RolloutErr
             );
             let prototype = Controller::with_weights(&architecture, block.genome(candidate).into())
                 .map_err(|source| RolloutError::Weights { candidate, source })?;
-            crews.push(Crew {
+            episodes.push(Controllers {
                 prototype,
                 agents: Vec::new(),
             });
             seeds.push(block.seeds[episode]);
         }
-        run(host, &parameters, seeds, &mut crews, block.metrics, results)?;
+        run(host, block, seeds, &mut episodes, results)?;
     }
     Ok(results)
 }
@@ -195,16 +194,16 @@ pub fn evaluate(host: &Hosted, block: &Block<'_>) -> Result<Vec<f64>, RolloutErr
 /// Runs an episode of each seed, side by side.
 fn run(
     host: &Hosted,
-    parameters: &str,
+    block: &Block<'_>,
     seeds: Vec<u64>,
-    crews: &mut [Crew],
-    metrics: &[usize],
+    episodes: &mut [Controllers],
     results: &mut [f64],
 ) -> Result<(), RolloutError> {
     let mut seen = Seen::default();
-    let mut ended = vec![false; crews.len()];
+    let mut ended = vec![false; episodes.len()];
     let started = host.call(|python| {
         let seeds = PyArray1::from_vec(python.py(), seeds);
+        let parameters = dict(python.py(), block.parameters)?;
         seen.take(&python.call_method1("start", (parameters, seeds))?)
     });
     match started {
@@ -213,14 +212,14 @@ fn run(
     }
     loop {
         if ended != seen.over {
-            results_of(host, &ended, &seen.over, metrics, results);
+            results_of(host, &ended, &seen.over, block.metrics, results);
             ended.copy_from_slice(&seen.over);
         }
         if ended.iter().all(|over| *over) {
             return Ok(());
         }
-        let actions = actions(host, crews, &seen)?;
-        let shape = [crews.len(), seen.agents, host.actuators()];
+        let actions = actions(host, episodes, &seen)?;
+        let shape = [episodes.len(), seen.agents, host.actuators()];
         or_fail(host.call(|python| {
             let actions = PyArray1::from_vec(python.py(), actions).reshape(shape)?;
             seen.take(&python.call_method1("go", (actions,))?)
@@ -228,8 +227,12 @@ fn run(
     }
 }
 
-/// What all controllers compute, (episodes, agents, actuators); 0 for who does not act.
-fn actions(host: &Hosted, crews: &mut [Crew], seen: &Seen) -> Result<Vec<f32>, RolloutError> {
+/// What all controllers compute, (episodes, agents, actuators); 0 for agents that do not act.
+fn actions(
+    host: &Hosted,
+    episodes: &mut [Controllers],
+    seen: &Seen,
+) -> Result<Vec<f32>, RolloutError> {
     let (sensors, actuators) = (host.sensors(), host.actuators());
     let mut actions = vec![0.0; seen.acting.len() * actuators];
     let rows = seen.observations.chunks_exact(sensors);
@@ -238,11 +241,13 @@ fn actions(host: &Hosted, crews: &mut [Crew], seen: &Seen) -> Result<Vec<f32>, R
         if !acts {
             continue;
         }
-        let (crew, agent) = (&mut crews[place / seen.agents], place % seen.agents);
-        if crew.agents.len() <= agent {
-            crew.agents.resize(agent + 1, crew.prototype.clone());
+        let (controllers, agent) = (&mut episodes[place / seen.agents], place % seen.agents);
+        if controllers.agents.len() <= agent {
+            controllers
+                .agents
+                .resize(agent + 1, controllers.prototype.clone());
         }
-        crew.agents[agent]
+        controllers.agents[agent]
             .step(row, action)
             .map_err(|source| RolloutError::Controller {
                 agent: u32::try_from(agent).unwrap_or(u32::MAX),

@@ -14,14 +14,21 @@ mod server;
 mod simulation;
 mod streams;
 mod supervision;
+mod values;
 mod watch;
 mod worlds;
 
 use pyo3::prelude::*;
+use swarmwright_pool::{Faults, Timeouts};
+
+use crate::values::to_python;
 
 #[pymodule]
 fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    // The defaults of these sections of an experiment file.
+    module.add("TIMEOUTS", to_python(module.py(), &Timeouts::default())?)?;
+    module.add("FAULTS", to_python(module.py(), &Faults::default())?)?;
     module.add("EngineError", module.py().get_type::<errors::EngineError>())?;
     module.add(
         "NoBrokerError",

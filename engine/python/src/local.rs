@@ -4,14 +4,15 @@ use std::time::{Duration, Instant};
 
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
-use swarmwright_controllers::Architecture;
+use pyo3::types::PyDict;
 use swarmwright_lanes::Level;
 use swarmwright_pool::{check_work, rectangle};
 use swarmwright_worlds::{self as worlds, Block, Means, RolloutError};
 
-use crate::errors::{input, object};
-use crate::genomes::rows;
+use crate::errors::input;
+use crate::genomes::{architecture, rows};
 use crate::results::{Fitness, Metrics, apart, arrays};
+use crate::values::object;
 use crate::worlds::known;
 
 /// Work between two looks at Ctrl-C.
@@ -41,7 +42,7 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
             Some(level) => Some(level),
             None => {
                 return Err(input(format!(
-                    "level: {name:?} is not possible on this processor; expected one of auto, {}",
+                    "level: {name:?} is not available on this processor; expected one of auto, {}",
                     levels().join(", ")
                 )));
             }
@@ -61,8 +62,8 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
 pub fn evaluate<'py>(
     py: Python<'py>,
     title: &str,
-    parameters: &str,
-    architecture: &str,
+    parameters: &Bound<'py, PyDict>,
+    architecture: &Bound<'py, PyDict>,
     genomes: PyReadonlyArray2<'py, f32>,
     seeds: Vec<u64>,
     on_progress: Option<Py<PyAny>>,
@@ -75,7 +76,7 @@ pub fn evaluate<'py>(
         .map_err(input)?;
     let means = means(level, threads)?;
     let parameters = object("parameters", parameters)?;
-    let architecture = Architecture::from_json(architecture).map_err(input)?;
+    let (architecture, _) = self::architecture(architecture)?;
     let rows = rows(&architecture, &genomes)?;
     check_work(&architecture, &rows, &seeds).map_err(input)?;
     let block = Block {

@@ -58,7 +58,7 @@ impl LogFile {
 impl Lines {
     fn write(&self, line: &[u8]) {
         let Ok(mut sink) = self.0.lock() else { return };
-        // A log that cannot be written is no reason to end a run.
+        // The run goes on when the log cannot be written.
         let _ = match sink.as_mut() {
             None => return,
             Some(Sink::Terminal) => stderr().write_all(line),
@@ -120,7 +120,7 @@ pub fn log_to(path: Option<PathBuf>, level: &str, most: Option<u64>) -> PyResult
     Ok(())
 }
 
-/// Writes a line of one's own where the engine's lines go.
+/// Writes a line to where the engine's lines go.
 #[pyfunction]
 pub fn log_line(py: Python<'_>, line: &str) {
     let text = format!("{line}\n");

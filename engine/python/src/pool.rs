@@ -2,16 +2,35 @@
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use serde_json::{Value, json};
+use pyo3::types::PyDict;
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{About, Attempt, Demand, Faults, Options, Pool, PoolError, Report};
+use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report};
 use swarmwright_protocol::Requirements;
 
-use crate::errors::{engine, input, object, unconnected};
+use crate::errors::{engine, input, unconnected};
 use crate::genomes::work;
 use crate::results::{Fitness, Metrics, arrays};
-use crate::server::seconds;
 use crate::supervision::PySupervision;
+use crate::values::{object, section, to_python};
+
+/// An [`Attempt`], its fields in their order.
+type AttemptRow = (
+    &'static str,
+    usize,
+    usize,
+    usize,
+    usize,
+    u64,
+    u32,
+    Option<u64>,
+    f64,
+    f64,
+    Option<String>,
+    Option<String>,
+);
+
+/// Fitness, metrics, attempts, warnings.
+type Evaluated<'py> = (Fitness<'py>, Metrics<'py>, Vec<AttemptRow>, Vec<String>);
 
 /// Finds servers and runs episodes on them.
 #[pyclass(name = "Pool", module = "swarmwright._engine")]
@@ -36,15 +55,14 @@ fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", metrics=None, visual=false, discovery_timeout=10.0, step_timeout=60.0, episode_timeout=86_400.0, least_timeout=1.0,
-        attempts=3, quarantine=3, backup=true, audit=0.0, largest=None, alone=false))]
+        mode="auto", metrics=None, visual=false, timeouts=None, faults=None, largest=None, alone=false))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
         broker: &str,
         simulation: String,
-        parameters: &str,
-        requirements: &str,
+        parameters: &Bound<'_, PyDict>,
+        requirements: &Bound<'_, PyDict>,
         sensors: Option<usize>,
         actuators: Option<usize>,
         prefix: &str,
@@ -52,21 +70,19 @@ impl PyPool {
         mode: &str,
         metrics: Option<Vec<String>>,
         visual: bool,
-        discovery_timeout: f64,
-        step_timeout: f64,
-        episode_timeout: f64,
-        least_timeout: f64,
-        attempts: u32,
-        quarantine: u32,
-        backup: bool,
-        audit: f64,
+        timeouts: Option<&Bound<'_, PyDict>>,
+        faults: Option<&Bound<'_, PyDict>>,
         largest: Option<usize>,
         alone: bool,
     ) -> PyResult<Self> {
-        let requirements = Requirements::decode(requirements.as_bytes())
+        let requirements = Requirements::from_object(object("requirements", requirements)?)
             .map_err(|error| input(format!("requirements: {error}")))?;
         let needed = metrics.unwrap_or_default();
         let metrics = needed.len();
+        let timeouts = timeouts
+            .map(|given| section("timeouts", given))
+            .transpose()?;
+        let faults = faults.map(|given| section("faults", given)).transpose()?;
         let options = Options {
             settings: Settings::from_environment(broker).map_err(input)?,
             prefix: prefix.to_owned(),
@@ -82,16 +98,8 @@ impl PyPool {
             },
             parameters: object("parameters", parameters)?,
             visual,
-            discovery_timeout: seconds("discovery_timeout", discovery_timeout)?,
-            step_timeout: seconds("step_timeout", step_timeout)?,
-            faults: Faults {
-                attempts: attempts.max(1),
-                quarantine: quarantine.max(1),
-                backup,
-                audit,
-                least: seconds("least_timeout", least_timeout)?,
-                episode: seconds("episode_timeout", episode_timeout)?,
-            },
+            timeouts: timeouts.unwrap_or_default(),
+            faults: faults.unwrap_or_default(),
             largest: largest.unwrap_or(usize::MAX),
             alone,
         };
@@ -123,20 +131,20 @@ impl PyPool {
         Ok(PySupervision(self.pool()?.watch(servers)))
     }
 
-    /// Has somebody told what happens, a JSON object each; what the callback raises is dropped.
+    /// Calls `on_report` with each report, a dict; what it raises is dropped.
     #[pyo3(signature = (on_report, *, warnings_only=false))]
     fn listen(&mut self, on_report: Py<PyAny>, warnings_only: bool) -> PyResult<()> {
         self.pool()?.listen(Box::new(move |told: &Report<'_>| {
             let is_warning = matches!(
                 told,
-                Report::Warning(_) | Report::BrokerLost(_) | Report::BrokerBack
+                Report::Warning { .. } | Report::BrokerLost { .. } | Report::BrokerBack
             );
             if warnings_only && !is_warning {
                 return;
             }
-            let text = report(told).to_string();
             Python::attach(|py| {
-                if let Err(error) = on_report.call1(py, (text,)) {
+                let called = to_python(py, told).and_then(|report| on_report.call1(py, (report,)));
+                if let Err(error) = called {
                     error.write_unraisable(py, None);
                 }
             });
@@ -162,8 +170,8 @@ impl PyPool {
     }
 
     /// Incidents so far, by name.
-    fn counts(&mut self) -> PyResult<String> {
-        Ok(json!(self.pool()?.counts()).to_string())
+    fn counts<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, self.pool()?.counts())
     }
 
     fn announced_metrics(&mut self) -> PyResult<Vec<String>> {
@@ -178,11 +186,11 @@ impl PyPool {
     fn evaluate<'py>(
         &mut self,
         py: Python<'py>,
-        architecture: &str,
+        architecture: &Bound<'_, PyDict>,
         genomes: PyReadonlyArray2<'py, f32>,
         seeds: Vec<u64>,
         on_progress: Option<Py<PyAny>>,
-    ) -> PyResult<(Fitness<'py>, Metrics<'py>, String)> {
+    ) -> PyResult<Evaluated<'py>> {
         let needed = self.metrics;
         let pool = self.pool()?;
         let work = work(architecture, &genomes, seeds)?;
@@ -197,9 +205,9 @@ impl PyPool {
         });
         raised.map_or(Ok(()), Err)?;
         let results = result.map_err(|failed| error(&failed))?;
-        let journal = lines(pool.take_warnings(), pool.take_journal());
+        let (attempts, warnings) = (rows(pool.take_journal()), pool.take_warnings());
         let (fitness, metrics) = arrays(py, results.fitness, results.metrics, shape)?;
-        Ok((fitness, metrics, journal))
+        Ok((fitness, metrics, attempts, warnings))
     }
 
     #[pyo3(signature = (architecture, genomes, seeds, feed, on_progress=None))]
@@ -210,7 +218,7 @@ impl PyPool {
     fn stream(
         &mut self,
         py: Python<'_>,
-        architecture: &str,
+        architecture: &Bound<'_, PyDict>,
         genomes: PyReadonlyArray2<'_, f32>,
         seeds: Vec<u64>,
         feed: Py<PyAny>,
@@ -230,9 +238,9 @@ impl PyPool {
                         let shape = [settled.candidates.len(), episodes, needed];
                         let (fitness, metrics) =
                             arrays(py, settled.fitness, settled.metrics, shape)?;
-                        let journal = lines(warnings, attempts);
-                        let more =
-                            feed.call1(py, (settled.candidates, fitness, metrics, journal))?;
+                        let candidates = settled.candidates;
+                        let arguments = (candidates, fitness, metrics, rows(attempts), warnings);
+                        let more = feed.call1(py, arguments)?;
                         further(py, &more, columns)
                     });
                     called.unwrap_or_else(|error| {
@@ -273,46 +281,25 @@ fn progress(
     })
 }
 
-/// Something that happened, as JSON.
-fn report(told: &Report<'_>) -> Value {
-    match told {
-        Report::Server(server, state) => {
-            let state = state.map_or(json!("left"), |state| json!(state));
-            json!({"event": "server", "server": server, "state": state})
-        }
-        Report::Attempt(attempt) => {
-            let mut value = json!(attempt);
-            value["event"] = "attempt".into();
-            value
-        }
-        Report::Benched {
-            server,
-            failures,
-            reason,
-            seconds,
-        } => {
-            json!({"event": "benched", "server": server, "failures": failures, "reason": reason, "seconds": seconds})
-        }
-        Report::Warning(text) => json!({"event": "warning", "message": text}),
-        Report::BrokerLost(reason) => json!({"event": "broker_lost", "reason": reason}),
-        Report::BrokerBack => json!({"event": "broker_back"}),
-        Report::Status(status, traffic, counts) => {
-            json!({"event": "status", "status": status, "counts": counts, "traffic": {
-            "sent_bytes": traffic.sent_bytes, "received_bytes": traffic.received_bytes,
-            "sent_messages": traffic.sent_messages, "received_messages": traffic.received_messages}})
-        }
-    }
-}
-
-/// Warnings and attempts as JSON, a line each.
-fn lines(warnings: Vec<String>, attempts: Vec<Attempt>) -> String {
-    let warnings = warnings
-        .into_iter()
-        .map(|warning| json!({"warning": warning}).to_string());
-    let attempts = attempts
-        .into_iter()
-        .map(|attempt| json!(attempt).to_string());
-    warnings.chain(attempts).collect::<Vec<_>>().join("\n")
+/// Attempts as rows.
+fn rows(attempts: Vec<Attempt>) -> Vec<AttemptRow> {
+    let row = |attempt: Attempt| {
+        (
+            attempt.mode,
+            attempt.candidate,
+            attempt.candidates,
+            attempt.episode,
+            attempt.episodes,
+            attempt.server,
+            attempt.attempt,
+            attempt.steps,
+            attempt.started,
+            attempt.seconds,
+            attempt.error,
+            attempt.stack,
+        )
+    };
+    attempts.into_iter().map(row).collect()
 }
 
 /// Further genomes from what `feed` returned; none when it returned None.

@@ -6,17 +6,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pyo3::prelude::*;
-use serde_json::json;
-use swarmwright_mqtt::Settings;
+use serde_json::{Value, json};
 use swarmwright_worlds::{TextStyle, render};
 use swarmwright_wrapper::{Notice, Options, Progress, Scene, ServeError, SimulationServer};
 
 use crate::errors::{engine, input, unconnected};
 use crate::simulation::watched;
+use crate::values::to_python;
 
 /// Offers a simulation until interrupted.
 #[pyfunction]
-#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=60.0, display=true, alone=false, on_event=None, progress=None))]
+#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=None, display=true, alone=false, on_event=None, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn serve(
     py: Python<'_>,
@@ -24,7 +24,7 @@ pub fn serve(
     broker: &str,
     id: u64,
     prefix: &str,
-    step_timeout: f64,
+    step_timeout: Option<f64>,
     display: bool,
     alone: bool,
     on_event: Option<Py<PyAny>>,
@@ -33,19 +33,16 @@ pub fn serve(
     let progress = progress.map(|path| Progress::open(&path)).transpose()?;
     let progress = progress.map(Arc::new);
     let simulation = watched(simulation, progress.clone())?;
-    let mut settings = Settings::from_environment(broker).map_err(input)?;
+    let mut options = Options::new(id, broker).map_err(input)?;
     // Python has told, for all servers together.
-    settings.clear_text_is_known = true;
-    let options = Options {
-        id,
-        settings,
-        prefix: prefix.to_owned(),
-        step_timeout: seconds("step_timeout", step_timeout)?,
-        threads: 1,
-        alone,
-        progress,
-        on_frame: display.then(|| Box::new(draw) as Box<dyn FnMut(&Scene) + Send>),
-    };
+    options.settings.clear_text_is_known = true;
+    prefix.clone_into(&mut options.prefix);
+    if let Some(given) = step_timeout {
+        options.step_timeout = seconds("step_timeout", given)?;
+    }
+    options.alone = alone;
+    options.progress = progress;
+    options.on_frame = display.then(|| Box::new(draw) as Box<dyn FnMut(&Scene) + Send>);
     let mut failure: Option<PyErr> = None;
     py.detach(|| {
         let server =
@@ -58,9 +55,11 @@ pub fn serve(
         let served = server.run(
             |notice| {
                 let Some(on_event) = &on_event else { return };
-                if let Err(error) =
-                    Python::attach(|py| on_event.call1(py, (event(notice, id),)).map(|_| ()))
-                {
+                let called = Python::attach(|py| {
+                    let event = to_python(py, &event(notice, id))?;
+                    on_event.call1(py, (event,)).map(|_| ())
+                });
+                if let Err(error) = called {
                     **failed.borrow_mut() = Some(error);
                 }
             },
@@ -83,18 +82,18 @@ pub fn serve(
 }
 
 /// A duration from Python, in seconds.
-pub fn seconds(name: &str, value: f64) -> PyResult<Duration> {
+fn seconds(name: &str, value: f64) -> PyResult<Duration> {
     Duration::try_from_secs_f64(value)
         .ok()
         .filter(|duration| !duration.is_zero())
         .ok_or_else(|| {
             input(format!(
-                "{name}: {value} is no duration; expected seconds, more than 0"
+                "{name}: {value} is not a duration; expected seconds, more than 0"
             ))
         })
 }
 
-fn event(notice: &Notice, server: u64) -> String {
+fn event(notice: &Notice, server: u64) -> Value {
     match notice {
         Notice::Ready => json!({"event": "ready", "server": server}),
         Notice::Busy(tool) => json!({"event": "busy", "server": server, "tool": tool}),
@@ -103,7 +102,6 @@ fn event(notice: &Notice, server: u64) -> String {
         }
         Notice::Lost(reason) => json!({"event": "lost", "server": server, "message": reason}),
     }
-    .to_string()
 }
 
 /// Draws a frame in this process's terminal, over the one before; or a frame after the other where there is no terminal.
@@ -141,6 +139,6 @@ fn draw(scene: &Scene) {
         (true, _) => "\x1b[H\x1b[J",
         (false, _) => "",
     };
-    // A terminal that is gone is no reason to end the run.
+    // The run goes on when the terminal is gone.
     let _ = writeln!(out, "{start}{text}").and_then(|()| out.flush());
 }

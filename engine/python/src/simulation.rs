@@ -6,9 +6,8 @@ use std::time::{Duration, Instant};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
-use pyo3::types::PyString;
-use serde_json::Value;
-use swarmwright_controllers::{Architecture, Controller};
+use pyo3::types::{PyDict, PyString};
+use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
     Block, Description, Determinism, Failure, Means, MetricInfo, ParameterError, Parameters,
@@ -16,11 +15,12 @@ use swarmwright_worlds::{
 };
 use swarmwright_wrapper::{Progress, guarded};
 
-use crate::errors::{InputError, input, object};
-use crate::genomes::rows;
+use crate::errors::{InputError, input};
+use crate::genomes::{architecture, rows};
 use crate::lanes;
 use crate::local::REPORT;
 use crate::results::{Fitness, Metrics, apart, arrays};
+use crate::values::{dict, object, read};
 use crate::worlds::create;
 
 /// A simulation from Python: the title of a built-in one, or a host.
@@ -133,7 +133,7 @@ impl Hosted {
         Python::attach(|py| {
             call(self.host.bind(py)).map_err(|error| {
                 if error.is_instance_of::<PyKeyboardInterrupt>(py) {
-                    // It is for whoever waits for the episode; there it arrives again.
+                    // It is raised again in the thread that waits for the episode.
                     let again = py
                         .import("_thread")
                         .and_then(|m| m.call_method0("interrupt_main"));
@@ -213,8 +213,7 @@ impl Simulation for Hosted {
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
-        let text = Value::Object(parameters.clone()).to_string();
-        match self.proceed(|host| host.call_method1("reset", (text,))) {
+        match self.proceed(|host| host.call_method1("reset", (dict(host.py(), parameters)?,))) {
             Err(Trouble::Refused(text)) => Err(refused(&text)),
             other => {
                 or_fail(other);
@@ -285,11 +284,12 @@ impl Simulation for Hosted {
     }
 
     fn scene(&self) -> Option<Scene> {
-        let text: Option<String> = or_fail(self.call(|host| host.call_method0("scene")?.extract()));
-        text.map(|text| {
-            serde_json::from_str(&text)
-                .unwrap_or_else(|error| fail(format!("{}: scene: {error}", self.description.title)))
-        })
+        or_fail(self.call(|host| {
+            let scene = host.call_method0("scene")?;
+            (!scene.is_none())
+                .then(|| read(&format!("{}: scene", self.description.title), &scene))
+                .transpose()
+        }))
     }
 
     fn step_size(&self) -> u64 {
@@ -321,8 +321,8 @@ type EpisodeFailure = (usize, usize, String, Option<String>);
 pub fn evaluate_own<'py>(
     py: Python<'py>,
     simulation: Bound<'py, PyAny>,
-    parameters: &str,
-    architecture: &str,
+    parameters: &Bound<'py, PyDict>,
+    architecture: &Bound<'py, PyDict>,
     genomes: PyReadonlyArray2<'py, f32>,
     seeds: Vec<u64>,
     on_progress: Option<Py<PyAny>>,
@@ -335,7 +335,7 @@ pub fn evaluate_own<'py>(
         .metrics_named(&metrics.unwrap_or_default())
         .map_err(input)?;
     let parameters = object("parameters", parameters)?;
-    let architecture = Architecture::from_json(architecture).map_err(input)?;
+    let (architecture, _) = self::architecture(architecture)?;
     let rows = rows(&architecture, &genomes)?;
     check_work(&architecture, &rows, &seeds).map_err(input)?;
     let block = Block {

@@ -1,4 +1,4 @@
-//! What the pool and whoever watches the processes of its servers tell each other.
+//! Messages between the pool and the supervisor of its servers' processes.
 
 use pyo3::prelude::*;
 use swarmwright_pool::{At, Ending, Supervision};

@@ -1,4 +1,4 @@
-//! Looking on, for `swarmwright servers`.
+//! Servers and tools on a broker, for `swarmwright servers`.
 
 use std::time::{Duration, Instant};
 
@@ -9,11 +9,12 @@ use swarmwright_pool::{News, PoolError, Watcher, list_servers};
 use swarmwright_protocol::{Presence, Status};
 
 use crate::errors::{engine, input};
+use crate::values::to_python;
 
-/// How often Python is asked whether somebody pressed Ctrl-C.
+/// Interval of checks for Ctrl-C.
 const ASK: Duration = Duration::from_millis(100);
 
-/// Hears what servers and tools on a broker say of themselves.
+/// Receives what servers and tools on a broker announce.
 #[pyclass(name = "Watcher", module = "swarmwright._engine")]
 pub struct PyWatcher {
     /// None once it is closed.
@@ -40,7 +41,7 @@ impl PyWatcher {
             .map_err(|failed| error(&failed))
     }
 
-    fn poll(&mut self, py: Python<'_>, seconds: f64) -> PyResult<String> {
+    fn poll<'py>(&mut self, py: Python<'py>, seconds: f64) -> PyResult<Bound<'py, PyAny>> {
         let wait = Duration::try_from_secs_f64(seconds)
             .map_err(|failed| input(format!("seconds: {failed}")))?;
         let watcher = self
@@ -53,8 +54,8 @@ impl PyWatcher {
             let news = py.detach(|| watcher.poll(until));
             py.check_signals()?;
             if !news.is_empty() || until >= deadline {
-                let lines: Vec<Value> = news.iter().map(line).collect();
-                return Ok(json!(lines).to_string());
+                let events: Value = news.iter().map(event).collect();
+                return to_python(py, &events);
             }
         }
     }
@@ -66,7 +67,7 @@ impl PyWatcher {
     }
 }
 
-fn line(news: &News) -> Value {
+fn event(news: &News) -> Value {
     match news {
         News::Presence(presence) => json!({"presence": server(presence)}),
         News::Left(id) => json!({"left": id}),
@@ -101,16 +102,21 @@ fn tool(status: &Status) -> Value {
     value
 }
 
-/// Who is on the broker.
+/// The servers on a broker.
 #[pyfunction]
 #[pyo3(signature = (broker, *, prefix="", wait=1.0))]
-pub fn servers(py: Python<'_>, broker: &str, prefix: &str, wait: f64) -> PyResult<String> {
+pub fn servers<'py>(
+    py: Python<'py>,
+    broker: &str,
+    prefix: &str,
+    wait: f64,
+) -> PyResult<Bound<'py, PyAny>> {
     let settings = Settings::from_environment(broker).map_err(input)?;
     let wait =
         Duration::try_from_secs_f64(wait).map_err(|failed| input(format!("wait: {failed}")))?;
     let found = py
         .detach(|| list_servers(settings, prefix, wait))
         .map_err(|failed| error(&failed))?;
-    let lines: Vec<_> = found.iter().map(server).collect();
-    Ok(json!(lines).to_string())
+    let servers: Value = found.iter().map(server).collect();
+    to_python(py, &servers)
 }

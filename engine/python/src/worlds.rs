@@ -1,14 +1,15 @@
 //! Built-in simulations in this process.
 
 use pyo3::prelude::*;
-use serde_json::json;
+use pyo3::types::PyDict;
 use swarmwright_controllers::{Controller, Specification};
 use swarmwright_worlds::{self as worlds, Description, Simulation};
 
 use swarmwright_wrapper::guarded;
 
-use crate::errors::{engine, input, object};
+use crate::errors::{engine, input};
 use crate::simulation::any;
+use crate::values::{object, to_python};
 
 /// Titles of the built-in simulations.
 #[pyfunction]
@@ -33,17 +34,16 @@ fn unknown(title: &str) -> PyErr {
     ))
 }
 
-/// What a built-in simulation says of itself, as JSON.
+/// The description of a built-in simulation.
 #[pyfunction]
-pub fn describe(title: &str) -> PyResult<String> {
-    worlds::describe(title)
-        .map(|description| description.to_string())
-        .ok_or_else(|| unknown(title))
+pub fn describe<'py>(py: Python<'py>, title: &str) -> PyResult<Bound<'py, PyAny>> {
+    let description = worlds::describe(title).ok_or_else(|| unknown(title))?;
+    to_python(py, &description)
 }
 
 /// Checks parameters against a built-in simulation.
 #[pyfunction]
-pub fn check_parameters(title: &str, parameters: &str) -> PyResult<()> {
+pub fn check_parameters(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<()> {
     create(title)?
         .reset(&object("parameters", parameters)?)
         .map_err(input)
@@ -51,7 +51,7 @@ pub fn check_parameters(title: &str, parameters: &str) -> PyResult<()> {
 
 /// Whether a built-in simulation steers its agents itself, with these parameters.
 #[pyfunction]
-pub fn steers_itself(title: &str, parameters: &str) -> PyResult<bool> {
+pub fn steers_itself(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<bool> {
     let mut simulation = create(title)?;
     simulation
         .reset(&object("parameters", parameters)?)
@@ -78,7 +78,11 @@ pub struct PyEpisode(worlds::Episode);
 impl PyEpisode {
     #[new]
     #[pyo3(signature = (simulation, parameters, controller))]
-    fn new(simulation: &Bound<'_, PyAny>, parameters: &str, controller: &str) -> PyResult<Self> {
+    fn new(
+        simulation: &Bound<'_, PyAny>,
+        parameters: &Bound<'_, PyDict>,
+        controller: &str,
+    ) -> PyResult<Self> {
         let simulation = any(simulation)?;
         let controller = self::controller(controller)?;
         let parameters = object("parameters", parameters)?;
@@ -117,8 +121,8 @@ impl PyEpisode {
         kept(|| self.0.step())?.map_err(engine)
     }
 
-    fn scene(&self) -> PyResult<String> {
-        self.shown().map(|scene| json!(scene).to_string())
+    fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, &self.shown()?)
     }
 
     #[pyo3(signature = (columns, color, rows=24, unicode=true))]

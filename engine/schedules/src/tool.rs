@@ -8,7 +8,9 @@ use std::rc::Rc;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use swarmwright_pool::{Action, Attempt, Config, Demand, Faults, Mode, Scheduler, WorkError};
+use swarmwright_pool::{
+    Action, Attempt, Config, Demand, Faults, Mode, Scheduler, Timeouts, WorkError,
+};
 use swarmwright_protocol::{Requirements, Topic, Topics};
 
 use crate::network::Filter;
@@ -124,7 +126,10 @@ impl Tool {
             tool: name,
             topics: Topics::default(),
             visual: false,
-            step_timeout: Duration::from_micros(self.plan.step_timeout),
+            timeouts: Timeouts {
+                step: Duration::from_micros(self.plan.step_timeout),
+                ..Timeouts::default()
+            },
             faults: Faults {
                 attempts: self.plan.attempts,
                 quarantine: self.plan.attempts,

@@ -1,6 +1,5 @@
 """The state of a broker's peers: servers, tools and blocking servers, collected from their messages."""
 
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -202,7 +201,7 @@ def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View
             until = time.monotonic() + (min(every, 0.5) if first else every)
             first = False
             while (left := until - time.monotonic()) > 0:
-                for news in json.loads(watcher.poll(left)):
+                for news in watcher.poll(left):
                     watch.update(news)
             yield watch.view()
     finally:

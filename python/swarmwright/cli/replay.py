@@ -1,6 +1,5 @@
 """`swarmwright replay`: watch a candidate of a run."""
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -161,8 +160,8 @@ def _what(file: Path) -> str:
 
 def _print_scenes(output: Output, replay: "Replay") -> None:
     episode = replay.episode()
-    output.json({**json.loads(episode.scene()), "fitness": episode.fitness})
+    output.json({**episode.scene(), "fitness": episode.fitness})
     while not episode.done:
         episode.step()
-        output.json({**json.loads(episode.scene()), "fitness": episode.fitness})
+        output.json({**episode.scene(), "fitness": episode.fitness})
     output.json({"fitness": episode.fitness, **replay.identity()})

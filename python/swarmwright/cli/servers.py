@@ -1,6 +1,5 @@
 """`swarmwright servers`: the servers on a broker."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -69,7 +68,7 @@ def command(broker: str, prefix: str, wait: float, watch: bool, every: float, as
 
         return go_on(output, broker, prefix, every)
     prepare(broker)
-    found = json.loads(_engine.servers(broker, prefix=prefix, wait=wait))
+    found = _engine.servers(broker, prefix=prefix, wait=wait)
     for server in found:
         output.json(server)
     if as_json:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+from swarmwright.core.engine_types import SceneFields
 from swarmwright.display._scene import Scene
 
 
@@ -24,8 +25,8 @@ class Playable(Protocol):
     def step(self) -> None:
         """Move on by one step."""
 
-    def scene(self) -> str:
-        """The scene as JSON, see `Scene.parse`."""
+    def scene(self) -> SceneFields:
+        """The scene, see `Scene.of`."""
 
     def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
         """The scene as text: at most `rows` lines of at most `columns` characters.
@@ -53,10 +54,10 @@ class Recording:
 
 def record(episode: Playable) -> Recording:
     """Step an episode to its end and keep every scene."""
-    scenes = [Scene.parse(episode.scene())]
+    scenes = [Scene.of(episode.scene())]
     fitness_so_far = [episode.fitness]
     while not episode.done:
         episode.step()
-        scenes.append(Scene.parse(episode.scene()))
+        scenes.append(Scene.of(episode.scene()))
         fitness_so_far.append(episode.fitness)
     return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size)

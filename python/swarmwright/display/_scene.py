@@ -1,9 +1,11 @@
 """What a simulation looks like at one moment."""
 
-import json
+import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Self
+from dataclasses import dataclass
+from typing import Any, Self
+
+from swarmwright.core.engine_types import BodyFields, SceneFields
 
 
 @dataclass(frozen=True)
@@ -37,19 +39,41 @@ class Scene:
     grid: bool = False
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read a scene as the engine writes it (JSON)."""
-        raw = json.loads(text)
-        bodies = tuple(
-            Body(body["kind"], body["x"], body["y"], body["state"], body["radius"]) for body in raw["bodies"]
+    def of(cls, fields: SceneFields) -> Self:
+        """Make a scene of what the engine returns."""
+        bodies = tuple(Body(**body) for body in fields["bodies"])
+        return cls(
+            fields["width"], fields["height"], fields["step"], fields["message"], bodies, fields["grid"]
         )
-        return cls(raw["width"], raw["height"], raw["step"], raw["message"], bodies, raw["grid"])
 
-    def json(self) -> str:
-        """Write it as the engine reads it. Raises ValueError for numbers that are not finite."""
-        raw = {**vars(self), "bodies": [asdict(body) for body in self.bodies]}
-        return json.dumps(raw, allow_nan=False, default=float)
+    def plain(self) -> SceneFields:
+        """Return what the engine takes. Raises ValueError or TypeError for what is not a finite number."""
+        return {
+            "width": _number("width", self.width),
+            "height": _number("height", self.height),
+            "grid": bool(self.grid),
+            "step": self.step,
+            "message": self.message,
+            "bodies": [_plain(f"bodies[{index}]", body) for index, body in enumerate(self.bodies)],
+        }
 
     def of_kind(self, *kinds: str) -> list[Body]:
         """The bodies of these kinds, in their order."""
         return [body for body in self.bodies if body.kind in kinds]
+
+
+def _plain(place: str, body: Body) -> BodyFields:
+    return {
+        "kind": body.kind,
+        "x": _number(f"{place}.x", body.x),
+        "y": _number(f"{place}.y", body.y),
+        "state": body.state,
+        "radius": _number(f"{place}.radius", body.radius),
+    }
+
+
+def _number(place: str, value: Any) -> float:  # noqa: ANN401 - whatever the code of a simulation says
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{place}: {value} found, expected a finite number")
+    return number

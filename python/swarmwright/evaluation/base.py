@@ -1,6 +1,5 @@
 """What evaluates controllers, whether it does so in this process or on simulation servers."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.representations import Representation
+from swarmwright.store import Journal, WarningEntry
 from swarmwright.typing import Genomes
 
 Servers = int | Literal["auto", "local", "in-process"]
@@ -28,15 +28,15 @@ Progress = Callable[[int, int, str], None]
 class Controllers:
     """Controllers of one architecture; each steers all agents of its episodes."""
 
-    architecture: str
-    """A specification as JSON; its weights do not count."""
+    architecture: dict[str, Any]
+    """A specification; its weights do not count."""
     weights: NDArray[np.float32]
     """(candidates, weights)"""
 
     @classmethod
     def of(cls, representation: Representation, genomes: Genomes) -> Self:
         """Return the controllers that genomes stand for."""
-        architecture = json.dumps(representation.architecture(), allow_nan=False)
+        architecture = dict(representation.architecture())
         return cls(architecture, np.ascontiguousarray(representation.weights(genomes), dtype=np.float32))
 
 
@@ -48,8 +48,8 @@ class Results:
     """(candidates, episodes), NaN where the evaluation failed."""
     metrics: NDArray[np.float64]
     """(candidates, episodes, metrics that the fitness needs), NaN where the simulation failed."""
-    journal: list[dict[str, Any]]
-    """An entry per attempt at one evaluation or at a batch of them, and per warning."""
+    journal: Journal
+    """Attempts at blocks of evaluations, and warnings."""
 
 
 Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
@@ -115,10 +115,8 @@ def apply_expression(
     for fault in faults:
         candidate, episode = places[fault.index]
         error = f"fitness: {fault.reason}"
-        failures.append(
-            {"warning": f"episode {episode}: {error}", "candidate": int(numbers[candidate]), "error": error}
-        )
-    return Results(fitness, results.metrics, results.journal + failures)
+        failures.append(WarningEntry(f"episode {episode}: {error}", int(numbers[candidate]), error))
+    return Results(fitness, results.metrics, results.journal.with_warnings(failures))
 
 
 def metrics_of(expression: FitnessExpression | None) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Evaluating genomes and controllers without optimization."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +14,7 @@ from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations import catalogue
+from swarmwright.store import Journal
 
 
 def evaluate(
@@ -133,7 +133,7 @@ def episode(
         else:
             _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
-            controllers = Controllers(controller.json, weights)
+            controllers = Controllers(controller.specification, weights)
         results = backend.evaluate(controllers, [seed], on_progress or _silent)
     fitness = float(results.fitness[0, 0])
     if not np.isfinite(fitness):
@@ -168,8 +168,8 @@ def _check_fit(controller: Controller, sensors: int, actuators: int, simulation:
         )
 
 
-def _reason(journal: list[dict[str, Any]]) -> str:
-    reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
+def _reason(journal: Journal) -> str:
+    reasons = journal.errors
     return f"the episode failed: {one_line(reasons[-1]) if reasons else 'its fitness is not a finite number'}"
 
 

@@ -1,6 +1,5 @@
 """Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
+from swarmwright.store import Journal, WarningEntry
 
 
 class InProcessBackend:
@@ -24,22 +24,25 @@ class InProcessBackend:
         self.actuators: int = announced["actuators"]
         self.description = "in this process"
         self._simulation = experiment.simulation
-        self.parameters = json.dumps(experiment.parameters, allow_nan=False)
+        self.parameters = experiment.parameters
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression)
         self._failed = 0
 
     def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results; an episode fails where the fitness expression or the simulation's code does."""
-        return self._evaluate(controllers, seeds, on_progress, range(len(controllers.weights)))
+        return self._evaluate(controllers, seeds, on_progress)
 
     def _evaluate(
-        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress, numbers: Sequence[int]
+        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress, first: int = 0
     ) -> Results:
+        """Return the results; candidates are counted from `first` on in what is said of them."""
         with engine_errors():
             results = self.compute(controllers, seeds, on_progress)
-        for entry in results.journal:
-            entry["candidate"] = numbers[entry["candidate"]]
+        journal = Journal()
+        journal.extend(results.journal, first)
+        numbers = range(first, first + len(controllers.weights))
+        results = Results(results.fitness, results.metrics, journal)
         results = apply_expression(self._expression, results, numbers)
         self._failed += int(np.isnan(results.fitness).sum())
         return results
@@ -55,7 +58,7 @@ class InProcessBackend:
             on_progress,
             metrics=self.metrics,
         )
-        return Results(fitness, metrics, [])
+        return Results(fitness, metrics, Journal())
 
     def about(
         self,
@@ -84,7 +87,7 @@ class InProcessBackend:
         while len(weights):
             numbers = range(first, first + len(weights))
             results = self._evaluate(
-                Controllers(controllers.architecture, weights), seeds, on_progress, numbers
+                Controllers(controllers.architecture, weights), seeds, on_progress, first
             )
             first += len(weights)
             more = feed(numbers, results)
@@ -111,8 +114,8 @@ class PythonBackend(InProcessBackend):
             on_progress,
             metrics=self.metrics,
         )
-        journal = [
-            {"warning": f"episode {episode} failed: {reason}", "candidate": candidate, "error": reason}
+        warnings = [
+            WarningEntry(f"episode {episode} failed: {reason}", candidate, reason)
             for candidate, episode, reason, _ in failures
         ]
-        return Results(fitness, metrics, journal)
+        return Results(fitness, metrics, Journal(warnings=warnings))

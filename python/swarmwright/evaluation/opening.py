@@ -1,16 +1,17 @@
 """Starting what an experiment is evaluated with: nothing, worker processes, or servers and a broker."""
 
-import json
 import logging
 import secrets
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from typing import cast
 
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem
 from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import patiently
+from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.environment_names import LIBRARIES
 from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.suggestions import did_you_mean, unknown
@@ -175,8 +176,8 @@ def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) ->
     return _engine.Pool(
         address,
         simulation=catalogue.title(experiment.simulation),
-        parameters=json.dumps(experiment.parameters, allow_nan=False),
-        requirements=experiment.requirements.model_dump_json(exclude_none=True),
+        parameters=experiment.parameters,
+        requirements=cast("Requirements", experiment.requirements.model_dump(exclude_none=True)),
         sensors=experiment.sensors,
         actuators=experiment.actuators,
         prefix=experiment.prefix,
@@ -184,14 +185,8 @@ def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) ->
         mode=experiment.mode,
         metrics=metrics_of(experiment.fitness_expression),
         visual=visual,
-        discovery_timeout=experiment.timeouts.discovery,
-        step_timeout=experiment.timeouts.step,
-        episode_timeout=experiment.timeouts.episode,
-        least_timeout=experiment.timeouts.least,
-        attempts=experiment.faults.attempts,
-        quarantine=experiment.faults.quarantine,
-        backup=experiment.faults.backup,
-        audit=experiment.faults.audit,
+        timeouts=cast("Timeouts", experiment.timeouts.model_dump()),
+        faults=cast("Faults", experiment.faults.model_dump()),
         alone=alone,
     )
 

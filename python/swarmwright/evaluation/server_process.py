@@ -18,7 +18,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -43,7 +43,7 @@ def _end_with_parent() -> None:
         os._exit(0)
 
 
-def _simulation(name: str, files: dict[str, str], report: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
+def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
     """Return what `_engine.serve` takes: the title of a built-in simulation, or a host of a user's class."""
     if name in catalogue.titles():
         return name
@@ -54,7 +54,7 @@ def _simulation(name: str, files: dict[str, str], report: Callable[[str, str], N
     loading.serving = True
     kind = loading.load(name)
     check_unchanged(files)
-    return Host(kind, report)
+    return Host(kind, failed)
 
 
 def _prepare(settings: dict[str, Any]) -> None:
@@ -83,20 +83,19 @@ def main() -> int:
 def _serve(events: int, settings: dict[str, Any]) -> int:
     """Serve; events go to the file descriptor `events`; return the exit status of what went wrong."""
 
-    def report(line: str) -> None:
+    def report(event: Mapping[str, Any]) -> None:
         # The pipe is closed: the parent is ending, or gone, which `_end_with_parent` notices.
         with suppress(OSError):
-            os.write(events, f"{line}\n".encode())
+            os.write(events, f"{json.dumps(event)}\n".encode())
 
     _prepare(settings)
 
     def failed(reason: str, traceback: str) -> None:
-        event = {"event": "failure", "server": settings["id"], "message": reason, "traceback": traceback}
-        report(json.dumps(event))
+        report({"event": "failure", "server": settings["id"], "message": reason, "traceback": traceback})
         sys.stderr.write(f"{traceback or reason}\n")
 
     def waiting(line: str) -> None:
-        report(json.dumps({"event": "waiting", "server": settings["id"], "message": line}))
+        report({"event": "waiting", "server": settings["id"], "message": line})
 
     try:
         with engine_errors():
@@ -104,7 +103,7 @@ def _serve(events: int, settings: dict[str, Any]) -> int:
             wait = settings.pop("wait", 0.0)
             patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
     except SwarmwrightError as error:
-        report(json.dumps({"event": "error", "message": str(error)}))
+        report({"event": "error", "message": str(error)})
         sys.stderr.write(f"{error}\n")
         return error.exit_status
     return 0

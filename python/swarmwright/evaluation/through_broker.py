@@ -1,14 +1,13 @@
 """Evaluation on simulation servers, through an MQTT broker."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.evaluation import reports
@@ -24,6 +23,7 @@ from swarmwright.evaluation.base import (
 from swarmwright.evaluation.local_servers import LocalServers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
+from swarmwright.store import Journal
 
 
 class BrokerBackend:
@@ -38,7 +38,7 @@ class BrokerBackend:
         self._without_value = 0
         self._run: str | None = None
         if reports.wanted():
-            pool.listen(lambda text: reports.tell(json.loads(text)), warnings_only=reports.only_warnings())
+            pool.listen(reports.tell, warnings_only=reports.only_warnings())
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression)
         self.description = where
@@ -66,7 +66,7 @@ class BrokerBackend:
 
     def incidents(self) -> dict[str, int]:
         """Return what the pool counted."""
-        counts: dict[str, int] = json.loads(self._pool.counts())
+        counts: dict[str, int] = {**self._pool.counts()}  # type: ignore[dict-item] # all of them are int
         if self._servers is not None:
             counts["restarts"] = self._servers.restarts - self._restarts
         counts["failed"] = counts.get("failed", 0) + self._without_value
@@ -86,7 +86,7 @@ class BrokerBackend:
     def _valued(self, results: Results, numbers: Sequence[int]) -> Results:
         """Apply the experiment's fitness, and count the episodes for which it has no value."""
         judged = apply_expression(self._expression, results, numbers)
-        self._without_value += len(judged.journal) - len(results.journal)
+        self._without_value += len(judged.journal.warnings) - len(results.journal.warnings)
         return judged
 
     def _metrics_hint(self) -> str:
@@ -103,11 +103,11 @@ class BrokerBackend:
             on_progress(done, total, waiting_for)
 
         with engine_errors():
-            fitness, metrics, journal = self._pool.evaluate(
+            fitness, metrics, attempts, warnings = self._pool.evaluate(
                 controllers.architecture, controllers.weights, list(seeds), progress
             )
         self._check_servers()
-        results = Results(fitness, metrics, _entries(journal))
+        results = Results(fitness, metrics, Journal.of(attempts, warnings))
         return self._valued(results, range(len(fitness)))
 
     def stream(
@@ -116,10 +116,14 @@ class BrokerBackend:
         """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
 
         def take(
-            candidates: list[int], fitness: NDArray[np.float64], metrics: NDArray[np.float64], journal: str
+            candidates: list[int],
+            fitness: NDArray[np.float64],
+            metrics: NDArray[np.float64],
+            attempts: list[AttemptRow],
+            warnings: list[str],
         ) -> NDArray[np.float32] | None:
             self._check_servers()
-            results = Results(fitness, metrics, _entries(journal))
+            results = Results(fitness, metrics, Journal.of(attempts, warnings))
             return feed(candidates, self._valued(results, candidates))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
@@ -132,7 +136,3 @@ class BrokerBackend:
     def _check_servers(self) -> None:
         if self._servers is not None:
             self._servers.check()
-
-
-def _entries(journal: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in journal.split("\n") if line]  # texts may hold other line ends

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
+from swarmwright import _engine
 from swarmwright.broker.address import broker_problem, prefix_problem
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
@@ -55,39 +56,43 @@ class Requirements(Options):
     """Agents that the server must support at least."""
 
 
+_WAIT, _TREAT = _engine.TIMEOUTS, _engine.FAULTS
+"""The engine's defaults, which are those of an experiment."""
+
+
 class Timeouts(Options):
     """How long to wait, in seconds."""
 
-    connect: float = Field(default=0.0, ge=0, le=31 * 86_400)
+    connect: float = Field(default=_WAIT["connect"], ge=0, le=31 * 86_400)
     """For a broker that does not answer at the start, for example because it is started at the same time.
     Refused credentials and certificates are reported at once. The option `--wait` takes precedence."""
-    discovery: float = Field(default=10.0, gt=0, le=86_400)
+    discovery: float = Field(default=_WAIT["discovery"], gt=0, le=86_400)
     """For a fitting simulation server, at the start."""
-    step: float = Field(default=60.0, gt=0, le=86_400)
+    step: float = Field(default=_WAIT["step"], gt=0, le=86_400)
     """For a simulation server's next message, before the episode is given to another server. In offloaded
     mode the next message is the result."""
-    least: float = Field(default=1.0, gt=0, le=86_400)
+    least: float = Field(default=_WAIT["least"], gt=0, le=86_400)
     """A server that is silent for much longer than ever before, and at least for this time, counts as slow:
     another server gets a backup of its work, and the first result counts. Bounded from above by `step`."""
-    episode: float = Field(default=86_400.0, gt=0, le=31 * 86_400)
+    episode: float = Field(default=_WAIT["episode"], gt=0, le=31 * 86_400)
     """For a whole stepwise episode, before it is given to another server although messages still arrive."""
 
 
 class Faults(Options):
     """How failing, slow and wrong servers and evaluations are treated."""
 
-    attempts: int = Field(default=3, ge=1, le=1000)
+    attempts: int = Field(default=_TREAT["attempts"], ge=1, le=1000)
     """Attempts at an evaluation before it has failed. Attempts in a batch whose failure cannot be attributed
     to one evaluation do not count, nor do attempts on servers that complete no other evaluation afterwards.
     For servers that declare themselves bit-identical, two reported failures are sufficient."""
-    quarantine: int = Field(default=3, ge=1, le=1000)
+    quarantine: int = Field(default=_TREAT["quarantine"], ge=1, le=1000)
     """Servers that may crash or hang while working on a single evaluation before it is quarantined as failed.
     Of servers that the run did not start, at least 3, which completed other evaluations while no other server
     was lost."""
-    backup: bool = True
+    backup: bool = _TREAT["backup"]
     """Whether work on slow or silent servers is speculatively re-dispatched to idle ones; the first result
     counts."""
-    audit: float = Field(default=0.0, ge=0, le=1)
+    audit: float = Field(default=_TREAT["audit"], ge=0, le=1)
     """The share of evaluations that are audited: repeated on another server before they count. If two servers
     disagree, a third one decides: the outvoted server is no longer used, and its evaluations are repeated.
     Needs servers that declare their determinism: two, and three to decide."""

@@ -29,6 +29,7 @@ from swarmwright.experiment.expression import (
 
 if TYPE_CHECKING:
     from swarmwright._engine import Episode
+    from swarmwright.core.engine_types import SceneFields
 
 OWN = "fitness"
 """The name of the simulation's own fitness."""
@@ -119,8 +120,8 @@ class JudgedEpisode:
         """Move on by one step."""
         self._episode.step()
 
-    def scene(self) -> str:
-        """The scene as JSON."""
+    def scene(self) -> "SceneFields":
+        """The scene."""
         return self._episode.scene()
 
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:

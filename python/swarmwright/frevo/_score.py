@@ -1,9 +1,10 @@
 """FREVO's networks, evaluated again."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,11 +80,11 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     try:
         with engine_errors():
             seeds = range(first, first + episodes)
-            for architecture, indices in _by_architecture(found).items():
+            for architecture, indices in _by_architecture(found):
                 weights = [found[index].specification["weights"] for index in indices]
                 genomes = np.array(weights, dtype=np.float32)
                 results[indices], _ = _engine.evaluate(
-                    "emergency_exit", json.dumps(parameters), architecture, genomes, seeds
+                    "emergency_exit", parameters, architecture, genomes, seeds
                 )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -105,10 +106,10 @@ def _notes(representation: Section) -> list[str]:
     }.get(activation, [])
 
 
-def _by_architecture(networks: Sequence[Network]) -> dict[str, list[int]]:
-    """Return the indices of the networks by their specification (JSON, without weights)."""
-    found: dict[str, list[int]] = {}
+def _by_architecture(networks: Sequence[Network]) -> Iterable[tuple[dict[str, Any], list[int]]]:
+    """Return specifications without weights, each with the indices of its networks."""
+    found: dict[str, tuple[dict[str, Any], list[int]]] = {}
     for index, network in enumerate(networks):
         common = {key: value for key, value in network.specification.items() if key != "weights"}
-        found.setdefault(json.dumps(common), []).append(index)
-    return found
+        found.setdefault(json.dumps(common), (common, []))[1].append(index)
+    return found.values()

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from swarmwright.methods import Method
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.rankings._base import Ranking, best_first
 from swarmwright.representations import Representation
-from swarmwright.store import Evaluated, StoreReader, StoreWriter
+from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
 from swarmwright.typing import Fitness, Genomes
 
 
@@ -143,7 +142,7 @@ class Loop:
                     f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
                 )
             genomes, seeds = self._ask()
-            results = Results(evaluated.episodes, evaluated.metrics, [])
+            results = Results(evaluated.episodes, evaluated.metrics, Journal())
             if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
                 raise RunError(strayed(reader, evaluated.generation))
             again = self._tell(genomes, seeds, results)
@@ -209,9 +208,7 @@ class Loop:
         if self._large:
             progress.info("%s", what)
 
-    def _commit(
-        self, evaluated: Evaluated, journal: list[dict[str, Any]], on_generation: OnGeneration | None
-    ) -> bool:
+    def _commit(self, evaluated: Evaluated, journal: Journal, on_generation: OnGeneration | None) -> bool:
         """Store a generation and report it; return whether to go on."""
         self._store.commit(evaluated, journal)
         self._stored = evaluated.generation + 1
@@ -221,13 +218,13 @@ class Loop:
         return on_generation is None or on_generation(generation) is not False
 
     @contextmanager
-    def _kept(self, generation: int, journal: list[dict[str, Any]]) -> Iterator[None]:
+    def _kept(self, generation: int, journal: Journal) -> Iterator[None]:
         """Keep the journal also when the generation fails; name the reason."""
         try:
             yield
         except RunError as error:
             self._store.note(generation, journal)
-            reasons = [str(entry["error"]) for entry in journal if entry.get("error")]
+            reasons = journal.errors
             raise RunError(
                 f"{error}; the last reason: {one_line(reasons[-1])}" if reasons else str(error)
             ) from error

@@ -18,7 +18,7 @@ from swarmwright.core.errors import RunError
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.loop import Loop, OnGeneration, strayed
-from swarmwright.store import Evaluated, StoreReader
+from swarmwright.store import Evaluated, Journal, StoreReader
 from swarmwright.typing import Genome, Genomes
 
 
@@ -32,7 +32,7 @@ class _Part:
     fitness: list[float] = field(default_factory=list)
 
     def results(self) -> Results:
-        return Results(np.array(self.episodes), np.array(self.metrics), [])
+        return Results(np.array(self.episodes), np.array(self.metrics), Journal())
 
 
 class SteadyLoop(Loop):
@@ -44,7 +44,7 @@ class SteadyLoop(Loop):
         self._flying: deque[Genome] = deque()  # asked for and not told
         self._early: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self._part = _Part()
-        self._journal: list[dict[str, Any]] = []
+        self._journal = Journal()
         self._over = False  # the time is over
 
     def replay(self, reader: StoreReader) -> None:
@@ -96,7 +96,7 @@ class SteadyLoop(Loop):
 
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
             nonlocal stopped
-            self._journal += [self._placed(entry, first) for entry in results.journal]
+            self._journal.extend(results.journal, first)
             for row, candidate in enumerate(candidates):
                 self._early[first + candidate] = (results.fitness[row], results.metrics[row])
             while not self._method.done and self._method.evaluations in self._early:
@@ -130,16 +130,12 @@ class SteadyLoop(Loop):
         """Store a generation; return whether to go on."""
         number = self._evaluations // self._method.generation_size
         fitness = np.array(self._part.fitness)
-        journal, self._journal = self._journal, []
+        journal, self._journal = self._journal, Journal()
         with self._kept(number, journal):
             self._check(fitness, number)
         goes_on = self._commit(self._evaluated_part(), journal, on_generation)
         self._over = goes_on and not self._method.done and self._time_is_over()
         return goes_on and not self._over
-
-    def _placed(self, entry: dict[str, Any], first: int) -> dict[str, Any]:
-        """Return a journal entry with the candidate's number in the whole run."""
-        return {**entry, "candidate": first + entry["candidate"]} if "candidate" in entry else entry
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
         rows = np.array(genomes, dtype=np.float32).reshape(-1, self._representation.genome_size)

@@ -93,8 +93,7 @@ class Controller:
     @property
     def parameters(self) -> dict[str, Any]:
         """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
-        values: dict[str, Any] = json.loads(self._agents[0].parameters)
-        return values
+        return self._agents[0].parameters
 
     @property
     def sensors(self) -> int:

@@ -246,7 +246,7 @@ def _evaluated(
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     values: NDArray[np.float64] = results.fitness[0] + 0.0
     if not np.isfinite(values).any():
-        reasons = [str(entry["error"]) for entry in results.journal if entry.get("error")]
+        reasons = results.journal.errors
         last = one_line(reasons[-1]) if reasons else "not known"
         raise RunError(f"every episode failed; the last reason: {last}")
     return values

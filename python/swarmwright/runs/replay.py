@@ -1,6 +1,5 @@
 """Episodes of runs, played again."""
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -111,7 +110,7 @@ class Replay:
     def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
         experiment = self.experiment
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
-        parameters = json.dumps({**experiment.parameters, **evolved, "seed": self.seed})
+        parameters = {**experiment.parameters, **evolved, "seed": self.seed}
         with engine_errors():
             episode = _engine.Episode(simulation, parameters, self.controller.json)
         expression = experiment.fitness_expression

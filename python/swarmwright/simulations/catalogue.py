@@ -1,6 +1,6 @@
 """Descriptions of simulations: built-in ones, and those named by a class in Python."""
 
-import json
+import math
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,12 +17,6 @@ if TYPE_CHECKING:
 def titles() -> tuple[str, ...]:
     """Return the titles of the built-in simulations, sorted."""
     return tuple(_engine.simulations())
-
-
-@cache
-def _description(title: str) -> str:
-    with engine_errors():
-        return _engine.describe(title)
 
 
 def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
@@ -92,8 +86,8 @@ def description(simulation: str) -> dict[str, Any]:
     if is_python(simulation):
         plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
-    described: dict[str, Any] = json.loads(_description(simulation))
-    return described
+    with engine_errors():
+        return {**_engine.describe(simulation)}
 
 
 def parameter_names(simulation: str) -> list[str]:
@@ -111,28 +105,34 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
 
     Raises InputError for parameters that the simulation refuses.
     """
-    text = json.dumps(parameters, allow_nan=False)
     with engine_errors():
         if is_python(simulation):
             from swarmwright.simulations.host import Host
             from swarmwright.simulations.loading import load
 
-            acting, _, done = Host(load(simulation)).reset(text)
+            acting, _, done = Host(load(simulation)).reset(parameters)
             return not len(acting) and not done
-        return _engine.steers_itself(simulation, text)
+        return _engine.steers_itself(simulation, parameters)
 
 
 def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
     """Return what is wrong with the parameters of a simulation that is here, None when nothing is."""
+    if not _is_finite(parameters):
+        return "a number is not finite; .inf and .nan cannot be sent to a simulation"
     try:
-        text = json.dumps(parameters, allow_nan=False)
         if is_python(simulation):
             filled_in(_python_description(simulation).parameters, parameters)
             return None
         with engine_errors():
-            _engine.check_parameters(simulation, text)
+            _engine.check_parameters(simulation, parameters)
     except InputError as error:
         return str(error)
-    except ValueError:
-        return "a number is not finite; .inf and .nan cannot be sent to a simulation"
     return None
+
+
+def _is_finite(value: Any) -> bool:  # noqa: ANN401 - any nested value
+    if isinstance(value, dict):
+        return all(map(_is_finite, value.values()))
+    if isinstance(value, list | tuple):
+        return all(map(_is_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)

@@ -1,13 +1,12 @@
 """Runs the code of a user's simulation for the engine: checks what it returns, explains what it raises."""
 
 import contextlib
-import json
 import math
 import os
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,9 @@ from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.description import Description, describe
 from swarmwright.simulations.parameters import filled_in
+
+if TYPE_CHECKING:
+    from swarmwright.core.engine_types import SceneFields
 
 Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
 """The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""
@@ -76,11 +78,11 @@ class Host:
         other._reported = self._reported
         return other
 
-    def reset(self, parameters: str) -> Seen:
+    def reset(self, parameters: dict[str, Any]) -> Seen:
         """Go to the start of an episode.
 
-        parameters: JSON object; its `seed` is the episode's, default 0. Raises the engine's InputError for
-        parameters that are refused, SimulationError when the code fails.
+        parameters: values of JSON's kinds; `seed` is the episode's, default 0. Raises the engine's InputError
+        for parameters that are refused, SimulationError when the code fails.
         """
         values, seed = self._parameters(parameters)
         if isinstance(self._simulation, BatchSimulation):
@@ -124,8 +126,8 @@ class Host:
                 self._fail(f"measure: {name!r} is {_short(returned[name])}, expected a finite number")
         return values
 
-    def scene(self) -> str | None:
-        """Return what it looks like, JSON; None for nothing. Raises SimulationError when the code fails."""
+    def scene(self) -> "SceneFields | None":
+        """Return what it looks like; None for nothing. Raises SimulationError when the code fails."""
         from swarmwright.display import Scene  # noqa: PLC0415 - only where scenes are drawn
 
         scene = self._call("scene")
@@ -134,7 +136,7 @@ class Host:
         if not isinstance(scene, Scene):
             self._fail(f"scene: {_short(scene)} returned, expected a swarmwright.display.Scene or None")
         try:
-            return scene.json()
+            return scene.plain()
         except (TypeError, ValueError) as error:
             self._fail(f"scene: {_short(scene)} returned: {error}")
 
@@ -150,7 +152,7 @@ class Host:
             self._fail(f"picture: {found} returned, expected uint8 of the shape (height, width, 3)")
         return drawn
 
-    def start(self, parameters: str, seeds: NDArray[np.uint64]) -> Many:
+    def start(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
         """Go to the start of many episodes of a BatchSimulation; raises as `reset`.
 
         parameters: as for `reset`; the seed in them does not count. seeds: (episodes,).
@@ -182,9 +184,9 @@ class Host:
     def _names(self) -> list[str]:
         return [name for name, _ in self.metrics]
 
-    def _parameters(self, parameters: str) -> tuple[dict[str, Any], int]:
+    def _parameters(self, parameters: dict[str, Any]) -> tuple[dict[str, Any], int]:
         """Make the object where there is none; return what it is reset with, and the seed."""
-        given: dict[str, Any] = json.loads(parameters)
+        given = dict(parameters)
         try:
             seed = _seed(given.pop("seed", 0))
             values = filled_in(self.description.parameters, given)

@@ -7,19 +7,22 @@ experiment and seed; sessions, attempts and events, which describe how the run w
 
 from swarmwright.store.database import FILE, FORMAT
 from swarmwright.store.reader import Best, Evaluation, Record, StoreReader
-from swarmwright.store.rows import Attempt, Evaluated, Event, Session
+from swarmwright.store.rows import Attempt, AttemptEntry, Evaluated, Event, Journal, Session, WarningEntry
 from swarmwright.store.writer import StoreWriter
 
 __all__ = [
     "FILE",
     "FORMAT",
     "Attempt",
+    "AttemptEntry",
     "Best",
     "Evaluated",
     "Evaluation",
     "Event",
+    "Journal",
     "Record",
     "Session",
     "StoreReader",
     "StoreWriter",
+    "WarningEntry",
 ]

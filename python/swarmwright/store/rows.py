@@ -1,13 +1,14 @@
 """The rows of a store's tables."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
 from types import UnionType
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.statistics import Summary
 from swarmwright.typing import Fitness, Genomes
 
@@ -83,6 +84,64 @@ class Attempt:
     """Where in the simulation's code, where that is known: the first attempt with this error has it."""
 
 
+class AttemptEntry(NamedTuple):
+    """An attempt as a pool reports it: the fields of `Attempt` from `mode` on."""
+
+    mode: str
+    candidate: int
+    candidates: int
+    episode: int
+    episodes: int
+    server: int
+    attempt: int
+    steps: int | None
+    started: float
+    seconds: float
+    error: str | None
+    stack: str | None
+
+
+class WarningEntry(NamedTuple):
+    """A warning of a pool, or a failure that is not one of an attempt."""
+
+    text: str
+    candidate: int | None = None
+    """Index of the candidate that it is about, if it is about one."""
+    error: str | None = None
+    """Why an evaluation failed, if one did."""
+
+
+@dataclass
+class Journal:
+    """What was done for evaluations, and what went wrong."""
+
+    attempts: list[AttemptEntry] = field(default_factory=list)
+    warnings: list[WarningEntry] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Self:
+        """Return the journal of what a pool returned."""
+        return cls([AttemptEntry(*row) for row in attempts], [WarningEntry(text) for text in warnings])
+
+    @property
+    def errors(self) -> list[str]:
+        """Why evaluations failed, in order; failures that are not ones of an attempt come last."""
+        errors = [entry.error for entry in self.attempts] + [entry.error for entry in self.warnings]
+        return [error for error in errors if error]
+
+    def with_warnings(self, warnings: Iterable[WarningEntry]) -> Self:
+        """Return a journal with more warnings."""
+        return type(self)(self.attempts, [*self.warnings, *warnings])
+
+    def extend(self, other: "Journal", first: int) -> None:
+        """Append what was done for candidates that are counted from `first` on here."""
+        self.attempts.extend(entry._replace(candidate=first + entry.candidate) for entry in other.attempts)
+        self.warnings.extend(
+            entry if entry.candidate is None else entry._replace(candidate=first + entry.candidate)
+            for entry in other.warnings
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Event:
     """An event worth noting: a warning of the pool, a result that was refused."""
@@ -97,32 +156,12 @@ class Event:
 
 def journal_line(kind: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of the kinds above
     """Return a line of the journal. Raises TypeError for values that none was written with: it is damaged."""
-    for field in fields(kind):
-        value = values.get(field.name)
+    for column in fields(kind):
+        value = values.get(column.name)
         if (
-            field.name in values
-            and isinstance(field.type, type | UnionType)
-            and not isinstance(value, field.type)
+            column.name in values
+            and isinstance(column.type, type | UnionType)
+            and not isinstance(value, column.type)
         ):
-            raise TypeError(f"{kind.__name__.lower()}: {field.name} is {value!r}")
+            raise TypeError(f"{kind.__name__.lower()}: {column.name} is {value!r}")
     return kind(**values)
-
-
-def attempt_row(session: int, generation: int, entry: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the pool's journal entry as a row of the table."""
-    return (
-        session,
-        generation,
-        entry["mode"],
-        entry["candidate"],
-        entry["candidates"],
-        entry["episode"],
-        entry["episodes"],
-        entry["server"],
-        entry["attempt"],
-        entry.get("steps"),
-        entry["started"],
-        entry["seconds"],
-        entry.get("error"),
-        entry.get("stack"),
-    )

@@ -36,7 +36,7 @@ from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import Row, add_digests, digest_before
 from swarmwright.store.lock import Lock
 from swarmwright.store.reader import StoreReader, best_of
-from swarmwright.store.rows import Evaluated, attempt_row
+from swarmwright.store.rows import Evaluated, Journal
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import Copy
 from swarmwright.user_code.copying import remove as remove_copies
@@ -185,7 +185,7 @@ class StoreWriter:
             for note in notes:
                 self._connection.execute(_EVENT, (self._session, None, _now(), "changed", note))
 
-    def commit(self, evaluated: Evaluated, journal: Iterable[dict[str, Any]]) -> None:
+    def commit(self, evaluated: Evaluated, journal: Journal) -> None:
         """Write a generation and how it was evaluated, wholly or not at all.
 
         Raises RunError when the disk does not take it; what was written before is kept.
@@ -222,7 +222,7 @@ class StoreWriter:
                 add_digests(self._connection, self.file)
                 seal_facts(self._connection)
 
-    def note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
+    def note(self, generation: int, journal: Journal) -> None:
         """Write the attempts of evaluations that do not count: those of an incomplete generation."""
         with self._writing():
             self._note(generation, journal)
@@ -241,16 +241,12 @@ class StoreWriter:
                     )
             yield
 
-    def _note(self, generation: int, journal: Iterable[dict[str, Any]]) -> None:
-        attempts, events = [], []
-        for entry in journal:
-            if "warning" in entry:
-                whose = f"candidate {entry['candidate']}, " if "candidate" in entry else ""
-                events.append((self._session, generation, _now(), "warning", whose + entry["warning"]))
-            else:
-                attempts.append(attempt_row(self._session, generation, entry))
-        self._connection.executemany(_ATTEMPT, attempts)
-        self._connection.executemany(_EVENT, events)
+    def _note(self, generation: int, journal: Journal) -> None:
+        place = (self._session, generation)
+        self._connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
+        for text, candidate, _ in journal.warnings:
+            whose = "" if candidate is None else f"candidate {candidate}, "
+            self._connection.execute(_EVENT, (*place, _now(), "warning", whose + text))
 
     def incidents(self, counts: Mapping[str, int]) -> None:
         """Write how often faults occurred in this session, and how often countermeasures were taken."""

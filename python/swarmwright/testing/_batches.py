@@ -1,6 +1,5 @@
 """Checks that a BatchSimulation's results do not depend on the number of episodes."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,11 +26,11 @@ def check_batch_simulation(
         parameters: with which it is reset; default: its defaults.
         seed: of the actions.
     """
-    text = json.dumps(dict(parameters or {}))
+    given = dict(parameters or {})
     seeds = np.arange(EPISODES, dtype=np.uint64)
     together, alone = Host(kind), [Host(kind) for _ in seeds]
-    seen = together.start(text, seeds)
-    single = [one.start(text, seeds[i : i + 1]) for i, one in enumerate(alone)]
+    seen = together.start(given, seeds)
+    single = [one.start(given, seeds[i : i + 1]) for i, one in enumerate(alone)]
     random = np.random.default_rng(seed)
     ended = np.zeros(EPISODES, bool)
     for step in range(MOST_STEPS):

@@ -78,7 +78,7 @@ def _check_weights(subject: Representation) -> None:
     rows = subject.weights(genomes)
     assert genomes.tobytes() == before, "weights must not change its argument"
     assert rows.dtype == np.float32, f"weights returns {rows.dtype}, not float32"
-    needed = _engine.genome_size(json.dumps(subject.architecture(), allow_nan=False))
+    needed = _engine.genome_size(dict(subject.architecture()))
     assert rows.shape == (len(genomes), needed), (
         f"weights returns the shape {rows.shape}; controllers of this architecture have {needed} weights"
     )

@@ -189,7 +189,7 @@ class SoundTool:
     def make(self, running: Running) -> Any:
         sizes = {key: self.known[running.server][key] for key in ("sensors", "actuators")}
         specification = {**CONTROLLER, **sizes, "output_range": [-1, 1]}
-        size = _engine.genome_size(json.dumps(specification))
+        size = _engine.genome_size(specification)
         weights = np.random.default_rng(running.candidate).uniform(-2, 2, size)
         return _engine.Controller(json.dumps({**specification, "weights": weights.tolist()}))
 

@@ -1,8 +1,8 @@
 """An episode whose course is known: the agent crosses the map in a straight line and arrives."""
 
-import json
-
 import pytest
+
+from swarmwright.core.engine_types import BodyFields, SceneFields
 
 WIDTH, HEIGHT, STEPS = 13.0, 7.0, 12
 
@@ -27,19 +27,24 @@ class Crossing:
     def step(self) -> None:
         self.now += 1
 
-    def scene(self) -> str:
-        agent = {
+    def scene(self) -> SceneFields:
+        agent: BodyFields = {
             "kind": "agent",
             "x": self.now + 0.5,
             "y": 3.5,
             "state": "arrived" if self.done else "free",
             "radius": 0.0,
         }
-        defender = {"kind": "defender", "x": 8.0, "y": 6.0, "state": "", "radius": 0.5}
-        goal = {"kind": "goal", "x": 12.5, "y": 3.5, "state": "", "radius": 0.5}
-        bodies = [goal, defender, agent]
-        extent = {"width": WIDTH, "height": HEIGHT, "grid": False}
-        return json.dumps({**extent, "step": self.now, "message": self.message, "bodies": bodies})
+        defender: BodyFields = {"kind": "defender", "x": 8.0, "y": 6.0, "state": "", "radius": 0.5}
+        goal: BodyFields = {"kind": "goal", "x": 12.5, "y": 3.5, "state": "", "radius": 0.5}
+        return {
+            "width": WIDTH,
+            "height": HEIGHT,
+            "grid": False,
+            "step": self.now,
+            "message": self.message,
+            "bodies": [goal, defender, agent],
+        }
 
     def text(self, columns: int, color: bool, rows: int, unicode: bool) -> str:
         """A heading and the agent, again and again up to `lines` lines."""

@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +64,7 @@ def test_cells_are_numbered_from_the_top_left_at_their_middle() -> None:
     )
     representation = experiment.representation()
     controller = Controller(representation.specification(representation.initial(Stream(1, "initial"))))
-    episode = _engine.Episode("emergency_exit", json.dumps(experiment.parameters), controller.json)
+    episode = _engine.Episode("emergency_exit", experiment.parameters, controller.json)
     recording = record(episode)
     assert recording.scenes[0].grid
     axes = Picture(recording, dpi=80).figure.axes[0]

@@ -1,6 +1,5 @@
 """Servers that a run starts for itself: they start, they end, and their last words are heard."""
 
-import json
 import subprocess
 import sys
 import time
@@ -18,7 +17,7 @@ def settings(broker: str, identifier: int = 1) -> dict[str, Any]:
 
 
 def listed(broker: str) -> dict[int, str]:
-    return {one["server"]: one["state"] for one in json.loads(_engine.servers(broker, wait=0.3))}
+    return {one["server"]: one["state"] for one in _engine.servers(broker, wait=0.3)}
 
 
 def alive(pid: int) -> bool:

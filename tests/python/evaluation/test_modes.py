@@ -1,6 +1,5 @@
 """One record, however it is computed: stepwise, batched, offloaded, in this process, by one or many."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -79,7 +78,7 @@ def test_instruction_sets_and_threads_change_nothing(name: str, level: str, thre
     one = experiment(name)
     representation = one.representation()
     genomes = np.stack([representation.initial(Stream(1, "test", 0, index)) for index in range(101)])
-    arguments = (one.simulation, json.dumps(one.parameters), json.dumps(representation.architecture()))
+    arguments = (one.simulation, one.parameters, representation.architecture())
     seeds = [4, 5, 9]
     metrics = list(catalogue.description(one.simulation)["metrics"])
     found, values = _engine.evaluate(
@@ -100,23 +99,23 @@ def test_instruction_sets_and_threads_change_nothing(name: str, level: str, thre
 def test_wrong_ways_are_refused() -> None:
     one = experiment("minisim")
     representation = one.representation()
-    architecture = json.dumps(representation.architecture())
+    architecture = representation.architecture()
     genomes = np.zeros((2, representation.genome_size), dtype=np.float32)
     assert _engine.levels()[0] == "scalar"
     mistakes: list[tuple[dict[str, Any], str]] = [
-        ({"level": "mmx"}, 'level: "mmx" is not possible on this processor; expected one of auto, scalar'),
+        ({"level": "mmx"}, 'level: "mmx" is not available on this processor; expected one of auto, scalar'),
         ({"genomes": genomes[:, 1:]}, f"genomes: have {representation.genome_size - 1} weights each"),
         ({"genomes": np.full_like(genomes, np.nan)}, r"genomes\[0\]\[0\] is NaN or infinite"),
         ({"seeds": []}, "seeds: must hold the seed of at least one episode"),
-        ({"architecture": "{}"}, "controller.version"),
+        ({"architecture": {}}, "controller.version"),
         ({"title": "minisym"}, "unknown simulation 'minisym'"),
-        ({"parameters": '{"maxSteps": -1}'}, "maxSteps"),
+        ({"parameters": {"maxSteps": -1}}, "maxSteps"),
         ({"metrics": ["stpes"]}, '"stpes" is none of minisim\'s; it has arrived, caught, steps, distance'),
     ]
     for arguments, words in mistakes:
         given: dict[str, Any] = {
             "title": "minisim",
-            "parameters": "{}",
+            "parameters": {},
             "architecture": architecture,
             "genomes": genomes,
             "seeds": [0],

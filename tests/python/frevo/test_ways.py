@@ -1,6 +1,5 @@
 """FREVO's networks evaluated in every way: stepwise, batched and offloaded by servers, and in process."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -37,8 +36,8 @@ def test_fitness_is_frevos_with_every_instruction_set(data: Path, name: str, lev
     ranking = experiment.new_ranking()
     fitness, _ = _engine.evaluate(
         experiment.simulation,
-        json.dumps(experiment.parameters),
-        json.dumps(experiment.representation().architecture()),
+        experiment.parameters,
+        experiment.representation().architecture(),
         genomes,
         ranking.seeds(experiment.first_seed),
         level=level,

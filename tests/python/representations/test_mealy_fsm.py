@@ -1,7 +1,6 @@
 """Mealy machines: tables are looked up as it is said, and stay tables under the genetic operators."""
 
 import itertools
-import json
 from typing import Any
 
 import numpy as np
@@ -151,8 +150,8 @@ def test_any_numbers_are_a_genome(genes: list[float], output_levels: int) -> Non
 def test_the_engine_takes_tables_as_they_are_in_a_block() -> None:
     subject = machine(4, 1, levels=3)
     genomes = np.stack([subject.initial(Stream(1, "x", 0, index)) for index in range(70)])
-    architecture = json.dumps(subject.architecture())
-    arguments = ("minisim", '{"placement": "random", "numAgents": 3}', architecture, genomes, [0, 1])
+    architecture = subject.architecture()
+    arguments = ("minisim", {"placement": "random", "numAgents": 3}, architecture, genomes, [0, 1])
     expected, _ = _engine.evaluate(*arguments, level="scalar", threads=1)
     assert len(np.unique(expected)) > 50
     for level in _engine.levels():

@@ -109,7 +109,7 @@ def test_mistakes(trouble: str, words: str) -> None:
     words = words.replace(r"\(1,", r"\(4,").replace("episode 0", "episode 3")
 
     def run() -> None:
-        host.start(f'{{"trouble": "{trouble}"}}', np.arange(4, dtype=np.uint64))
+        host.start({"trouble": trouble}, np.arange(4, dtype=np.uint64))
         for _ in range(3):
             host.go(np.zeros((4, 2, 1), np.float32))
         host.results(metrics=False)
@@ -136,7 +136,7 @@ def test_one_episode_fails_and_the_others_are_sound(trouble: str, mode: str, ser
     others = [0, 1, 2, 4, 5]
     assert found.fitness[:, others].tobytes() == sound.fitness[:, others].tobytes()
     assert len(set(sound.fitness.ravel())) == 18
-    reasons = {entry["error"] for entry in found.journal if entry.get("error")}
+    reasons = {*found.journal.errors}
     assert reasons
     assert all(reason.startswith("Shaken.") or "fitness is" in reason for reason in reasons)
 

@@ -79,7 +79,7 @@ def test_it_is_replayed(tmp_path: Path) -> None:
     [
         ("none", "this simulation has nothing to show"),
         ("text", r"Seen.scene: 'a view' returned, expected a swarmwright.display.Scene or None"),
-        ("nan", r"Seen.scene: .* Out of range float values are not JSON compliant"),
+        ("nan", r"Seen.scene: .* returned: bodies\[0\].x: nan found, expected a finite number"),
         ("step", r"seen: scene: invalid value: integer `-1`"),
     ],
 )

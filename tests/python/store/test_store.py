@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError, Run, RunError, optimize, resume
-from swarmwright.store import FILE, StoreWriter
+from swarmwright.store import FILE, Journal, StoreWriter
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, without_digests
 
@@ -113,7 +113,7 @@ def test_without_a_lock_the_first_writer_is_told_of_the_second(copy: Path) -> No
             store.begin("first", ())
             (copy / LOCK).unlink()
             assert resume(copy, generations=5).generations == 5
-            store.note(9, [])
+            store.note(9, Journal())
 
     with pytest.raises(RunError, match="another process has gone on with this run"):
         write()

@@ -97,7 +97,7 @@ impl Scheduler {
         self.publish(Topic::Discovery, message.encode());
         // Where servers were lost with evaluations it must be known before the next time-out who is there.
         let suspects = self.ledger.attribution().has_suspects();
-        let within = suspects.then_some(self.config.step_timeout);
+        let within = suspects.then_some(self.config.timeouts.step);
         self.discovery.begin(hash, self.has_server(), within, now);
     }
 

@@ -54,7 +54,7 @@ impl View<'_> {
 
     fn episode_bound(&self, run: &Episode) -> Option<Instant> {
         let slot = self.fleet.slot(run.server)?;
-        let least = self.config.faults.least;
+        let least = self.config.timeouts.least;
         let step = slot.steps.bound(least).map(|bound| run.heard() + bound);
         let episode = slot.episodes.bound(least).map(|bound| run.started + bound);
         let first = step.into_iter().chain(episode).min();
@@ -63,7 +63,7 @@ impl View<'_> {
 
     fn request_bound(&self, request: &Request) -> Option<Instant> {
         let slot = self.fleet.slot(request.server)?;
-        let least = self.config.faults.least;
+        let least = self.config.timeouts.least;
         let bound = match &request.batch {
             Some(batch) if batch.steers() => slot.steps.bound(least)?,
             _ => {

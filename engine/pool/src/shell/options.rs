@@ -1,12 +1,10 @@
 //! How a pool is to work.
 
-use std::time::Duration;
-
 use serde_json::{Map, Value};
 use swarmwright_mqtt::Settings;
 
-use crate::config::Faults;
 use crate::demand::Demand;
+use crate::sections::{Faults, Timeouts};
 
 /// What the work is for, as those who watch are told.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -36,11 +34,9 @@ pub struct Options {
     pub parameters: Map<String, Value>,
     /// Whether servers are to show their runs, which are stepwise then, whatever the demand says.
     pub visual: bool,
-    /// How long to look for a first server.
-    pub discovery_timeout: Duration,
-    /// How long a server may be silent in an episode, and how long work may wait for any server.
-    pub step_timeout: Duration,
-    /// What is done about servers and evaluations that fail, are slow, or wrong.
+    /// How long to wait.
+    pub timeouts: Timeouts,
+    /// How failing, slow and wrong servers and evaluations are treated.
     pub faults: Faults,
     /// Most evaluations in one request.
     pub largest: usize,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use serde::{Serialize, Serializer};
 use swarmwright_mqtt::Traffic;
 use swarmwright_protocol::{Message, State, Status, Topic};
 
@@ -10,11 +11,18 @@ use crate::counts::Counts;
 use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
 
-/// Something that happened.
-#[derive(Debug)]
+/// Something that happened. Written as an object with its `event`, the name of the variant.
+#[derive(Debug, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
 pub enum Report<'a> {
-    /// A server that offers the simulation is ready, busy or lost; none: it left.
-    Server(u64, Option<State>),
+    /// A server that offers the simulation is ready, busy or lost.
+    Server {
+        /// The server.
+        server: u64,
+        /// None, written as "left": it left in good order.
+        #[serde(serialize_with = "state_or_left")]
+        state: Option<State>,
+    },
     /// An attempt at evaluations ended, with or without results.
     Attempt(&'a Attempt),
     /// A server failed and gets no work for so many seconds.
@@ -29,13 +37,45 @@ pub enum Report<'a> {
         seconds: f64,
     },
     /// Worth telling the user.
-    Warning(&'a str),
+    Warning {
+        /// What is wrong.
+        message: &'a str,
+    },
     /// The connection to the broker broke.
-    BrokerLost(&'a str),
+    BrokerLost {
+        /// Why.
+        reason: &'a str,
+    },
     /// It is there again.
     BrokerBack,
-    /// How it stands, once a second and at the end of each piece of work.
-    Status(&'a Status, Traffic, Counts),
+    /// The state of the work, once a second and at the end of each piece of work.
+    Status {
+        /// As other clients of the broker see it.
+        status: &'a Status,
+        /// What has gone through the connection.
+        #[serde(with = "TrafficFields")]
+        traffic: Traffic,
+        /// Incidents so far.
+        counts: Counts,
+    },
+}
+
+/// How [`Traffic`] is written.
+#[derive(Serialize)]
+#[serde(remote = "Traffic")]
+struct TrafficFields {
+    sent_bytes: u64,
+    received_bytes: u64,
+    sent_messages: u64,
+    received_messages: u64,
+}
+
+#[expect(clippy::ref_option, reason = "serde hands fields over by reference")]
+fn state_or_left<S: Serializer>(state: &Option<State>, serializer: S) -> Result<S::Ok, S::Error> {
+    match state {
+        Some(state) => state.serialize(serializer),
+        None => serializer.serialize_str("left"),
+    }
 }
 
 /// Who is told.
@@ -77,7 +117,10 @@ impl Reporter {
             if let Some(server) = server
                 && self.states.remove(&server).is_some()
             {
-                self.tell(&Report::Server(server, None));
+                self.tell(&Report::Server {
+                    server,
+                    state: None,
+                });
             }
             return;
         }
@@ -87,7 +130,10 @@ impl Reporter {
                 .contains(&scheduler.config().demand.simulation)
             && self.states.insert(presence.server, presence.state) != Some(presence.state)
         {
-            self.tell(&Report::Server(presence.server, Some(presence.state)));
+            self.tell(&Report::Server {
+                server: presence.server,
+                state: Some(presence.state),
+            });
         }
     }
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use serde_json::Map;
-use swarmwright_pool::{Config, Demand, Faults, Mode, Scheduler};
+use swarmwright_pool::{Config, Demand, Faults, Mode, Scheduler, Timeouts};
 use swarmwright_protocol::{Requirements, Topics};
 use swarmwright_wrapper::{Identity, Machine as ServerMachine};
 
@@ -74,7 +74,10 @@ fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Conf
         token: name.into(),
         topics: Topics::default(),
         visual: false,
-        step_timeout: Duration::from_secs(10),
+        timeouts: Timeouts {
+            step: Duration::from_secs(10),
+            ..Timeouts::default()
+        },
         faults: Faults::default(),
         largest: usize::MAX,
         probation: Duration::from_millis(30),

@@ -1,6 +1,5 @@
 """The number of parallel runs of a sweep, and the servers of each."""
 
-import json
 from collections.abc import Sequence
 
 from swarmwright import _engine
@@ -73,7 +72,7 @@ def _served(experiments: Sequence[Experiment], broker: str) -> int:
     """Return how many runs the servers on a broker can serve at a time."""
     from_keyring(broker)
     first = experiments[0]
-    found = json.loads(_engine.servers(broker, prefix=first.prefix, wait=_LISTEN))
+    found = _engine.servers(broker, prefix=first.prefix, wait=_LISTEN)
     titles = {catalogue.title(one.simulation) for one in experiments}
     able = [
         one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())

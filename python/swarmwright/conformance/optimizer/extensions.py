@@ -1,6 +1,5 @@
 """O6: requests to servers that offer extensions."""
 
-import json
 import re
 from typing import Any
 
@@ -64,7 +63,7 @@ def checked(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
     if not isinstance(controller, dict) or "weights" in controller:
         raise Failure(brief, '"controller" is a specification without weights')
     try:
-        size = _engine.genome_size(json.dumps(controller))
+        size = _engine.genome_size(controller)
     except _engine.InputError as error:
         raise Failure(f"controller {controller}: {error}", "a specification of protocol/schemas") from None
     numbers = array(request, "genomes", "<f4")

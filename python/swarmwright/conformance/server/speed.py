@@ -1,6 +1,5 @@
 """S12: speed. Reported, not judged."""
 
-import json
 import time
 
 from swarmwright import _engine
@@ -24,14 +23,14 @@ def _measured(server: Server, mode: str) -> str:
     pool = _engine.Pool(
         server.own_broker,
         simulation=server.settings.title,
-        parameters=json.dumps(server.settings.parameters),
-        requirements=json.dumps({"dimensions": server.settings.dimensions}),
+        parameters=server.settings.parameters,
+        requirements={"dimensions": server.settings.dimensions},
         sensors=server.sensors,
         actuators=server.actuators,
         prefix=server.prefix,
         tool="conformance/a",
         mode=mode,
-        step_timeout=max(1.0, server.settings.timeout),
+        timeouts={"step": max(1.0, server.settings.timeout)},
         alone=True,
     )
     server.tools.add("conformance/a")
@@ -42,7 +41,7 @@ def _measured(server: Server, mode: str) -> str:
             count = max(count * 2, min(100_000, int(count * LASTS / max(seconds, LASTS / 64))))
             controllers = controller_set(server, "layered", count)
             start = time.perf_counter()
-            pool.evaluate(json.dumps(controllers.architecture), controllers.weights, [1])
+            pool.evaluate(controllers.architecture, controllers.weights, [1])
             seconds = time.perf_counter() - start
             rate = count / seconds
             if count >= 100_000:

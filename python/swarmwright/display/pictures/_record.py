@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.engine_types import SceneFields
 from swarmwright.core.errors import InputError
 from swarmwright.display._episode import Playable
 from swarmwright.display.pictures._text import as_text
@@ -89,7 +90,7 @@ class Pictured:
         self._episode.step()
         self._step += 1
 
-    def scene(self) -> str:
+    def scene(self) -> SceneFields:
         """Raise InputError: there are pictures only."""
         raise InputError("this simulation draws pictures and no scenes; --save FILE.html, .gif, .mp4 or .png")
 

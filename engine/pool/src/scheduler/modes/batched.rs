@@ -54,7 +54,7 @@ impl Scheduler {
         } else {
             u32::try_from(piece.len()).unwrap_or(u32::MAX)
         };
-        let patience = self.config.step_timeout.saturating_mul(episodes);
+        let patience = self.config.timeouts.step.saturating_mul(episodes);
         let batch = Batch::new(controllers, self.messages.agents(), metrics);
         self.request(&message, piece, server, patience, Some(batch), now);
     }

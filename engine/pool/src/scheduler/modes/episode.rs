@@ -183,8 +183,8 @@ impl Episode {
 
     /// When its time is over.
     pub fn deadline(&self, config: &Config) -> Instant {
-        let silent = self.heard + config.step_timeout;
-        let silent = silent.min(self.started + config.faults.episode);
+        let silent = self.heard + config.timeouts.step;
+        let silent = silent.min(self.started + config.timeouts.episode);
         let silent = if self.overdue {
             silent + REPORT_TIMEOUT
         } else {

@@ -50,7 +50,7 @@ impl Scheduler {
         let expected = rate.map_or(0.0, |rate| LEASE * piece.len() as f64 / rate);
         // A server may have become slower than it was when it was measured.
         let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
-        let lease = self.config.step_timeout.as_secs_f64().max(expected) * more;
+        let lease = self.config.timeouts.step.as_secs_f64().max(expected) * more;
         let message = ToServer::Evaluate(Evaluate {
             version: EXTENSION_VERSION,
             request: self.in_flight.next_request(),
@@ -71,7 +71,7 @@ impl Scheduler {
             },
             instance: self.fleet.instance(server),
         });
-        let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.step_timeout);
+        let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.timeouts.step);
         self.request(&message, piece, server, lease, None, now);
     }
 

@@ -7,8 +7,8 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
-use crate::config::Faults;
 use crate::scheduler::queue::piece::Piece;
+use crate::sections::Faults;
 
 /// Lost servers that count, before an evaluation is taken for the cause, at least.
 const LEAST_LOST: u32 = 3;

@@ -76,7 +76,7 @@ impl Pool {
     ) -> Result<(), PoolError> {
         self.scheduler.submit(work, Instant::now());
         let mut asked = Instant::now();
-        let patience = self.discovery_timeout.max(self.step_timeout);
+        let patience = self.timeouts.discovery.max(self.timeouts.step);
         let mut free_since = asked;
         let result = loop {
             self.poll(asked + PROGRESS_INTERVAL);
@@ -91,11 +91,11 @@ impl Pool {
             if all && self.scheduler.finished() {
                 on_progress(self, self.scheduler.done(), "");
                 let status = self.current_status(now);
-                self.reporter.tell(&Report::Status(
-                    &status,
-                    self.connection.traffic(),
-                    *self.scheduler.counts(),
-                ));
+                self.reporter.tell(&Report::Status {
+                    status: &status,
+                    traffic: self.connection.traffic(),
+                    counts: *self.scheduler.counts(),
+                });
                 return Ok(());
             }
             if now.duration_since(asked) >= PROGRESS_INTERVAL {
@@ -106,7 +106,7 @@ impl Pool {
                 if let Some(told) = self.scheduler.hopeless() {
                     break Err(PoolError::TooLarge(told.to_owned()));
                 }
-                if let Some(told) = self.scheduler.undecided(self.discovery_timeout, now) {
+                if let Some(told) = self.scheduler.undecided(self.timeouts.discovery, now) {
                     break Err(PoolError::Hopeless(told));
                 }
                 if let Some(reason) = self.scheduler.rejected(now) {

@@ -104,7 +104,7 @@ impl Pool {
                     self.scheduler.connected(now);
                 }
                 Event::Disconnected { reason, .. } => {
-                    self.reporter.tell(&Report::BrokerLost(&reason));
+                    self.reporter.tell(&Report::BrokerLost { reason: &reason });
                     self.warnings
                         .push(format!("lost the broker ({reason}); trying again"));
                     self.scheduler.disconnected(now);
@@ -148,7 +148,7 @@ impl Pool {
                     }
                 }
                 Action::Warn(text) => {
-                    self.reporter.tell(&Report::Warning(&text));
+                    self.reporter.tell(&Report::Warning { message: &text });
                     self.warnings.push(text);
                 }
                 Action::Overdue(server) => self.supervision.is_overdue(server),

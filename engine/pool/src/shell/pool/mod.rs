@@ -15,6 +15,7 @@ use crate::journal::Attempt;
 use crate::mode::Mode;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::discovery::PROBATION;
+use crate::sections::Timeouts;
 use crate::shell::error::PoolError;
 use crate::shell::options::{About, Options};
 use crate::shell::probe::Probe;
@@ -50,8 +51,7 @@ pub struct Pool {
     count_at: Instant,
     /// When it was last looked what came.
     looked: Instant,
-    discovery_timeout: Duration,
-    step_timeout: Duration,
+    timeouts: Timeouts,
     probation: Duration,
     events: Vec<Event>,
     warnings: Vec<String>,
@@ -109,7 +109,7 @@ impl Pool {
             ),
             topics: topics.clone(),
             visual: options.visual,
-            step_timeout: options.step_timeout,
+            timeouts: options.timeouts.clone(),
             faults: options.faults,
             largest: options.largest.max(1),
             probation,
@@ -141,8 +141,7 @@ impl Pool {
             looked: now,
             probation,
             topics,
-            discovery_timeout: options.discovery_timeout,
-            step_timeout: options.step_timeout,
+            timeouts: options.timeouts,
             events: Vec::new(),
             warnings: Vec::new(),
             reporter: Reporter::default(),
@@ -183,7 +182,7 @@ impl Pool {
             let busy = self.scheduler.busy_elsewhere();
             if busy.is_some() {
                 free_since = Instant::now();
-            } else if free_since.elapsed() >= self.discovery_timeout {
+            } else if free_since.elapsed() >= self.timeouts.discovery {
                 return Err(self.no_server(waited));
             }
             let reason =

@@ -35,11 +35,11 @@ impl Pool {
         if left {
             status.state = Activity::Left;
         }
-        self.reporter.tell(&Report::Status(
-            &status,
-            self.connection.traffic(),
-            *self.scheduler.counts(),
-        ));
+        self.reporter.tell(&Report::Status {
+            status: &status,
+            traffic: self.connection.traffic(),
+            counts: *self.scheduler.counts(),
+        });
         if self.ended_at_once < CONFIRMATIONS {
             self.told_at = Some(now);
             self.connection
@@ -51,7 +51,7 @@ impl Pool {
     pub(super) fn count_alike(&mut self, now: Instant) {
         self.count_at = now + REPEATS_INTERVAL;
         for text in self.scheduler.take_repeated() {
-            self.reporter.tell(&Report::Warning(&text));
+            self.reporter.tell(&Report::Warning { message: &text });
             self.warnings.push(text);
         }
     }
@@ -83,7 +83,7 @@ impl Pool {
                  watch see nothing of it; mend the broker's access rules",
                 self.status
             );
-            self.reporter.tell(&Report::Warning(&text));
+            self.reporter.tell(&Report::Warning { message: &text });
             self.warnings.push(text);
         }
     }

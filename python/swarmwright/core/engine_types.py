@@ -1,0 +1,261 @@
+"""Types of the plain values that `swarmwright._engine` takes and returns."""
+
+from typing import Any, Literal, NotRequired, TypeAlias, TypedDict
+
+
+class Timeouts(TypedDict, total=False):
+    """How long to wait, in seconds; see an experiment file. What is missing has its default."""
+
+    connect: float
+    """Up to the caller of `_engine.Pool`, which tries once."""
+    discovery: float
+    step: float
+    least: float
+    episode: float
+
+
+class Faults(TypedDict, total=False):
+    """How failing, slow and wrong servers and evaluations are treated, as in an experiment file."""
+
+    attempts: int
+    quarantine: int
+    backup: bool
+    audit: float
+
+
+class Requirements(TypedDict):
+    """What a simulation server must be able to do."""
+
+    dimensions: float
+    max_agents: NotRequired[float]
+
+
+AttemptRow: TypeAlias = tuple[
+    str, int, int, int, int, int, int, int | None, float, float, str | None, str | None
+]
+"""One attempt at a block of evaluations.
+
+Mode, first candidate, number of candidates, first episode, number of episodes, server, attempt (from 1),
+steps (None when offloaded), start (seconds since 1970), duration (seconds), error, traceback.
+"""
+
+
+class Counts(TypedDict):
+    """Incidents since a pool began."""
+
+    server_failures: int
+    """Times that a server was lost, silent for too long, or sent what cannot be used."""
+    time_outs: int
+    """Of these, those in which it was silent for too long."""
+    benched: int
+    """Times that a server had to pause because it failed."""
+    broker_losses: int
+    retries: int
+    failed: int
+    """Evaluations that have failed."""
+    quarantined: int
+    """Of these, those during which too many servers were lost."""
+    backups: int
+    """Copies of work of a slow or silent server that were given to another one."""
+    late: int
+    """Results that were refused because they were no longer expected."""
+    double: int
+    """Results that were refused because the evaluation already had one."""
+    foreign: int
+    """Messages that were refused because they named another simulation."""
+    audits: int
+    disagreements: int
+    recomputed: int
+    """Evaluations that were repeated because their server turned out to be wrong."""
+
+
+class Traffic(TypedDict):
+    """What has gone through a connection since it was opened first."""
+
+    sent_bytes: int
+    received_bytes: int
+    sent_messages: int
+    received_messages: int
+
+
+class ServerReport(TypedDict):
+    """A server that offers the simulation has changed its state."""
+
+    event: Literal["server"]
+    server: int
+    state: Literal["ready", "busy", "lost", "left"]
+
+
+class AttemptReport(TypedDict):
+    """An attempt has ended; the fields of `AttemptRow` by name."""
+
+    event: Literal["attempt"]
+    mode: str
+    candidate: int
+    candidates: int
+    episode: int
+    episodes: int
+    server: int
+    attempt: int
+    steps: NotRequired[int]
+    started: float
+    seconds: float
+    error: str | None
+    stack: NotRequired[str]
+
+
+class BenchedReport(TypedDict):
+    """A server failed and gets no work for a time."""
+
+    event: Literal["benched"]
+    server: int
+    failures: int
+    """In a row."""
+    reason: str
+    seconds: float
+
+
+class WarningReport(TypedDict):
+    """A warning for the user."""
+
+    event: Literal["warning"]
+    message: str
+
+
+class BrokerLostReport(TypedDict):
+    """The connection to the broker broke."""
+
+    event: Literal["broker_lost"]
+    reason: str
+
+
+class BrokerBackReport(TypedDict):
+    """The broker is connected again."""
+
+    event: Literal["broker_back"]
+
+
+class StatusReport(TypedDict):
+    """The state of the work, once a second and when work has ended."""
+
+    event: Literal["status"]
+    status: dict[str, Any]
+    """See protocol/schemas/status.schema.json."""
+    traffic: Traffic
+    counts: Counts
+
+
+Report: TypeAlias = (
+    ServerReport
+    | AttemptReport
+    | BenchedReport
+    | WarningReport
+    | BrokerLostReport
+    | BrokerBackReport
+    | StatusReport
+)
+"""What a pool reports as it happens."""
+
+
+class Presence(TypedDict):
+    """What a simulation server announces; see protocol/schemas/presence.schema.json."""
+
+    server: int
+    state: Literal["ready", "busy", "lost"]
+    simulations: list[str]
+    capabilities: dict[str, Any]
+    tool: str | None
+    since: str | None
+    host: str | None
+    pid: int | None
+
+
+class PresenceNews(TypedDict):
+    """A server has announced itself."""
+
+    presence: Presence
+
+
+class LeftNews(TypedDict):
+    """A server has left."""
+
+    left: int
+
+
+class StatusNews(TypedDict):
+    """The status of an optimization tool, which is told from others by its token."""
+
+    token: str
+    status: dict[str, Any]
+    """See protocol/schemas/status.schema.json; with `words` in each entry of `waiting_for`."""
+
+
+class BrokerNews(TypedDict):
+    """The connection to the broker broke, or is there again."""
+
+    broker: Literal["back", "lost"]
+    reason: NotRequired[str]
+
+
+News: TypeAlias = PresenceNews | LeftNews | StatusNews | BrokerNews
+"""What is heard on a broker."""
+
+
+class ServerEvent(TypedDict):
+    """What a simulation server reports about itself."""
+
+    event: Literal["ready", "busy", "warning", "lost"]
+    server: int
+    tool: NotRequired[str | None]
+    """With "busy": the tool that has reserved it."""
+    message: NotRequired[str]
+    """With "warning" and "lost"."""
+
+
+class ParameterDescription(TypedDict):
+    """A parameter of a simulation."""
+
+    type: str
+    default: Any
+    description: str
+
+
+class MetricDescription(TypedDict):
+    """A metric of a simulation."""
+
+    unit: str
+    description: str
+
+
+class Description(TypedDict):
+    """What a simulation announces."""
+
+    title: str
+    dimensions: int
+    max_agents: int | None
+    sensors: int
+    actuators: int
+    parameters: dict[str, ParameterDescription]
+    metrics: dict[str, MetricDescription]
+    determinism: str | None
+
+
+class BodyFields(TypedDict):
+    """One thing in a scene; see `swarmwright.display.Body`."""
+
+    kind: str
+    x: float
+    y: float
+    state: str
+    radius: float
+
+
+class SceneFields(TypedDict):
+    """A world at one step; see `swarmwright.display.Scene`."""
+
+    width: float
+    height: float
+    grid: bool
+    step: int
+    message: str
+    bodies: list[BodyFields]
