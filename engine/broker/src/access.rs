@@ -1,10 +1,10 @@
-//! The access file, in Mosquitto's format: who may read and write which topics.
+//! The access file, in Mosquitto's format: which clients may read and write which topics.
 //!
 //! ```text
-//! topic read public/#             everybody without a user name
+//! topic read public/#             all clients without a user name
 //! user ada
 //! topic readwrite swarm/#         read, write, readwrite (default) or deny
-//! pattern write tools/%u/%c       everybody; %u = user name, %c = client identifier
+//! pattern write tools/%u/%c       all clients; %u = user name, %c = client identifier
 //! ```
 
 use crate::{BrokerError, lines, topic};
@@ -28,7 +28,7 @@ enum Who {
     Pattern,
 }
 
-/// Who asks.
+/// The client whose access is checked.
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
     pub user: Option<&'a str>,
@@ -59,7 +59,7 @@ impl Access {
                 _ => ("readwrite", rest),
             };
             if !topic::is_filter(filter) {
-                return Err(format!("`{filter}` is no topic filter"));
+                return Err(format!("`{filter}` is not a valid topic filter"));
             }
             let (read, write) = match right {
                 "read" => (true, false),

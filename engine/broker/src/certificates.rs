@@ -1,4 +1,4 @@
-//! A certificate authority of one's own and a broker's certificate that it signs.
+//! A new certificate authority and a broker's certificate that it signs.
 
 use crate::BrokerError;
 use rcgen::{
@@ -8,14 +8,14 @@ use rcgen::{
 use std::io;
 use time::{Duration, OffsetDateTime};
 
-/// Days that the authority holds, at least; the broker's certificate has a term of its own.
+/// Days for which the authority is valid, at least; the broker's certificate has a separate term.
 const AUTHORITY_DAYS: i64 = 3650;
 
 /// An authority and the certificate that it signed, PEM each; keys are ECDSA P-256, PKCS #8.
 pub struct Certificates {
     /// What clients trust.
     pub authority: String,
-    /// With it anybody can make certificates that these clients trust.
+    /// It must be kept secret: it signs certificates that these clients trust.
     pub authority_key: String,
     /// The broker's certificate.
     pub certificate: String,
@@ -25,10 +25,10 @@ pub struct Certificates {
 
 /// Makes an authority for ten years at least and a certificate for `hosts` (names or IP addresses, one at least) for `days` days.
 ///
-/// Both hold from an hour ago on, since clocks differ.
+/// Both are valid from an hour ago on, since clocks differ.
 ///
 /// # Errors
-/// A host that can be none in a certificate; no random numbers.
+/// A host that is not valid in a certificate; the operating system provides no random numbers.
 pub fn certify(hosts: &[String], days: i64) -> Result<Certificates, BrokerError> {
     make(hosts, days).map_err(|error| BrokerError::System {
         what: "make certificates",

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Where the broker listens, who may come, and how much it keeps.
+/// Where the broker listens, which clients it accepts, and how much it stores.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Address or name of this machine to listen on; loopback by default.
@@ -12,40 +12,40 @@ pub struct Config {
     pub port: u16,
     /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
     pub websocket_port: Option<u16>,
-    /// Password file, `user:hash` lines; None = everybody may connect.
+    /// Password file, `user:hash` lines; None = every client may connect.
     pub users: Option<PathBuf>,
-    /// Access file in Mosquitto's format; None = everybody may read and write everything.
+    /// Access file in Mosquitto's format; None = every client may read and write everything.
     pub access: Option<PathBuf>,
     /// Origins of web pages that may connect by WebSocket, as `https://dashboard.example.org`, or `*` for all. Pages from the
-    /// host that they connect to always may, and clients that are no browsers, which name no origin.
+    /// host that they connect to always may, and clients other than browsers, which send no origin.
     pub origins: Vec<String>,
     /// Certificate chain, PEM. With it both listeners speak TLS only.
     pub certificate: Option<PathBuf>,
     /// Private key of the certificate, PEM.
     pub key: Option<PathBuf>,
-    /// What is kept at most.
+    /// Limits on what is stored.
     pub limits: Limits,
 }
 
-/// Bounds on what clients can make the broker keep.
+/// Limits on what clients can make the broker store.
 #[derive(Clone, Debug)]
 pub struct Limits {
     /// Largest packet taken, bytes.
     pub packet: usize,
-    /// Bytes on their way to one client. From half of it on, those who publish to a client that does read are slowed down;
+    /// Bytes in transit to one client. From half of it on, publishers to an active reader are slowed down;
     /// a client that reads nothing meanwhile is disconnected when it is this far behind.
     pub backlog: usize,
     /// All retained messages together, bytes.
     pub retained: usize,
     /// The longest that a session outlives its connection.
     pub session: Duration,
-    /// Everything that is kept for clients together, bytes: what is on its way to them, packets that have not come whole, their
+    /// Everything that is stored for all clients together, bytes: messages in transit, incomplete packets,
     /// sessions, retained messages. By default a quarter of the machine's memory (of the control group's, where that has less),
     /// but 256 MiB at least.
     pub memory: usize,
     /// Clients connected at a time.
     pub clients: usize,
-    /// Packets taken of one client in a second; a client that sends more is read later. Once a second's worth may come at
+    /// Packets accepted from one client per second; a client that sends more is read later. One second's worth is accepted at
     /// once.
     pub rate: u32,
 }

@@ -1,4 +1,4 @@
-//! One client's socket, with its layers and the packet that has not come whole.
+//! One client's socket, with its layers and its incomplete packet.
 
 use crate::hub::Hub;
 use crate::transport::Layers;
@@ -10,7 +10,7 @@ use std::time::Instant;
 /// Bytes read at a time.
 pub const CHUNK: usize = 1 << 16;
 
-/// Bytes that are read whatever they cost.
+/// Bytes that are read in any case.
 const LEAST: usize = 512;
 
 /// Bytes that TLS and WebSocket may hold for a client that does not read; a piece of the outbox is half of it.
@@ -20,9 +20,9 @@ const UNREAD: usize = 8 * CHUNK;
 pub struct Connection {
     pub socket: TcpStream,
     pub layers: Option<Layers>,
-    /// The beginning of a packet whose end has not come.
+    /// The part of an incomplete packet received so far.
     input: Vec<u8>,
-    /// Bytes that are read next: fewer where those of this client cost much.
+    /// Bytes to read next: fewer where packets of this client cause much work.
     portion: usize,
     pub is_ready: bool,
     /// The other side sends no more: read to the end.
@@ -83,7 +83,7 @@ impl Connection {
         if self.input.is_empty() {
             self.input.shrink_to(CHUNK);
         }
-        // TLS and WebSocket may have answers of their own to send.
+        // TLS and WebSocket may have answers to send.
         if self
             .layers
             .as_mut()
@@ -101,7 +101,7 @@ impl Connection {
         self.input.capacity() + layers
     }
 
-    /// Lets go of the packet that has not come whole: the connection is being ended.
+    /// Drops the incomplete packet: the connection is being ended.
     pub fn forget(&mut self) {
         self.input = Vec::new();
     }

@@ -1,4 +1,4 @@
-//! What can keep the broker from starting, and how to mend it.
+//! Errors that prevent the broker from starting, and how to fix them.
 
 use std::io;
 use std::path::PathBuf;

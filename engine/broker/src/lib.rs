@@ -3,7 +3,7 @@
 //! It keeps everything in memory. Messages of QoS 0 are never dropped for a reader that is behind: they are kept up to a bound
 //! in bytes, publishers are slowed down on the way there, and a reader that takes nothing at all is disconnected, with a
 //! reason, when the bound is reached. Shared subscriptions, topic aliases and enhanced authentication are not offered, and the
-//! broker says so to clients that ask. Why a broker of its own: `docs/decisions/001-embedded-broker.md`.
+//! broker says so to clients that ask. Reasons for a custom broker: `docs/decisions/001-embedded-broker.md`.
 //!
 //! ```
 //! use swarmwright_broker::{Broker, Config};
@@ -84,7 +84,7 @@ impl Broker {
         let passwords = users
             .map(Passwords::new)
             .transpose()
-            .map_err(system("start threads that look at passwords"))?;
+            .map_err(system("start threads that check passwords"))?;
         let hub = hub::Hub::new(config.limits.clone(), passwords, access);
         let (server, stopper) =
             Server::new(sockets, tls, origins, hub).map_err(system("wait for sockets"))?;
@@ -102,9 +102,9 @@ impl Broker {
         })
     }
 
-    /// Reads the password file, the access file and the certificate with its key again. What they allow no more ends: connections of
-    /// accounts that are gone or have another password are closed, and access rules hold for every message from then on. Everybody
-    /// else stays connected.
+    /// Reads the password file, the access file and the certificate with its key again. Connections that they no longer allow end: those of
+    /// removed accounts, or of accounts with another password, are closed, and the new access rules apply to every message from then on. All
+    /// other clients stay connected.
     ///
     /// # Errors
     /// One of the files cannot be used; then everything stays as it was.
@@ -190,7 +190,7 @@ fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
     })
 }
 
-/// "All networks" is no address to connect to; loopback is one of them.
+/// "All networks" is not an address to connect to; loopback is one of them.
 fn reachable(address: SocketAddr) -> SocketAddr {
     let host = match address.ip() {
         IpAddr::V4(host) if host.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),

@@ -3,7 +3,7 @@
 use crate::codec::{Publish, expiry_of, without_expiry};
 use std::time::{Duration, Instant};
 
-/// What a publisher said, owned.
+/// A published message with owned contents.
 #[derive(Debug)]
 pub struct Message {
     pub topic: Box<str>,
@@ -13,7 +13,7 @@ pub struct Message {
     pub qos: u8,
     /// As published.
     pub retain: bool,
-    /// When the message is void.
+    /// When the message expires.
     pub expires: Option<Instant>,
 }
 

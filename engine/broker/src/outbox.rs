@@ -1,4 +1,4 @@
-//! Bytes on their way to one client.
+//! Bytes to be sent to one client.
 
 use crate::codec::frame;
 
@@ -54,7 +54,7 @@ impl Outbox {
         }
     }
 
-    /// Drops what waits, but for the rest of a packet that was sent in part, so that other packets can follow.
+    /// Drops the waiting packets except for the rest of one that was sent in part, so that other packets can follow.
     pub fn abandon(&mut self) {
         self.find_boundary();
         let end = if self.boundary == self.start {

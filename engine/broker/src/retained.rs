@@ -1,4 +1,4 @@
-//! Retained messages: the last one of each topic, for those who subscribe later.
+//! Retained messages: the last one of each topic, for clients that subscribe later.
 
 use crate::{message::Message, topic};
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ pub struct Retained {
     messages: BTreeMap<Box<str>, Entry>,
     bytes: usize,
     limit: usize,
-    /// Messages that were ever kept: the number of the next one.
+    /// Messages stored so far: the number of the next one.
     count: u64,
 }
 
@@ -24,7 +24,7 @@ struct Entry {
 #[derive(Debug)]
 pub struct Search {
     filter: Box<str>,
-    /// The topic that was looked at last.
+    /// The last topic that was examined.
     after: Option<Box<str>>,
     /// Messages with this number or a larger one came later: the subscriber got them as they were published.
     until: u64,
@@ -76,7 +76,7 @@ impl Retained {
         }
     }
 
-    /// The next one of a search, by topic, or None at its end, or when `budget`, the topics that may still be looked at, is 0.
+    /// The next one of a search, by topic, or None at its end, or when `budget`, the number of topics that may still be examined, is 0.
     /// The budget is left above 0 at the end of a search.
     pub fn next(
         &self,
@@ -118,7 +118,7 @@ impl Retained {
         None
     }
 
-    /// Forgets those that have become void.
+    /// Removes expired messages.
     pub fn sweep(&mut self, now: Instant) {
         let bytes = &mut self.bytes;
         self.messages.retain(|_, entry| {

@@ -1,4 +1,4 @@
-//! What the broker remembers of a client: MQTT 5.0, chapter 4.1.
+//! The state that the broker stores for a client: MQTT 5.0, chapter 4.1.
 
 use crate::access::{Access, Subject};
 use crate::codec::{Answer, Outgoing, Version, publish, reason};
@@ -44,7 +44,7 @@ pub struct Testament {
 pub struct Session {
     pub client_id: Box<str>,
     pub user: Option<Box<str>>,
-    /// The connection, by its number; None while the client is away.
+    /// The connection, by its number; None while the client is disconnected.
     pub link: Option<usize>,
     /// The topic filters that it subscribes to, and the bytes that they take, about.
     filters: HashSet<Box<str>>,
@@ -130,7 +130,7 @@ impl Session {
         self.filters.iter().map(|filter| &**filter)
     }
 
-    /// Who it is, to the access rules.
+    /// The client, for the access rules.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
             user: self.user.as_deref(),
@@ -227,7 +227,7 @@ impl Session {
         }
     }
 
-    /// Drops the messages that this client may read no more.
+    /// Drops the messages that this client may no longer read.
     pub fn keep_readable(&mut self, access: &Access) {
         let subject = Subject {
             user: self.user.as_deref(),

@@ -1,5 +1,5 @@
-//! Who subscribes to what: the topic filters of all sessions as a tree of levels, so that finding the readers of a topic costs
-//! its levels and not the number of subscriptions.
+//! Subscriptions: the topic filters of all sessions as a tree of levels, so that finding the readers of a topic costs
+//! time in proportion to its levels, not to the number of subscriptions.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -25,7 +25,7 @@ pub struct Subscriptions {
 struct Level {
     /// What comes after this level; `+` and `#` are keys like others.
     next: HashMap<Box<str>, Level>,
-    /// Those whose filter ends here.
+    /// The sessions whose filter ends here.
     readers: BTreeMap<usize, Options>,
 }
 
@@ -47,12 +47,12 @@ impl Subscriptions {
         level.readers.insert(session, options);
     }
 
-    /// Removes a subscription, and the levels that nobody needs any more.
+    /// Removes a subscription, and the levels that became empty.
     pub fn remove(&mut self, session: usize, filter: &str) {
         prune(&mut self.root, session, filter.split('/'));
     }
 
-    /// Does nobody subscribe to anything?
+    /// Are there no subscriptions?
     #[cfg(test)]
     pub fn is_empty(&self) -> bool {
         self.root.next.is_empty()

@@ -5,7 +5,7 @@ pub fn is_name(topic: &str) -> bool {
     !topic.is_empty() && !topic.contains(['+', '#'])
 }
 
-/// May this be subscribed to? `#` stands alone at the end, `+` fills a level.
+/// May this be subscribed to? `#` only as the last level, `+` only as a whole level.
 pub fn is_filter(filter: &str) -> bool {
     let mut levels = filter.split('/').peekable();
     if filter.is_empty() {

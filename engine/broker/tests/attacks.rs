@@ -1,4 +1,4 @@
-//! Clients that mean harm, on real sockets: memory stays bounded, and others are served.
+//! Attacks over real sockets: memory stays bounded, and other clients are served.
 
 #![allow(
     clippy::unwrap_used,
@@ -75,8 +75,8 @@ fn honest(broker: &Broker) -> Client<TcpStream> {
     client
 }
 
-/// A CONNECT-less stranger on the WebSocket port.
-fn stranger(broker: &Broker) -> TcpStream {
+/// An unauthenticated connection on the WebSocket port.
+fn unauthenticated(broker: &Broker) -> TcpStream {
     let mut stream = TcpStream::connect(("127.0.0.1", broker.websocket_port().unwrap())).unwrap();
     let request = "GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: mqtt\r\n\r\n";
     stream.write_all(request.as_bytes()).unwrap();
@@ -87,7 +87,7 @@ fn stranger(broker: &Broker) -> TcpStream {
 }
 
 #[test]
-fn pings_of_strangers_whose_answers_are_not_read() {
+fn pings_of_unauthenticated_clients_whose_answers_are_not_read() {
     alone(|| {
         let broker = broker();
         let mut other = honest(&broker);
@@ -96,10 +96,10 @@ fn pings_of_strangers_whose_answers_are_not_read() {
         ping.extend([7; 125]);
         let pings = ping.repeat(500);
         let before = memory();
-        let mut strangers: Vec<TcpStream> = (0..4).map(|_| stranger(&broker)).collect();
-        for stranger in &mut strangers {
+        let mut clients: Vec<TcpStream> = (0..4).map(|_| unauthenticated(&broker)).collect();
+        for client in &mut clients {
             // The sockets' own buffers take some megabytes.
-            let sent = flood(stranger, &pings, 200 * MIB);
+            let sent = flood(client, &pings, 200 * MIB);
             assert!(sent < 50 * MIB, "{sent} bytes were taken");
             is_served(&mut other);
         }

@@ -1,4 +1,4 @@
-//! Conversations with a client library, in MQTT 3.1.1 and 5, at every quality of service.
+//! Exchanges with a client library, in MQTT 3.1.1 and 5, at every quality of service.
 
 #![allow(
     clippy::unwrap_used,

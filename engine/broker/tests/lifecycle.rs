@@ -1,4 +1,4 @@
-//! Starting, and what keeps the broker from it.
+//! Starting, and errors that prevent it.
 
 #![allow(
     clippy::unwrap_used,
@@ -69,7 +69,7 @@ fn an_occupied_port_is_named() {
 }
 
 #[test]
-fn an_address_that_is_not_ours_is_named() {
+fn an_address_of_another_machine_is_named() {
     for host in ["192.0.2.1", "no-such-host.invalid"] {
         let error = failure(&Config {
             host: host.into(),

@@ -1,4 +1,4 @@
-//! What arrives of what is sent.
+//! Delivery of messages.
 
 #![allow(
     clippy::unwrap_used,
@@ -90,7 +90,7 @@ fn mqtt_3_1_is_understood_and_other_protocols_are_refused() {
 }
 
 #[test]
-fn retained_messages_greet_those_who_come_later() {
+fn retained_messages_reach_clients_that_subscribe_later() {
     in_time(|| {
         let broker = broker();
         let mut writer = Client::join(&broker, &Hello::default());
@@ -201,7 +201,7 @@ fn a_reader_that_reads_slowly_is_never_cut_off() {
 }
 
 #[test]
-fn a_reader_that_stands_still_stops_nobody_else() {
+fn an_inactive_reader_does_not_delay_other_clients() {
     in_time(|| {
         let limits = Limits {
             backlog: 1 << 20,
@@ -262,7 +262,7 @@ fn large_messages_arrive_whole_and_too_large_ones_are_refused() {
 }
 
 #[test]
-fn junk_ends_its_own_connection_only() {
+fn malformed_packets_end_only_their_connection() {
     in_time(|| {
         let broker = broker();
         let mut honest = Client::join(&broker, &Hello::default());

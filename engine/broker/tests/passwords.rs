@@ -1,4 +1,4 @@
-//! Guessing at passwords, over real sockets: it keeps nobody out; and files that are read again.
+//! Password guessing over real sockets does not keep other clients out; and files that are read again.
 
 #![allow(
     clippy::unwrap_used,
@@ -50,7 +50,7 @@ fn round_trip(client: &mut Client<TcpStream>) -> f64 {
     times[100]
 }
 
-/// Connects with one wrong password after another, as fast as that goes; how many were answered in all.
+/// Connects with one wrong password after another, as fast as possible; how many were answered in total.
 fn guess(port: u16, user: fn(usize) -> String, stop: &AtomicBool, answered: &AtomicUsize) {
     while !stop.load(Ordering::Relaxed) {
         let number = answered.fetch_add(1, Ordering::Relaxed);
@@ -128,7 +128,7 @@ fn newcomers_get_in_while_others_guess(guessed: fn(usize) -> String, from: [u8; 
         .collect();
     thread::sleep(Duration::from_secs(1));
     for name in &names {
-        // Our own clients come again up to four times, too.
+        // Tool and servers retry up to four times, too.
         let tries = (0..5).find(|_| knock(from, broker.port(), name) == 0);
         assert!(tries.is_some(), "{name} is kept out");
     }
@@ -142,22 +142,22 @@ fn newcomers_get_in_while_others_guess(guessed: fn(usize) -> String, from: [u8; 
 }
 
 #[test]
-fn newcomers_of_the_same_network_get_in_while_others_guess_at_one_account() {
+fn clients_of_the_same_network_log_in_while_others_guess_at_one_account() {
     in_time(|| newcomers_get_in_while_others_guess(|_| "tool".into(), HERE));
 }
 
 #[test]
-fn newcomers_of_another_network_get_in_while_others_guess_at_many_accounts() {
+fn clients_of_another_network_log_in_while_others_guess_at_many_accounts() {
     in_time(|| newcomers_get_in_while_others_guess(|number| format!("user{number}"), ELSEWHERE));
 }
 
 #[test]
-fn newcomers_of_the_same_network_get_in_while_others_guess_at_many_accounts() {
+fn clients_of_the_same_network_log_in_while_others_guess_at_many_accounts() {
     in_time(|| newcomers_get_in_while_others_guess(|number| format!("user{number}"), HERE));
 }
 
 #[test]
-fn strangers_who_say_nothing_leave_room_for_others() {
+fn unauthenticated_connections_leave_room_for_others() {
     in_time(|| {
         let mut config = Config {
             ..Config::default()
@@ -177,7 +177,7 @@ fn strangers_who_say_nothing_leave_room_for_others() {
 }
 
 #[test]
-fn a_thousand_servers_of_one_account_come_back_at_once() {
+fn a_thousand_servers_of_one_account_reconnect_at_once() {
     in_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("users");
@@ -202,7 +202,7 @@ fn a_thousand_servers_of_one_account_come_back_at_once() {
 }
 
 #[test]
-fn accounts_that_are_gone_have_to_go_and_the_others_stay() {
+fn removed_accounts_are_disconnected_and_the_others_stay() {
     in_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let (path, rules) = (folder.path().join("users"), folder.path().join("access"));
@@ -221,7 +221,7 @@ fn accounts_that_are_gone_have_to_go_and_the_others_stay() {
         }
         let [mut ada, mut bob, mut eve] = clients;
         let text = std::fs::read_to_string(&path).unwrap();
-        // Bob is gone, Eve has another password, Ada is as she was.
+        // Bob is removed, Eve has another password, Ada is unchanged.
         let kept = text.lines().next().unwrap();
         let other = hash_password("new").unwrap();
 

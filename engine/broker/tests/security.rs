@@ -56,7 +56,7 @@ fn passwords_admit_and_refuse() {
 }
 
 #[test]
-fn a_refused_client_is_disconnected_and_can_say_nothing() {
+fn a_refused_client_is_disconnected_and_cannot_publish() {
     in_time(|| {
         let broker = Broker::start(&Config {
             users: Some(data("users")),
@@ -114,7 +114,7 @@ fn access_rules_decide_who_reads_and_writes() {
         );
         ada.subscribe("#", 0);
         bob.subscribe("#", 0);
-        // Bob reads below swarm/ and writes nothing there; nobody reads swarm/secret, retained or not.
+        // Bob reads below swarm/ and writes nothing there; no client reads swarm/secret, retained or not.
         bob.publish("swarm/forged", false, b"forged");
         ada.publish("swarm/secret", true, b"secret");
         ada.publish("swarm/news", false, b"news");
@@ -193,7 +193,7 @@ fn tls_carries_large_and_many_messages_and_turns_plain_clients_away() {
         for number in 0..1000u32 {
             assert_eq!(client.hear().3, number.to_be_bytes());
         }
-        // A client that does not trust the certificate, and one that speaks no TLS: neither disturbs the others.
+        // A client that does not trust the certificate, and one without TLS: neither disturbs the others.
         let mut wary = secure(&broker, RootCertStore::empty());
         assert!(std::io::Write::write_all(&mut wary, b"x").is_err());
         let mut plain = Client::new(

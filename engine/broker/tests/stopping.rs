@@ -1,4 +1,4 @@
-//! Stopping: nothing stays behind.
+//! Stopping frees port and threads.
 
 #![allow(
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! MQTT over WebSocket, spoken by a client library that knows nothing of this broker.
+//! MQTT over WebSocket with an independent client library.
 
 #![allow(
     clippy::unwrap_used,
@@ -124,7 +124,7 @@ fn a_ping_is_answered_and_a_close_is_too() {
 }
 
 #[test]
-fn what_is_no_websocket_is_told_so() {
+fn requests_without_an_upgrade_are_refused_with_the_reason() {
     in_time(|| {
         let broker = start();
         for request in [

@@ -37,12 +37,12 @@ pub enum Event {
     Message(Incoming),
 }
 
-/// A message that the broker would not take.
+/// A message that is larger than the broker accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooLarge {
     /// How large its packet would be, bytes.
     pub bytes: usize,
-    /// What the broker takes.
+    /// What the broker accepts.
     pub most: usize,
 }
 
@@ -77,13 +77,13 @@ struct Link {
     session: Session,
     /// The socket may have more to read; cleared when a read says otherwise.
     readable: bool,
-    /// Something was read since anything was sent: nothing has told the broker yet that it came.
+    /// Bytes were read since the last were sent, so they have not been acknowledged.
     unacknowledged: bool,
-    /// The broker has closed its side: what comes after the last bytes is the end, of which nothing tells again.
+    /// The broker has closed its side: the end follows the last bytes, without a further event.
     closing: bool,
 }
 
-/// A connection to a broker that comes back when it breaks.
+/// A connection to a broker that reconnects when it breaks.
 pub struct Connection {
     settings: Settings,
     subscriptions: Vec<Subscription>,
@@ -96,13 +96,13 @@ pub struct Connection {
     retry_at: Instant,
     pause: Duration,
     chunk: Box<[u8]>,
-    /// What came while the connection was being established: retained messages follow the subscription at once.
+    /// Events from while the connection was being established: retained messages follow the subscription at once.
     early: Vec<Event>,
     traffic: Traffic,
 }
 
 impl Connection {
-    /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker knows no other.
+    /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker does not support it.
     ///
     /// # Errors
     /// No broker there, no MQTT there, credentials refused, a subscription denied, certificates that do not fit.
@@ -112,7 +112,7 @@ impl Connection {
     ) -> Result<Self, ConnectError> {
         let system = |error: std::io::Error| ConnectError::NoBroker {
             url: settings.url.to_string(),
-            reason: format!("the system offers no event queue: {error}"),
+            reason: format!("the operating system provides no event queue: {error}"),
         };
         let poll = Poll::new().map_err(system)?;
         let waker = Waker(Arc::new(
@@ -202,7 +202,7 @@ impl Connection {
         }
     }
 
-    /// As [`publish`](Self::publish), with all that MQTT 5 has to say of a message.
+    /// As [`publish`](Self::publish), with the properties of MQTT 5.
     ///
     /// # Errors
     /// The broker would not take it: it is not sent.
@@ -271,9 +271,9 @@ impl Connection {
         }
     }
 
-    /// Says good-bye (no last will) and closes, once the broker has read what was queued, or after `patience`.
-    pub fn close(mut self, patience: Duration) {
-        let deadline = Instant::now() + patience;
+    /// Disconnects (without last will) and closes, once the broker has read what was queued, or after `timeout`.
+    pub fn close(mut self, timeout: Duration) {
+        let deadline = Instant::now() + timeout;
         let mut events = Vec::new();
         if let Some(link) = &mut self.link
             && link.session.disconnect(&mut self.out).is_err()
@@ -289,7 +289,7 @@ impl Connection {
                 );
             }
         }
-        // The broker closes once it has read the good-bye. To close before, with bytes unread here, would reset the
+        // The broker closes once it has read the DISCONNECT. To close before, with bytes unread here, would reset the
         // connection, and what the broker has not read yet would be lost.
         while let Some(link) = &mut self.link
             && Instant::now() < deadline

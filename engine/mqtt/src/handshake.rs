@@ -1,4 +1,4 @@
-//! Connecting: handshakes, CONNECT, SUBSCRIBE, all acknowledged; again in another manner where the broker wants that.
+//! Connecting: handshakes, CONNECT, SUBSCRIBE, all acknowledged; repeated with other options where the broker requires that.
 
 use std::io::ErrorKind;
 use std::thread;
@@ -11,15 +11,15 @@ use crate::settings::Settings;
 use crate::transport::Transport;
 use crate::{ConnectError, MOST_TRIES};
 
-/// The part of the time-out after which a broker that says nothing to MQTT 5 is asked in 3.1.1.
+/// The part of the time-out after which 3.1.1 is tried with a broker that does not answer MQTT 5.
 const SILENCE: f64 = 0.6;
-/// The pause after a connection that was accepted and then broken; it grows with each.
+/// The pause after a connection that was accepted and then closed; it grows with each.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// An attempt that failed, and what may help.
 struct Failure(ConnectError, Remedy);
 
-/// Who connects, and for what.
+/// The client that connects, and its subscriptions.
 pub(crate) struct Caller<'a> {
     pub settings: &'a Settings,
     pub client_id: &'a str,
@@ -94,7 +94,7 @@ fn attempt(
         _ => settings.timeout,
     };
     transport
-        .set_patience(silence)
+        .set_read_timeout(silence)
         .map_err(|error| broken(false, error.to_string()))?;
     let mut session = Session::new(manner.version);
     session

@@ -1,7 +1,7 @@
 //! The MQTT connection of the optimization tool and of the simulation wrapper.
 //!
-//! The protocol itself is the crate `mqtt-protocol-core`, which does no I/O; the one packet that comes by the million
-//! is read and written by hand (`plain`). Here are the socket (TCP, TLS,
+//! The protocol is implemented by the crate `mqtt-protocol-core`, which does no I/O; the most frequent packet
+//! is read and written here (`plain`). This crate adds the socket (TCP, TLS,
 //! websocket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
 //! published since the last in one write, since a step of many agents is many small messages.
 
@@ -23,13 +23,13 @@ pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
 pub use settings::{BrokerUrl, Scheme, Settings, SettingsError, Will};
 
-/// How often a connection is tried that the broker accepts and then breaks.
+/// Attempts for a connection that the broker accepts and then closes.
 const MOST_TRIES: u32 = 5;
 
-/// Why no connection to the broker came about.
+/// Why no connection to the broker could be established.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
-    /// Nobody listens there.
+    /// No process listens at the address.
     #[error(
         "no broker answers at {url} ({reason}); start one with `swarmwright broker`, or name another with --broker URL"
     )]
@@ -39,18 +39,20 @@ pub enum ConnectError {
         /// What the system says.
         reason: String,
     },
-    /// Somebody listens, and does not speak MQTT.
-    #[error("what listens at {url} is no MQTT broker ({reason}); check scheme and port of the URL")]
+    /// A process listens at the address, but it is not an MQTT broker.
+    #[error(
+        "the server at {url} is not an MQTT broker ({reason}); check scheme and port of the URL"
+    )]
     NoMqtt {
         /// Where.
         url: String,
         /// What happened.
         reason: String,
     },
-    /// A broker listens there that breaks connections which it has just accepted.
+    /// The broker closes connections that it has just accepted.
     #[error(
-        "the broker at {url} accepted the connection and broke it before it answered the subscription ({reason}), {MOST_TRIES} \
-         times in a row; its log may tell why"
+        "the broker at {url} accepted the connection and closed it before it answered the subscription ({reason}), {MOST_TRIES} \
+         times in a row; its log may contain the cause"
     )]
     Broken {
         /// Where.
@@ -58,7 +60,7 @@ pub enum ConnectError {
         /// What happened.
         reason: String,
     },
-    /// The broker wants other credentials.
+    /// The broker refuses the credentials.
     #[error(
         "the broker at {url} refuses {who} ({reason}); set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD \
          (or SWARMWRIGHT_PASSWORD_FILE) to an account of that broker"
@@ -71,9 +73,9 @@ pub enum ConnectError {
         /// The broker's reason.
         reason: String,
     },
-    /// The broker takes nobody new for now.
+    /// The broker accepts no further connections at present.
     #[error(
-        "the broker at {url} is busy ({reason}), {MOST_TRIES} times in a row; nothing is wrong with the account. Come again in a \
+        "the broker at {url} is busy ({reason}), {MOST_TRIES} times in a row; the account is not the cause. Try again in a \
          minute, as --wait SECONDS does"
     )]
     Busy {
@@ -82,9 +84,9 @@ pub enum ConnectError {
         /// The broker's reason.
         reason: String,
     },
-    /// The broker does not let this client read a topic.
+    /// The broker denies this client a subscription.
     #[error(
-        "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); mend its access control list"
+        "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); correct the broker's access rules"
     )]
     Denied {
         /// Where.
@@ -101,7 +103,7 @@ pub enum ConnectError {
     Tls {
         /// Where.
         url: String,
-        /// What does not fit, and how to mend it.
+        /// What does not fit, and how to fix it.
         reason: String,
     },
 }

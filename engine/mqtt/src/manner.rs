@@ -1,4 +1,4 @@
-//! How a broker wants to be spoken to: what was learnt from its refusals, kept by address as long as the process lives.
+//! The protocol version and options that a broker accepts, learnt from its refusals and kept by address for the life of the process.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,7 +7,7 @@ use crate::session::{QoS, Version};
 
 static LEARNT: Mutex<BTreeMap<String, Manner>> = Mutex::new(BTreeMap::new());
 
-/// How a broker wants to be spoken to.
+/// The protocol version and options that a broker accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Manner {
     pub version: Version,

@@ -1,6 +1,6 @@
-//! PUBLISH at QoS 0 by hand, since nearly every packet of a run is one (MQTT 5.0 and 3.1.1, chapters 1.5, 2 and 3.3),
-//! with the few properties that a request has. All other packets, and everything that is malformed, are the business of
-//! the crate.
+//! A fast path for PUBLISH at QoS 0, since nearly every packet of a run is one (MQTT 5.0 and 3.1.1, chapters 1.5, 2 and 3.3),
+//! with the few properties that a request has. All other packets, and malformed ones, are left to
+//! `mqtt-protocol-core`.
 
 use std::ops::Range;
 
@@ -18,9 +18,9 @@ const CORRELATION: u8 = 9;
 /// How the next packet in a stream of bytes ends.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Cut {
-    /// It has not come whole.
+    /// It is incomplete.
     Incomplete,
-    /// Its length is no length.
+    /// Its length is not valid.
     Malformed,
     /// It has a fixed header of `header` bytes and is `length` bytes long, header included.
     Whole { header: usize, length: usize },

@@ -1,4 +1,4 @@
-//! What a broker does with small packets, found out on a connection of its own.
+//! What a broker does with small packets, determined on a separate connection.
 
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
@@ -37,7 +37,7 @@ pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
     let (mut transport, mut session) =
         handshake::connect(&caller, &mut chunk, &mut out, &mut Vec::new())
             .map_err(io::Error::other)?;
-    transport.set_patience(settings.timeout)?;
+    transport.set_read_timeout(settings.timeout)?;
     let mut shortest = Duration::MAX;
     for _ in 0..TRIES {
         shortest = shortest.min(spread(&mut transport, &mut chunk)?);

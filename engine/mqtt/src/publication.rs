@@ -2,8 +2,8 @@
 
 use crate::session::QoS;
 
-/// How a message is published. What MQTT 3.1.1 does not know (all but `qos` and `retain`) is left out there, so a body
-/// has to say it too where it matters.
+/// How a message is published. What MQTT 3.1.1 does not support (all but `qos` and `retain`) is omitted there, so a body
+/// has to repeat it if it is needed.
 ///
 /// ```
 /// use swarmwright_mqtt::PublishOptions;
@@ -14,7 +14,7 @@ use crate::session::QoS;
 pub struct PublishOptions<'a> {
     /// Quality of service; at most once by default.
     pub qos: QoS,
-    /// Whether the broker keeps the message for those who subscribe later.
+    /// Whether the broker keeps the message for clients that subscribe later.
     pub retain: bool,
     /// Seconds after which the broker need not deliver it any more.
     pub expiry: Option<u32>,
@@ -22,7 +22,7 @@ pub struct PublishOptions<'a> {
     pub content_type: Option<&'a str>,
     /// Full topic on which an answer is expected.
     pub response_topic: Option<&'a str>,
-    /// What tells the answer from others; at most 65,535 bytes.
+    /// Identifies the answer; at most 65,535 bytes.
     pub correlation: Option<&'a [u8]>,
 }
 

@@ -1,12 +1,12 @@
-//! What the broker is known to have read: a ping goes behind a large packet, and its answer tells that the broker has
-//! come past it.
+//! What the broker is known to have read: a ping follows a large packet, and its answer proves that the broker has
+//! read the packet.
 //!
-//! Some brokers break the connection on a packet that is larger than they take, without having said how large it may be
-//! (MQTT 3.1.1 knows no way to). What was sent and not read when a connection broke may be why.
+//! Some brokers close the connection on a packet that is larger than they accept, without having announced a limit
+//! (MQTT 3.1.1 cannot). A packet that was sent and not read when the connection broke may be the cause.
 
 use std::collections::VecDeque;
 
-/// Packets of so many bytes are taken by every broker.
+/// Every broker accepts packets of this size, bytes.
 const SMALL: usize = 1024;
 
 /// A connection's packets and pings, in the order in which they were sent.

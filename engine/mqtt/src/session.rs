@@ -1,4 +1,4 @@
-//! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and packets out. A thin face over `mqtt-protocol-core`.
+//! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and packets out. A thin layer over `mqtt-protocol-core`.
 
 mod events;
 mod messages;
@@ -23,7 +23,7 @@ use crate::plain::{self, Cut};
 use crate::publication::PublishOptions;
 use crate::reading::Reading;
 
-/// The packet that asks a broker whether it is there.
+/// The packet PINGREQ.
 const PINGREQ: [u8; 2] = [0xc0, 0];
 
 /// One MQTT connection's state.
@@ -32,11 +32,11 @@ pub(crate) struct Session {
     core: mqtt::Connection<role::Client>,
     ping_at: Option<Instant>,
     silent_at: Option<Instant>,
-    /// The beginning of a packet whose end has not come.
+    /// The part of an incomplete packet received so far.
     partial: Vec<u8>,
     /// The broker has accepted the connection: plain messages need not go through the core.
     accepted: bool,
-    /// Nothing that comes after this counts.
+    /// The connection is over: further bytes are ignored.
     over: bool,
     /// The largest packet that the broker takes.
     largest: usize,
@@ -104,7 +104,7 @@ impl Session {
         let bytes = out.len() - before;
         if self.largest == usize::MAX && self.reading.sent(bytes) {
             self.reading.asked(bytes);
-            // Not by the core, whose patience with the answer is that with an idle connection.
+            // Not sent by the core, whose time-out for the answer is that of an idle connection.
             out.extend_from_slice(&PINGREQ);
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Where the broker is and who asks: URL, credentials, last will.
+//! Settings of a connection: URL, credentials, last will.
 
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ pub enum Scheme {
 }
 
 /// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path; `?mqtt=3` or `?mqtt=5`
-/// behind it has one version of MQTT spoken only.
+/// after it restricts the connection to one version of MQTT.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerUrl {
     /// How the broker is reached.
@@ -33,7 +33,7 @@ pub struct BrokerUrl {
     pub port: u16,
     /// Path of a websocket.
     pub path: String,
-    /// The only version of MQTT to be spoken; none to find out.
+    /// The only version of MQTT to use; None = negotiate.
     pub version: Option<Version>,
 }
 
@@ -104,7 +104,7 @@ impl FromStr for BrokerUrl {
         }
         if plain && !query.is_empty() {
             return Err(wrong(&format!(
-                "{query:?} is no option of it; there are ?mqtt=3 and ?mqtt=5"
+                "{query:?} is not an option; the options are ?mqtt=3 and ?mqtt=5"
             )));
         }
         let mut path = if plain || !path.is_empty() {
@@ -135,7 +135,7 @@ fn options(query: &str) -> Result<(Option<Version>, String), String> {
             Some(("mqtt", "5")) => version = Some(Version::V5),
             Some(("mqtt", _)) => {
                 return Err(format!(
-                    "{option:?} is no version of MQTT; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
+                    "{option:?} is not a version of MQTT; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
                 ));
             }
             _ => others.push(option),
@@ -185,11 +185,11 @@ pub struct Settings {
     pub ca_file: Option<PathBuf>,
     /// Published by the broker when this connection breaks.
     pub will: Option<Will>,
-    /// Seconds between two signs of life.
+    /// Keep-alive interval, seconds.
     pub keep_alive: u16,
     /// How long one attempt to connect may take.
     pub timeout: Duration,
-    /// Whether somebody else says that a password travels unencrypted.
+    /// Whether the caller warns of an unencrypted password.
     pub clear_text_is_known: bool,
 }
 
@@ -198,7 +198,7 @@ impl Settings {
     /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`.
     ///
     /// # Errors
-    /// The URL is none, the password file cannot be read, or a password comes without a user name.
+    /// The URL is not valid, the password file cannot be read, or a password is set without a user name.
     pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
         let variable = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
         let username = variable("SWARMWRIGHT_USERNAME");
@@ -246,14 +246,14 @@ impl Settings {
         }
     }
 
-    /// What to tell the operator where the password leaves this machine unencrypted.
+    /// A warning for the operator if the password leaves this machine unencrypted.
     #[must_use]
     pub fn clear_text_warning(&self) -> Option<String> {
         let url = &self.url;
         let is_clear = matches!(url.scheme, Scheme::Mqtt | Scheme::Ws) && !is_loopback(&url.host);
         (self.password.is_some() && is_clear && !self.clear_text_is_known).then(|| {
             format!(
-                "the password for {}:{} travels unencrypted, and everybody on the way can read it; use a broker with TLS, mqtts://",
+                "the password for {}:{} travels unencrypted and can be read on the network path; use a broker with TLS, mqtts://",
                 url.host, url.port
             )
         })

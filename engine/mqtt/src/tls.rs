@@ -1,4 +1,4 @@
-//! TLS to the broker: its certificate must come from a trusted authority, be for its name, and hold today.
+//! TLS to the broker: its certificate must come from a trusted authority, be for its name, and be valid now.
 
 use std::io;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use rustls::{CertificateError, ClientConfig, ClientConnection, RootCertStore, St
 use crate::ConnectError;
 use crate::settings::Settings;
 
-/// Shakes hands over a connected socket.
+/// The TLS handshake over a connected socket.
 pub(crate) fn connect(
     settings: &Settings,
     stream: TcpStream,
@@ -70,7 +70,7 @@ fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
     Ok(roots)
 }
 
-/// What is wrong with the certificate, and who can mend it.
+/// What is wrong with the certificate, and how to fix it.
 fn explain(error: &io::Error, settings: &Settings) -> String {
     let Some(error) = error
         .get_ref()
@@ -98,18 +98,18 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
                 hosts(presented)
             ),
             CertificateError::ExpiredContext { time, not_after } => format!(
-                "the broker's certificate has expired, {} ago; have it renewed, or set this machine's clock right",
+                "the broker's certificate has expired, {} ago; renew it, or correct this machine's clock",
                 days(*time, *not_after)
             ),
             CertificateError::NotValidYetContext { time, not_before } => format!(
-                "the broker's certificate is not valid yet, only in {}; set the clock of this machine or of the \
-                 one where it was made right",
+                "the broker's certificate is not valid yet, only in {}; correct the clock of this machine or of the \
+                 one where it was made",
                 days(*not_before, *time)
             ),
             other => format!("the broker's certificate is refused: {other}"),
         },
         rustls::Error::InvalidMessage(_) => {
-            "what answers there does not speak TLS; check the port, or use mqtt:// or ws://"
+            "the server does not use TLS; check the port, or use mqtt:// or ws://"
                 .to_owned()
         }
         other => other.to_string(),
@@ -119,7 +119,7 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
 /// `DnsName("localhost")` and `IpAddress(127.0.0.1)` as people write them.
 fn hosts(presented: &[String]) -> String {
     if presented.is_empty() {
-        return "no host at all".to_owned();
+        return "no host".to_owned();
     }
     let bare = |name: &String| {
         let inside = name

@@ -151,8 +151,8 @@ impl Transport {
     }
 
     /// How long a read waits from here on.
-    pub fn set_patience(&mut self, patience: Duration) -> io::Result<()> {
-        SockRef::from(&*self.socket()).set_read_timeout(Some(patience))
+    pub fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
+        SockRef::from(&*self.socket()).set_read_timeout(Some(timeout))
     }
 
     /// From here on reads and writes return at once.

@@ -55,7 +55,7 @@ fn what_is_retained_comes_with_the_subscription_and_is_marked() {
 }
 
 #[test]
-fn the_last_will_is_published_for_the_dead_and_not_for_the_departed() {
+fn the_last_will_is_published_after_a_loss_and_not_after_a_disconnection() {
     let broker = Broker::start(&Config::default()).unwrap();
     let mut reader = open(&broker.url(), "w");
     let with_will = || {
@@ -76,7 +76,7 @@ fn the_last_will_is_published_for_the_dead_and_not_for_the_departed() {
 }
 
 #[test]
-fn a_connection_comes_back_with_its_subscriptions() {
+fn a_connection_reconnects_with_its_subscriptions() {
     let broker = Broker::start(&Config::default()).unwrap();
     let (url, port) = (broker.url(), broker.port());
     let mut reader = open(&url, "t");
@@ -155,13 +155,16 @@ fn tls_is_checked_against_the_named_authority() {
     let broker = Broker::start(&config).unwrap();
     let url = format!("mqtts://localhost:{}", broker.port());
 
-    let stranger = Connection::open(settings(&url), subscription("t"))
+    let untrusting = Connection::open(settings(&url), subscription("t"))
         .err()
         .unwrap();
-    assert!(matches!(stranger, ConnectError::Tls { .. }), "{stranger}");
     assert!(
-        stranger.to_string().contains("SWARMWRIGHT_CA_FILE"),
-        "{stranger}"
+        matches!(untrusting, ConnectError::Tls { .. }),
+        "{untrusting}"
+    );
+    assert!(
+        untrusting.to_string().contains("SWARMWRIGHT_CA_FILE"),
+        "{untrusting}"
     );
 
     let mut trusting = settings(&url);

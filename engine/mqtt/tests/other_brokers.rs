@@ -14,7 +14,7 @@ use swarmwright_broker::{Broker, Config};
 use swarmwright_mqtt::{ConnectError, Connection, Event, QoS, Version, holds_back_small_packets};
 
 #[test]
-fn nobody_there_is_said_with_the_way_out() {
+fn an_address_without_broker_is_an_error_that_says_how_to_start_one() {
     let port = TcpListener::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()
@@ -31,7 +31,7 @@ fn nobody_there_is_said_with_the_way_out() {
 }
 
 #[test]
-fn a_listener_that_is_no_broker_is_named_as_such() {
+fn a_listener_that_is_not_a_broker_is_named() {
     for answer in [&b"HTTP/1.1 400 Bad Request\r\n\r\n"[..], &b""[..]] {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let url = format!("mqtt://{}", listener.local_addr().unwrap());
@@ -53,7 +53,7 @@ fn a_listener_that_is_no_broker_is_named_as_such() {
 }
 
 #[test]
-fn silence_is_not_waited_for_for_ever() {
+fn waiting_for_a_silent_listener_is_limited() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let start = Instant::now();
     let url = format!("mqtt://{}", listener.local_addr().unwrap());
@@ -66,7 +66,7 @@ fn silence_is_not_waited_for_for_ever() {
 
 /// A broker that knows only MQTT 3.1.1: to MQTT 5 it answers as the old standard says, with return code 1, and closes.
 #[test]
-fn a_broker_of_the_old_standard_is_spoken_to_in_its_language() {
+fn a_broker_of_mqtt_3_1_1_is_connected_to_in_3_1_1() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("mqtt://{}", listener.local_addr().unwrap());
     let (levels, seen) = mpsc::channel();
@@ -145,7 +145,7 @@ fn an_end_that_comes_together_with_a_message_is_noticed() {
 /// A broker that leaves Nagle's algorithm on sends the second of two small messages when the first is acknowledged.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_broker_that_collects_small_packets_does_not_wait_for_the_system_to_acknowledge() {
+fn small_packets_are_acknowledged_at_once() {
     const ROUNDS: usize = 31;
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("mqtt://{}", listener.local_addr().unwrap());
@@ -209,7 +209,7 @@ fn answering_pings(nodelay: bool) -> (String, thread::JoinHandle<()>) {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn it_is_found_out_whether_a_broker_holds_back_small_packets() {
+fn brokers_that_hold_back_small_packets_are_detected() {
     for nodelay in [false, true] {
         let (url, serving) = answering_pings(nodelay);
         assert_eq!(holds_back_small_packets(&settings(&url)).unwrap(), !nodelay);

@@ -8,7 +8,7 @@ use super::{Version, properties as p, reason};
 pub struct Outgoing<'a> {
     pub topic: &'a str,
     pub payload: &'a [u8],
-    /// Without the message expiry unless it is still whole.
+    /// Without the message expiry interval if part of it has passed.
     pub properties: &'a [u8],
     /// Seconds left, written in addition to `properties`.
     pub expiry: Option<u32>,

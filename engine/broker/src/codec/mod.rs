@@ -31,11 +31,11 @@ pub enum Version {
 pub mod reason {
     /// Success; also a normal disconnection and a granted QoS 0.
     pub const SUCCESS: u8 = 0x00;
-    /// Nobody subscribes to this topic.
+    /// No client subscribes to this topic.
     pub const NO_MATCHING_SUBSCRIBERS: u8 = 0x10;
     /// Nothing was subscribed under this filter.
     pub const NO_SUBSCRIPTION: u8 = 0x11;
-    /// The bytes are no MQTT packet.
+    /// The bytes are not a valid MQTT packet.
     pub const MALFORMED: u8 = 0x81;
     /// A packet, but not one that is allowed here.
     pub const PROTOCOL_ERROR: u8 = 0x82;
@@ -47,7 +47,7 @@ pub mod reason {
     pub const BAD_PASSWORD: u8 = 0x86;
     /// The user may not do this.
     pub const NOT_AUTHORIZED: u8 = 0x87;
-    /// Not now; later perhaps.
+    /// The broker is busy; a later attempt may succeed.
     pub const BUSY: u8 = 0x89;
     /// The broker is stopping.
     pub const SHUTTING_DOWN: u8 = 0x8b;
@@ -71,7 +71,7 @@ pub mod reason {
     pub const PACKET_TOO_LARGE: u8 = 0x95;
     /// The reader is too far behind, or a store is full.
     pub const QUOTA_EXCEEDED: u8 = 0x97;
-    /// Whoever runs the broker has ended the connection.
+    /// The operator of the broker has ended the connection.
     pub const ADMINISTRATIVE: u8 = 0x98;
     /// Shared subscriptions are not offered.
     pub const NO_SHARED_SUBSCRIPTIONS: u8 = 0x9e;
@@ -92,7 +92,7 @@ impl Refusal {
         Self { reason, what }
     }
 
-    /// Bytes that are no MQTT packet.
+    /// Bytes that are not a valid MQTT packet.
     pub const fn malformed(what: &'static str) -> Self {
         Self::new(reason::MALFORMED, what)
     }

@@ -79,7 +79,7 @@ fn walk(mut all: Reader<'_>, mut take: impl FnMut(u8, Value<'_>, &[u8])) {
     }
 }
 
-/// Seconds after which a message is void, from properties that were checked before.
+/// Seconds after which a message expires, from properties that were checked before.
 pub fn expiry_of(properties: &[u8]) -> Option<u32> {
     let mut expiry = None;
     walk(Reader::new(properties), |id, value, _| {

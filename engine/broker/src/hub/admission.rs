@@ -1,4 +1,4 @@
-//! Who is let in: connections without CONNECT, passwords that are looked at, accounts that are no more.
+//! Admission: connections without CONNECT, password checks, and removed accounts.
 
 use super::Hub;
 use super::complaints::Kind;
@@ -9,13 +9,13 @@ use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
-/// Of the connections that the broker takes, those that have not been let in may be one of so many.
-const STRANGERS: usize = 2;
+/// At most one in this many of the permitted connections may be unauthenticated.
+const UNAUTHENTICATED_PART: usize = 2;
 
 const WRONG: Refusal = Refusal::new(reason::BAD_PASSWORD, "wrong user name or password");
 const BUSY: Refusal = Refusal::new(
     reason::BUSY,
-    "many passwords wait to be looked at; try again in some seconds",
+    "many passwords are waiting to be checked; try again in some seconds",
 );
 
 /// The network that a connection comes from: its address, of IPv6 the half that a provider gives out.
@@ -33,26 +33,32 @@ pub fn network_of(peer: &str) -> Box<str> {
 }
 
 impl Hub {
-    /// Where those who have not been let in hold too many connections, ends the oldest of the network that has most of them.
+    /// Where too many connections are unauthenticated, ends the oldest one of the network that has most of them.
     pub fn make_room(&mut self) {
         let clients = self.limits.clients;
-        if self.strangers >= (clients / STRANGERS).max(1) || self.links.len() >= clients {
-            self.end_stranger();
+        if self.unauthenticated >= (clients / UNAUTHENTICATED_PART).max(1)
+            || self.links.len() >= clients
+        {
+            self.end_unauthenticated();
         }
     }
 
-    /// Ends a connection that has not been let in, for the sake of others; false = there is none.
-    pub fn end_stranger(&mut self) -> bool {
-        let strangers = || self.links.iter().filter(|(_, link)| link.is_stranger);
+    /// Ends an unauthenticated connection in favour of others; false = there is none.
+    pub fn end_unauthenticated(&mut self) -> bool {
+        let unauthenticated = || {
+            self.links
+                .iter()
+                .filter(|(_, link)| link.is_unauthenticated)
+        };
         let mut networks = HashMap::<&str, usize>::new();
-        for (_, link) in strangers() {
+        for (_, link) in unauthenticated() {
             *networks.entry(&link.network).or_default() += 1;
         }
         let most = networks
             .into_iter()
             .max_by_key(|(name, count)| (*count, *name));
         let oldest = most.and_then(|(most, _)| {
-            strangers()
+            unauthenticated()
                 .filter(|(_, link)| *link.network == *most)
                 .min_by_key(|(_, link)| (!link.closing, link.heard))
         });
@@ -60,7 +66,7 @@ impl Hub {
         oldest.is_some()
     }
 
-    /// User name and password, where a password file is in force; false = that is to be found out.
+    /// Checks user name and password, where a password file is in force; false = the check is running.
     pub(super) fn admit(
         &mut self,
         id: usize,
@@ -73,7 +79,7 @@ impl Hub {
         let Some(user) = connect.user else {
             return Err(Refusal::new(
                 reason::NOT_AUTHORIZED,
-                "this broker asks for user name and password",
+                "this broker requires a user name and a password",
             ));
         };
         let password = connect.password.unwrap_or_default();
@@ -86,15 +92,15 @@ impl Hub {
         }
     }
 
-    /// What wakes the broker's thread when a password has been looked at.
+    /// What wakes the broker's thread when a password has been checked.
     pub fn wake_with(&mut self, wake: Box<dyn Fn() + Send>) {
         if let Some(passwords) = &mut self.passwords {
             passwords.wake_with(wake);
         }
     }
 
-    /// Answers those whose passwords have been looked at; their numbers: they may have sent more.
-    pub fn answer_newcomers(&mut self, now: Instant) -> Vec<usize> {
+    /// Answers clients whose passwords have been checked; returns their numbers, since they may have sent more.
+    pub fn answer_checked(&mut self, now: Instant) -> Vec<usize> {
         let Some(passwords) = &mut self.passwords else {
             return Vec::new();
         };
@@ -130,17 +136,17 @@ impl Hub {
         answered
     }
 
-    /// When to ask for [`Hub::answer_newcomers`] again, though nothing happens.
-    pub fn newcomers_due(&self, now: Instant) -> Option<Instant> {
+    /// When to call [`Hub::answer_checked`] again at the latest.
+    pub fn checks_due(&self, now: Instant) -> Option<Instant> {
         self.passwords.as_ref()?.due(now)
     }
 
-    /// Does the broker still look at this connection's password?
+    /// Is this connection's password still being checked?
     pub fn is_asking(&self, id: usize) -> bool {
         self.links.get(id).is_some_and(|link| link.asked.is_some())
     }
 
-    /// Other accounts and rules, from files that were read again: what is denied from now on ends.
+    /// Applies accounts and rules from files that were read again; connections that they no longer permit are ended.
     pub fn replace(&mut self, users: Option<Users>, access: Option<Access>, now: Instant) {
         let mut gone = Vec::new();
         if let (Some(passwords), Some(users)) = (&mut self.passwords, users) {
@@ -159,25 +165,25 @@ impl Hub {
         }
         let ended = gone.len();
         for (session, has_account) in gone {
-            self.dismiss(session, has_account, now);
+            self.end_revoked(session, has_account, now);
         }
         if is_other {
-            self.keep_to_access();
+            self.drop_unreadable();
         }
-        // Who may read a topic is decided when its readers are gathered.
+        // Read access is checked when the subscribers of a topic are looked up.
         self.routes.clear();
         self.settle(now);
         log::info!(
-            "passwords, access rules and certificates were read again; {ended} clients had to go, since their accounts are not what they were"
+            "passwords, access rules and certificates were read again; {ended} clients were disconnected, since their accounts were removed or changed"
         );
     }
 
-    /// Ends the session of an account that is no more, or has another password, and its connection.
-    fn dismiss(&mut self, session: usize, has_account: bool, now: Instant) {
+    /// Ends the connection of a removed account or of one with another password; without account the session as well.
+    fn end_revoked(&mut self, session: usize, has_account: bool, now: Instant) {
         let client = self.sessions[session].client_id.clone();
         if let Some(link) = self.sessions[session].link {
             let refusal = if has_account {
-                // It may come again with its new password.
+                // It may connect again with its new password.
                 Refusal::new(
                     reason::ADMINISTRATIVE,
                     "the password of its account was changed",
@@ -187,14 +193,14 @@ impl Hub {
             };
             self.refuse(link, refusal, now);
         }
-        // A session waits for a client that may come again; without account nobody may.
+        // A session is kept for a client that may reconnect; without an account it cannot.
         if !has_account && let Some(&found) = self.by_client.get(&client) {
             self.end_session(found, now);
         }
     }
 
-    /// Messages that wait for clients which may read them no more are dropped.
-    fn keep_to_access(&mut self) {
+    /// Drops queued messages that their clients may no longer read.
+    fn drop_unreadable(&mut self) {
         let Some(access) = &self.access else {
             return;
         };
@@ -208,8 +214,8 @@ impl Hub {
         }
     }
 
-    /// Says that a client could not be taken.
-    pub fn complain_of_stranger(&mut self, peer: &str, why: impl std::fmt::Display, now: Instant) {
+    /// Logs that a client could not be accepted.
+    pub fn report_refused(&mut self, peer: &str, why: impl std::fmt::Display, now: Instant) {
         self.complaints
             .say(Kind::Refused, now, || format!("{peer}: {why}"));
     }

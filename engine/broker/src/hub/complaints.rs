@@ -1,4 +1,4 @@
-//! What is said of clients, no more than a person reads: whoever can make the broker write lines could fill the disk with them.
+//! Log lines about clients, limited in number: a client that causes log lines could otherwise fill the disk.
 
 use std::time::{Duration, Instant};
 
@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 const LINES: u32 = 20;
 const PERIOD: Duration = Duration::from_secs(10);
 
-/// What a line is about; each kind has lines of its own.
+/// What a line is about; lines are limited for each kind separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A message that a client may not publish.
     Denied,
-    /// A connection that was not let in.
+    /// A connection that was refused.
     Refused,
     /// A client that was disconnected.
     Disconnected,
@@ -43,7 +43,7 @@ impl Complaints {
         }
     }
 
-    /// Says how many lines were left out, once their time is over.
+    /// Logs how many lines were left out, once the period is over.
     pub fn sweep(&mut self, now: Instant) {
         for kind in 0..self.kinds.len() {
             self.sweep_one(kind, now);

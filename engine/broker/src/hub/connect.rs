@@ -34,7 +34,7 @@ impl Hub {
         Ok(Next::Packet)
     }
 
-    /// Lets a client in.
+    /// Accepts a client.
     pub(super) fn enter(
         &mut self,
         id: usize,
@@ -57,8 +57,8 @@ impl Hub {
 
         let link = &mut self.links[id];
         link.session = Some(session);
-        if std::mem::take(&mut link.is_stranger) {
-            self.strangers -= 1;
+        if std::mem::take(&mut link.is_unauthenticated) {
+            self.unauthenticated -= 1;
         }
         link.heard = now;
         // Half as long again as announced: MQTT 5.0, 3.1.2.10.
@@ -108,7 +108,7 @@ impl Hub {
         Ok(())
     }
 
-    /// The identifier given to a client that came without; None when it has its own.
+    /// The identifier assigned to a client that sent none; None when it sent one.
     fn client_id(&mut self, connect: &Connect<'_>) -> Result<Option<String>, Refusal> {
         if !connect.client_id.is_empty() {
             return Ok(None);
@@ -128,7 +128,7 @@ impl Hub {
         }
     }
 
-    /// The session to go on with, and whether there was one. An earlier connection with this identifier is ended.
+    /// The session to continue, and whether it existed before. An earlier connection with this identifier is ended.
     fn session_for(
         &mut self,
         client_id: &str,
@@ -154,7 +154,7 @@ impl Hub {
         (session, false)
     }
 
-    pub(super) fn goodbye(
+    pub(super) fn disconnected(
         &mut self,
         id: usize,
         session: usize,
@@ -178,7 +178,7 @@ impl Hub {
         Ok(())
     }
 
-    /// Parts a connection from its session; with the will, at once or in time.
+    /// Detaches a connection from its session; `with_will`: the will is published, at once or after its delay.
     pub(super) fn leave(&mut self, id: usize, with_will: bool, now: Instant) {
         let Some(session) = self.links[id].session.take() else {
             return;
@@ -220,7 +220,7 @@ impl Hub {
         }
     }
 
-    /// Forgets a session; its will comes now at the latest.
+    /// Ends a session; its will is published now at the latest.
     pub(super) fn end_session(&mut self, session: usize, now: Instant) {
         self.publish_will(session, now);
         let ended = self.sessions.remove(session);
@@ -240,10 +240,10 @@ impl Hub {
         let Some(mut will) = self.sessions[session].will.take() else {
             return;
         };
-        // The message's life begins now, not when the client connected.
+        // The expiry interval starts now, not when the client connected.
         will.message.expires = will
             .expiry
             .map(|seconds| now + Duration::from_secs(seconds.into()));
-        self.bequeath(session, will.message, now);
+        self.route_will(session, will.message, now);
     }
 }

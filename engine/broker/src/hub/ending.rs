@@ -68,7 +68,7 @@ impl Hub {
 
     /// Disconnects those that fell too far behind while messages were routed.
     pub(super) fn settle(&mut self, now: Instant) {
-        while let Some(id) = self.doomed.pop() {
+        while let Some(id) = self.to_cut_off.pop() {
             if self.links.get(id).is_some_and(|link| !link.closing) {
                 self.cut_off(id, "too far behind in reading", now);
             }
@@ -80,11 +80,11 @@ impl Hub {
         let link = &mut self.links[id];
         let behind = link.out.len() + link.buffers;
         self.complaints.say(Kind::Disconnected, now, || {
-            format!("{}: {behind} bytes kept for it", link.peer)
+            format!("{}: {behind} bytes are stored for this client", link.peer)
         });
         link.out.abandon();
         link.lookups.clear();
-        // The server lets go of them when it sees that the connection is closing.
+        // The server frees them when it sees that the connection is closing.
         link.buffers = 0;
         self.recount(id);
         self.refuse(id, Refusal::new(reason::QUOTA_EXCEEDED, what), now);

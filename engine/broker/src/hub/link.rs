@@ -7,31 +7,31 @@ use crate::session::Terms;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// A connection must introduce itself within this time.
+/// A connection must send its CONNECT within this time.
 const INTRODUCTION: Duration = Duration::from_secs(10);
-/// Answers to a client's own packets, bytes, that it may leave unread; then it is read later.
+/// Answers, bytes, that a client may leave unread; beyond that it is read later.
 const UNREAD_ANSWERS: usize = 1 << 18;
 
 /// One connection.
 pub struct Link {
     pub(super) peer: String,
-    /// Where it comes from, as far as that is told apart: see `admission`.
+    /// The network that it comes from, see `admission`.
     pub(super) network: Box<str>,
-    /// Its CONNECT, while its password is being looked at.
+    /// Its CONNECT, while its password is being checked.
     pub(super) asked: Option<Box<[u8]>>,
     pub(super) out: Outbox,
-    /// Of what waits, answers to the client's own packets, at most: bytes.
+    /// Upper bound on the answers to the client's packets among the waiting bytes.
     pub(super) answers: usize,
-    /// Retained messages that it is still to be sent.
+    /// Searches for retained messages that are not complete.
     pub(super) lookups: VecDeque<Lookup>,
     /// Bytes that the server holds for it beside the outbox, and all that were counted.
     pub(super) buffers: usize,
     pub(super) counted: usize,
-    /// When it last published what the broker has to keep: retained, or for readers that are behind.
+    /// When it last published messages that the broker has to store: retained, or for readers that are behind.
     pub(super) filled: Option<Instant>,
     pub(super) session: Option<usize>,
-    /// It has not been let in.
-    pub(super) is_stranger: bool,
+    /// Its CONNECT has not been accepted yet.
+    pub(super) is_unauthenticated: bool,
     pub(super) terms: Terms,
     pub(super) keep_alive: Option<Duration>,
     pub(super) heard: Instant,
@@ -39,7 +39,7 @@ pub struct Link {
     pub(super) progress: Instant,
     /// The reader whose backlog this publisher waits for.
     pub(super) held_by: Option<usize>,
-    /// Packets that may come now, and when that was reckoned; below 0 while the client has to wait.
+    /// Packets that the client may send now, and when that was computed; below 0 while the client has to wait.
     pub(super) allowance: f64,
     pub(super) allowed_at: Instant,
     pub(super) dirty: bool,
@@ -60,7 +60,7 @@ impl Link {
             counted: 0,
             filled: None,
             session: None,
-            is_stranger: true,
+            is_unauthenticated: true,
             terms: Terms {
                 version: Version::Three,
                 window: 1,
@@ -77,7 +77,7 @@ impl Link {
         }
     }
 
-    /// Leaves too many answers unread, or is still being sent what it asked for.
+    /// Does it leave too many answers unread, or still receive the retained messages that it subscribed to?
     pub(super) fn is_behind(&self) -> bool {
         self.answers > UNREAD_ANSWERS || !self.lookups.is_empty()
     }

@@ -1,5 +1,5 @@
 //! Retained messages for new subscriptions, looked up in slices: a client with many filters and a broker with many retained
-//! messages must not keep everybody else waiting.
+//! messages must not delay the other clients.
 
 use super::Hub;
 use super::link::{Link, mark};
@@ -8,7 +8,7 @@ use crate::session::{Delivery, Session};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Topics that are looked at in one slice; some 0.3 ms.
+/// Topics that are examined in one slice; some 0.3 ms.
 const SLICE: usize = 2000;
 /// Bytes of messages after which a slice ends.
 const SLICE_BYTES: usize = 1 << 20;
@@ -36,8 +36,8 @@ impl Hub {
         }
     }
 
-    /// One more slice of the searches under way, for the connection whose turn it is. To be called again and again while
-    /// [`Hub::is_searching`]; false = everybody who waits for retained messages has to read first.
+    /// One more slice of the running searches, for the next connection in turn. To be called repeatedly while
+    /// [`Hub::is_searching`]; false = every client that waits for retained messages has to read first.
     pub fn search(&mut self, now: Instant) -> bool {
         for _ in 0..self.searching.len() {
             let Some(id) = self.searching.pop_front() else {

@@ -1,11 +1,11 @@
 //! One budget of memory for everything that clients make the broker keep.
 //!
-//! Counted are, by the capacity of their buffers: what is on its way to each client, packets that have not come whole, and what
-//! TLS and WebSocket hold; and by size: sessions with their subscriptions and messages, and retained messages. When a quarter of
-//! the budget is left, sessions without a connection are ended, the one that has been alone longest first; clients whose messages
-//! have to be kept (retained, or for readers that are behind) are read later; and of clients that take nothing the one that holds most is disconnected. When nothing is left, that is done
-//! without looking whether it takes anything. Who holds most is asked of accounts first (of addresses, where there are no
-//! accounts), and then of the connections of that account, so that many small connections do not drive out one that is large.
+//! Counted by the capacity of their buffers are messages in transit to each client, incomplete packets, and what
+//! TLS and WebSocket hold; counted by size are sessions with their subscriptions and messages, and retained messages. When a quarter of
+//! the budget is left, sessions without a connection are ended, longest disconnected first; clients whose messages
+//! have to be stored (retained, or for readers that are behind) are read later; and among clients that accept nothing the one that occupies most is disconnected. When nothing is left,
+//! active clients are disconnected, too. The largest user is determined between accounts first (between addresses, where there are no
+//! accounts), and then between the connections of that account, so that many small connections do not displace a large one.
 
 use super::complaints::Kind;
 use super::link::Link;
@@ -13,11 +13,11 @@ use super::{Hub, STANDSTILL};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-/// What a connection takes that sends and gets nothing, bytes, about.
+/// Approximate memory of an idle connection, bytes.
 const CONNECTION: usize = 4096;
 /// Sessions without a connection that are kept.
 const ABSENT: usize = 4096;
-/// Whoever published within this time what has to be kept is read later when memory is short.
+/// A client that published messages to be stored within this time is read later when memory is short.
 const FILLED: Duration = Duration::from_secs(1);
 
 impl Hub {
@@ -36,7 +36,7 @@ impl Hub {
         link.filled.is_some_and(recent) && self.is_short()
     }
 
-    /// The buffers of a connection outside the hub: packets that have not come whole, TLS, WebSocket.
+    /// The buffers of a connection outside the hub: incomplete packets, TLS, WebSocket.
     pub fn note_buffers(&mut self, id: usize, bytes: usize, now: Instant) {
         if let Some(link) = self.links.get_mut(id)
             && link.buffers != bytes
@@ -53,14 +53,14 @@ impl Hub {
         recount(&mut self.links[id], &mut self.used);
     }
 
-    /// To be called when what is remembered of a client may have changed.
+    /// To be called when the session of a client may have changed.
     pub(super) fn recount_session(&mut self, session: usize) {
         let session = &mut self.sessions[session];
         let size = session.size();
         self.used = self.used + size - std::mem::replace(&mut session.counted, size);
     }
 
-    /// Makes room, where the budget is used up or nearly so.
+    /// Frees memory, where the budget is used up or nearly so.
     pub(super) fn relieve(&mut self, now: Instant) {
         while self.absent > ABSENT || (self.is_short() && self.absent > 0) {
             let Some(oldest) = self.longest_absent() else {
@@ -68,7 +68,7 @@ impl Hub {
             };
             let client = self.sessions[oldest].client_id.clone();
             self.complaints.say(Kind::Full, now, || {
-                format!("client {client}: its session is forgotten, too much is kept for clients that are away")
+                format!("client {client}: its session is ended; too much is stored for disconnected clients")
             });
             self.end_session(oldest, now);
         }
@@ -80,7 +80,7 @@ impl Hub {
             self.complaints.say(Kind::Full, now, || {
                 let budget = self.limits.memory >> 20;
                 format!(
-                    "the broker's memory ({budget} MiB) is used up; who holds most is disconnected"
+                    "the broker's memory ({budget} MiB) is used up; the client that occupies most is disconnected"
                 )
             });
             self.cut_off(id, "the broker's memory is used up", now);

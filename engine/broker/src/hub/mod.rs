@@ -1,6 +1,6 @@
-//! The broker without its sockets: bytes and time in, bytes out.
+//! The broker without sockets and clock: bytes and time in, bytes out.
 //!
-//! One thread owns the hub. A *link* is a connection, a *session* what the broker remembers of a client; a link has a session
+//! One thread owns the hub. A *link* is a connection, a *session* what the broker stores about a client; a link has a session
 //! from its CONNECT to its end. Packets for a link collect in its outbox until the server sends them.
 
 mod admission;
@@ -42,14 +42,14 @@ const WORK_OF_PACKET: usize = 4;
 const BYTES_READ_OF_WORK: usize = 32;
 const BYTES_OF_WORK: usize = 256;
 
-/// Everything the broker knows.
+/// The state of the broker.
 pub struct Hub {
     limits: Limits,
     passwords: Option<Passwords>,
     access: Option<Access>,
     links: Slab<Link>,
-    /// Connections that have not been let in, and those of them that are to be closed at once.
-    strangers: usize,
+    /// The number of unauthenticated connections, and those of them that are to be closed at once.
+    unauthenticated: usize,
     dropped: Vec<usize>,
     sessions: Slab<Session>,
     by_client: HashMap<Box<str>, usize>,
@@ -57,11 +57,11 @@ pub struct Hub {
     retained: Retained,
     /// Connections that wait for retained messages, in turn.
     searching: VecDeque<usize>,
-    /// Who gets the messages of a topic; emptied when any subscription or session changes.
+    /// The subscribers of recent topics; cleared when any subscription or session changes.
     routes: HashMap<Box<str>, Arc<[Route]>>,
     frames: Frames,
     dirty: Vec<usize>,
-    doomed: Vec<usize>,
+    to_cut_off: Vec<usize>,
     assigned: u64,
     /// Bytes kept for links and sessions, about; see `memory`.
     used: usize,
@@ -81,7 +81,7 @@ impl Hub {
             passwords,
             access,
             links: Slab::new(),
-            strangers: 0,
+            unauthenticated: 0,
             dropped: Vec::new(),
             sessions: Slab::new(),
             by_client: HashMap::new(),
@@ -91,7 +91,7 @@ impl Hub {
             routes: HashMap::new(),
             frames: Frames::default(),
             dirty: Vec::new(),
-            doomed: Vec::new(),
+            to_cut_off: Vec::new(),
             assigned: 0,
             used: 0,
             work: 0,
@@ -100,7 +100,7 @@ impl Hub {
         }
     }
 
-    /// A connection came; the number that names it until `closed`. None = too many.
+    /// Accepts a connection; its number until `closed`. None = too many.
     pub fn open(&mut self, peer: String, now: Instant) -> Option<usize> {
         let clients = self.links.len();
         if clients >= self.limits.clients || self.memory() > self.limits.memory {
@@ -114,13 +114,13 @@ impl Hub {
             });
             return None;
         }
-        self.strangers += 1;
+        self.unauthenticated += 1;
         let id = self.links.insert(Link::new(peer, self.limits.rate, now));
         self.recount(id);
         Some(id)
     }
 
-    /// Bytes came, whatever they say.
+    /// Counts received bytes, of any content, as work.
     pub fn note_bytes(&mut self, count: usize) {
         self.work += count / BYTES_READ_OF_WORK;
     }
@@ -130,13 +130,13 @@ impl Hub {
         self.work
     }
 
-    /// The connection is gone.
+    /// The connection has been closed.
     pub fn closed(&mut self, id: usize, now: Instant) {
         self.leave(id, true, now);
         let link = self.links.remove(id);
         self.used -= link.counted;
-        if link.is_stranger {
-            self.strangers -= 1;
+        if link.is_unauthenticated {
+            self.unauthenticated -= 1;
         }
         if link.asked.is_some()
             && let Some(passwords) = &mut self.passwords
@@ -146,7 +146,7 @@ impl Hub {
         self.settle(now);
     }
 
-    /// Time passed: silent clients, expired sessions, wills and messages. To be called about once a second.
+    /// Handles silent clients and expired sessions, wills and messages. To be called about once a second.
     pub fn tick(&mut self, now: Instant) {
         let late: Vec<(usize, Refusal)> = self
             .links
@@ -196,7 +196,7 @@ impl Hub {
         self.links[id].closing
     }
 
-    /// Says in the log what a client did.
+    /// Logs what a client did.
     fn complain(&mut self, kind: Kind, session: usize, now: Instant, what: impl std::fmt::Display) {
         let client = &self.sessions[session].client_id;
         self.complaints

@@ -4,8 +4,8 @@ use super::{Hub, STANDSTILL};
 use std::time::Instant;
 
 impl Hub {
-    /// Should this client not be read for now: because it is too fast, does not read the answers to what it sent, waits for retained
-    /// messages, or publishes while memory is short or a reader that does read is far behind?
+    /// Should this client not be read for now? It is too fast, does not read the answers to what it sent, waits for retained
+    /// messages, or publishes while memory is short or while an active reader is far behind.
     pub fn is_held(&mut self, id: usize, now: Instant) -> bool {
         if self.is_too_fast(id, now) {
             return true;
@@ -31,7 +31,7 @@ impl Hub {
         held
     }
 
-    /// Has this client sent more than it may, so that it is read later?
+    /// Has this client exceeded its packet rate, so that it is read later?
     fn is_too_fast(&mut self, id: usize, now: Instant) -> bool {
         let Some(link) = self.links.get_mut(id).filter(|link| link.allowance < 0.0) else {
             return false;

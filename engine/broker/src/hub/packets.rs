@@ -1,4 +1,4 @@
-//! Packets: cut out of the bytes that came, decoded, and handed to what they ask for.
+//! Packets: split off the received bytes, decoded, and dispatched.
 
 use super::{Hub, WORK_OF_PACKET};
 use crate::codec::{self, Answer, Packet, Refusal, Version, reason};
@@ -11,16 +11,16 @@ const LARGEST_CONNECT: usize = 1 << 19;
 pub(super) enum Next {
     /// Take the next one.
     Packet,
-    /// Wait until the password that it brought was looked at.
+    /// Wait until its password has been checked.
     Verdict,
 }
 
 impl Hub {
-    /// Bytes came; returns how many of them were packets and are done with. The rest has to be given again, with more behind it.
+    /// Takes received bytes; returns how many of them were whole packets. The caller keeps the rest and passes it again, with more appended.
     pub fn receive(&mut self, id: usize, bytes: &[u8], now: Instant) -> usize {
         let mut done = 0;
         let link = &mut self.links[id];
-        // Strangers do not gain time by sending piecemeal.
+        // Unauthenticated clients do not gain time by sending small pieces.
         if link.session.is_some() {
             link.heard = now;
         }
@@ -58,7 +58,7 @@ impl Hub {
         }
     }
 
-    /// The first packet of `bytes`, where it is complete. Strangers may send a CONNECT and nothing else, at once.
+    /// The first packet of `bytes`, where it is complete. An unauthenticated client may send only a CONNECT.
     fn frame(&self, id: usize, bytes: &[u8]) -> Result<Option<(u8, usize, usize)>, Refusal> {
         let is_known = self.links[id].session.is_some();
         if !is_known && bytes.first().is_some_and(|&first| first != 0x10) {
@@ -100,7 +100,7 @@ impl Hub {
             Packet::Disconnect {
                 reason,
                 session_expiry,
-            } => self.goodbye(id, session, reason, session_expiry, now)?,
+            } => self.disconnected(id, session, reason, session_expiry, now)?,
         }
         Ok(Next::Packet)
     }
@@ -145,7 +145,7 @@ impl Hub {
         self.recount_session(session);
     }
 
-    /// Appends an answer to a client's own packet.
+    /// Appends an answer to a packet that the client sent.
     pub(super) fn answer(&mut self, id: usize, write: impl FnOnce(&mut Vec<u8>, Version)) {
         let link = &mut self.links[id];
         let before = link.out.len();

@@ -1,4 +1,4 @@
-//! A message on its way from its publisher to everyone who subscribes: MQTT 5.0, chapters 3.3 and 4.3.
+//! Routing of messages from publishers to subscribers: MQTT 5.0, chapters 3.3 and 4.3.
 
 use super::complaints::{Complaints, Kind};
 use super::connect::WINDOW;
@@ -12,14 +12,14 @@ use crate::topic;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Topics whose readers are remembered.
+/// Topics whose readers are cached.
 const KNOWN_TOPICS: usize = 4096;
 
 /// One reader of a topic: all its subscriptions that match, together.
 pub struct Route {
     session: usize,
     qos: u8,
-    /// Not for messages of its own.
+    /// The client does not receive messages that it published (no local).
     no_local: bool,
     retain_as_published: bool,
     identifiers: Box<[u32]>,
@@ -111,7 +111,7 @@ impl Hub {
     }
 
     /// Publishes the will of a session.
-    pub(super) fn bequeath(&mut self, session: usize, will: Message, now: Instant) {
+    pub(super) fn route_will(&mut self, session: usize, will: Message, now: Instant) {
         if !self.may_write(session, &will.topic) {
             return;
         }
@@ -128,7 +128,7 @@ impl Hub {
         self.route(None, Some(session), &message, Some(&will), now);
     }
 
-    /// Sends a message to all who subscribe and keeps it if it is to be retained; the reason code for its publisher.
+    /// Sends a message to all subscribers and stores it if it is retained; returns the reason code for its publisher.
     /// `kept` is the same message, where there is one already.
     fn route(
         &mut self,
@@ -214,7 +214,7 @@ impl Hub {
             };
             let reader = session.link;
             if !fits {
-                overflow(session, &mut self.doomed, &mut self.complaints, now);
+                overflow(session, &mut self.to_cut_off, &mut self.complaints, now);
             } else if let (Some(reader), Some(publisher)) = (reader, from_link)
                 && reader != publisher
                 && self.links[reader].out.len() > backlog / 2
@@ -299,27 +299,29 @@ fn push(
     }
 }
 
-/// A reader with nothing to read is not standing still.
+/// A reader with nothing to read is active.
 fn note_progress(link: &mut Link, now: Instant) {
     if link.out.is_empty() {
         link.progress = now;
     }
 }
 
-/// A reader that is too far behind is disconnected; of one that is away, the newest messages are dropped, which is logged.
+/// A reader that is too far behind is disconnected; for a disconnected one, the newest messages are dropped, which is logged.
 fn overflow(
     session: &mut Session,
-    doomed: &mut Vec<usize>,
+    to_cut_off: &mut Vec<usize>,
     complaints: &mut Complaints,
     now: Instant,
 ) {
     match session.link {
-        Some(id) => doomed.push(id),
+        Some(id) => to_cut_off.push(id),
         None if !session.overflowed => {
             session.overflowed = true;
             let client = &session.client_id;
             complaints.say(Kind::Full, now, || {
-                format!("client {client}: away, and its queue is full; messages are dropped")
+                format!(
+                    "client {client} is disconnected and its queue is full; messages are dropped"
+                )
             });
         }
         None => {}

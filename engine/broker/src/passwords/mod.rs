@@ -1,9 +1,9 @@
-//! Passwords: the file of hashes, whose turn it is to be looked at, and the threads that look.
+//! Passwords: the file of hashes, the order in which passwords are checked, and the threads that check them.
 //!
-//! A hash is slow on purpose, so it is never computed by the broker's own thread. Who waits for which check is the business of
-//! [`Line`], which leaves room for newcomers while others guess; pairs of user and password that were right are known again at once.
+//! A hash is slow on purpose, so the broker's event loop never computes one. The order of checks is decided by
+//! [`CheckQueue`], so that clients can log in while others guess; pairs of user and password that were right are recognized at once.
 
-mod line;
+mod queue;
 mod secret;
 mod users;
 mod workers;
@@ -11,27 +11,27 @@ mod workers;
 pub use secret::{hash_for_mosquitto, hash_password};
 pub use users::Users;
 
-use line::Line;
+use queue::CheckQueue;
 use std::io;
 use std::sync::Arc;
 use std::time::Instant;
 use workers::{Job, Workers};
 
-/// What is said to a user and a password.
+/// The result of a check of user and password.
 #[derive(Debug, PartialEq, Eq, Clone, Copy)]
 pub enum Verdict {
     Admitted,
     Wrong,
-    /// Too many others are ahead; this one was not looked at.
+    /// Too many others were ahead; this one was not checked.
     Busy,
 }
 
 /// Everything about passwords; lives in the broker's thread.
 pub struct Passwords {
     users: Arc<Users>,
-    /// Counts reloads: what was looked at with an older file is looked at again.
+    /// Counts reloads: what was checked with an older file is checked again.
     generation: u64,
-    line: Line,
+    queue: CheckQueue,
     workers: Workers,
 }
 
@@ -42,7 +42,7 @@ impl Passwords {
         Ok(Self {
             users: Arc::new(users),
             generation: 0,
-            line: Line::new(workers.count())?,
+            queue: CheckQueue::new(workers.count())?,
             workers,
         })
     }
@@ -52,7 +52,7 @@ impl Passwords {
         self.workers.wake_with(wake);
     }
 
-    /// Is this the user's password? None: that is to be found out, see [`Passwords::verdicts`].
+    /// Is this the user's password? None: the check has to be computed, see [`Passwords::verdicts`].
     pub fn ask(
         &mut self,
         link: usize,
@@ -61,21 +61,21 @@ impl Passwords {
         password: &[u8],
         now: Instant,
     ) -> Option<Verdict> {
-        let pair = self.line.key(&[user.as_bytes(), password]);
-        let account = self.line.key(&[user.as_bytes()]);
-        if self.line.is_admitted(&pair, network, account) {
+        let pair = self.queue.key(&[user.as_bytes(), password]);
+        let account = self.queue.key(&[user.as_bytes()]);
+        if self.queue.is_admitted(&pair, network, account) {
             return Some(Verdict::Admitted);
         }
-        self.line.join(link, network, account, pair, now);
+        self.queue.join(link, network, account, pair, now);
         None
     }
 
-    /// The connection is gone, or has been answered.
+    /// The connection has ended, or has been answered.
     pub fn forget(&mut self, link: usize) {
-        self.line.forget(link);
+        self.queue.forget(link);
     }
 
-    /// What has been found out for whom. `credentials`: user and password that a connection gave.
+    /// Results of checks, by connection. `credentials`: user and password that a connection sent.
     pub fn verdicts(
         &mut self,
         now: Instant,
@@ -84,7 +84,7 @@ impl Passwords {
         let mut answers = Vec::new();
         for done in self.workers.done() {
             if done.generation != self.generation {
-                self.line.again(&done.pair, now);
+                self.queue.repeat(&done.pair, now);
                 continue;
             }
             let verdict = if done.is_right {
@@ -93,12 +93,12 @@ impl Passwords {
                 Verdict::Wrong
             };
             let user = done.is_right.then_some(&*done.user);
-            let waiting = self.line.ended(&done.pair, user, done.took, now);
+            let waiting = self.queue.ended(&done.pair, user, done.took, now);
             answers.extend(waiting.into_iter().map(|link| (link, verdict)));
         }
-        let late = self.line.late(now);
+        let late = self.queue.late(now);
         answers.extend(late.into_iter().map(|link| (link, Verdict::Busy)));
-        while let Some((pair, link)) = self.line.next(now) {
+        while let Some((pair, link)) = self.queue.next(now) {
             match credentials(link) {
                 Some((user, password)) => self.workers.look(Job {
                     users: Arc::clone(&self.users),
@@ -107,33 +107,33 @@ impl Passwords {
                     user,
                     password,
                 }),
-                None => self.line.forget(link),
+                None => self.queue.forget(link),
             }
         }
         answers
     }
 
-    /// When [`Passwords::verdicts`] should be asked again at the latest, though no check has ended.
+    /// When to call [`Passwords::verdicts`] again at the latest, even if no check has ended.
     pub fn due(&self, now: Instant) -> Option<Instant> {
-        self.line.due(now)
+        self.queue.due(now)
     }
 
-    /// Other accounts; what is known of those that stay the same is kept.
+    /// Replaces the accounts; what is known about unchanged ones is kept.
     pub fn replace(&mut self, users: Users) {
         let before = std::mem::replace(&mut self.users, Arc::new(users));
         self.generation += 1;
         let after = &self.users;
-        self.line.keep_admitted(|user| before.is_same(after, user));
+        self.queue.keep_admitted(|user| before.is_same(after, user));
     }
 
-    /// The accounts that there are.
+    /// The current accounts.
     pub fn users(&self) -> &Arc<Users> {
         &self.users
     }
 
     /// Forgets allowances that are full again.
     pub fn sweep(&mut self, now: Instant) {
-        self.line.sweep(now);
+        self.queue.sweep(now);
     }
 }
 

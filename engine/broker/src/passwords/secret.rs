@@ -14,7 +14,7 @@ use std::hint::black_box;
 use std::io;
 use std::num::NonZeroU32;
 
-/// Parameters of argon2 and iterations of PBKDF2 beyond these are a mistake: looking at one password would take all memory,
+/// Parameters of argon2 and iterations of PBKDF2 beyond these are a mistake: checking one password would take all memory,
 /// or a thread for minutes.
 const MOST_MEMORY: u32 = 1 << 20; // KiB
 const MOST_PASSES: u32 = 100;
@@ -65,7 +65,7 @@ impl Secret {
         }
         let Some(fields) = text.strip_prefix("$7$") else {
             return Err(format!(
-                "only hashes are taken here, argon2 or $7$, and no passwords that can be read; {HINT}"
+                "only hashes are accepted, argon2 or $7$, and not plain-text passwords; {HINT}"
             ));
         };
         let parts: Vec<&str> = fields.split('$').collect();
@@ -161,7 +161,7 @@ fn argon2_of(password: &[u8], like: &PasswordHash) -> Option<Output> {
     })
 }
 
-/// What the hashes of a password file cost to compute. A check costs all of it, whoever's password is looked at.
+/// The computation that the hashes of a password file need. Every check does all of it, for any user.
 #[derive(Default)]
 pub struct Costs {
     /// One hash of each set of argon2's parameters, by the parameters.

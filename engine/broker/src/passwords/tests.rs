@@ -1,12 +1,12 @@
-//! Who waits for whom, in virtual time; and how long real hashes take.
+//! The order of checks, in virtual time; and how long real hashes take.
 
-use super::line::{Key, Line};
+use super::queue::{CheckQueue, Key};
 use super::*;
 use std::time::Duration;
 
-/// A line with one thread, and a clock that only moves when told.
+/// A queue with one thread, and a clock that only moves when told.
 struct Stage {
-    line: Line,
+    queue: CheckQueue,
     now: Instant,
     link: usize,
 }
@@ -16,39 +16,39 @@ const TOOK: Duration = Duration::from_millis(25);
 impl Stage {
     fn new() -> Self {
         Self {
-            line: Line::new(1).unwrap(),
+            queue: CheckQueue::new(1).unwrap(),
             now: Instant::now(),
             link: 0,
         }
     }
 
     fn account(&self, user: &str) -> Key {
-        self.line.key(&[user.as_bytes()])
+        self.queue.key(&[user.as_bytes()])
     }
 
     fn pair(&self, user: &str, password: &str) -> Key {
-        self.line.key(&[user.as_bytes(), password.as_bytes()])
+        self.queue.key(&[user.as_bytes(), password.as_bytes()])
     }
 
-    /// A connection comes with a password; its number.
+    /// A connection sends a password; its number.
     fn come(&mut self, network: &str, user: &str, password: &str) -> usize {
         let (account, pair) = (self.account(user), self.pair(user, password));
         self.link += 1;
-        self.line.join(self.link, network, account, pair, self.now);
+        self.queue.join(self.link, network, account, pair, self.now);
         self.link
     }
 
-    /// Whose password is looked at next, which is wrong.
+    /// The next check is of a wrong password; its connection.
     fn guess(&mut self) -> Option<usize> {
-        let (pair, link) = self.line.next(self.now)?;
-        self.line.ended(&pair, None, TOOK, self.now);
+        let (pair, link) = self.queue.next(self.now)?;
+        self.queue.ended(&pair, None, TOOK, self.now);
         Some(link)
     }
 
     /// The same, and it is right.
     fn admit(&mut self, user: &str) -> Option<usize> {
-        let (pair, link) = self.line.next(self.now)?;
-        self.line.ended(&pair, Some(user), TOOK, self.now);
+        let (pair, link) = self.queue.next(self.now)?;
+        self.queue.ended(&pair, Some(user), TOOK, self.now);
         Some(link)
     }
 
@@ -56,7 +56,7 @@ impl Stage {
         self.now += Duration::from_millis(milliseconds);
     }
 
-    /// Guesses, 1,300 a second for so many seconds; how many were looked at.
+    /// 1,300 guesses a second for this many seconds; how many were checked.
     fn flood(&mut self, seconds: u64, from: impl Fn(u64) -> (String, String)) -> usize {
         let mut looked = 0;
         for number in 0..seconds * 1300 {
@@ -65,8 +65,8 @@ impl Stage {
             if number % 13 == 0 {
                 self.pass(10);
                 looked += std::iter::from_fn(|| self.guess()).count();
-                self.line.late(self.now);
-                self.line.sweep(self.now);
+                self.queue.late(self.now);
+                self.queue.sweep(self.now);
             }
         }
         looked
@@ -74,7 +74,7 @@ impl Stage {
 }
 
 #[test]
-fn guesses_are_looked_at_no_faster_than_their_network_and_account_may() {
+fn guesses_are_checked_within_the_rates_of_their_network_and_account() {
     let mut stage = Stage::new();
     let of_network = stage.flood(20, |_| ("evil".into(), "tool".into()));
     assert!((70..=16 + 4 * 20).contains(&of_network), "{of_network}");
@@ -86,7 +86,7 @@ fn guesses_are_looked_at_no_faster_than_their_network_and_account_may() {
         (format!("evil {}", number % 100), "tool".into())
     });
     assert!((70..=16 + 4 * 20).contains(&of_many), "{of_many}");
-    // Whatever they do, half of a processor: 20 a second of 25 ms each.
+    // In any case half of a processor: 20 a second of 25 ms each.
     let mut stage = Stage::new();
     let of_all = stage.flood(20, |number| {
         (format!("evil {}", number % 100), number.to_string())
@@ -95,20 +95,20 @@ fn guesses_are_looked_at_no_faster_than_their_network_and_account_may() {
 }
 
 #[test]
-fn newcomers_of_other_networks_and_of_other_accounts_are_next() {
+fn clients_of_other_networks_and_of_other_accounts_are_next() {
     for (network, user) in [("home", "tool"), ("home", "ada"), ("evil", "ada")] {
         let mut stage = Stage::new();
         for round in 0..21 {
             stage.flood(1, |_| ("evil".into(), "tool".into()));
             let name = format!("{user}{round}");
             let user = if user == "tool" { user } else { &name };
-            let newcomer = stage.come(network, user, "right");
+            let client = stage.come(network, user, "right");
             let mut waited = 0;
-            while stage.line.next(stage.now).is_none_or(|(pair, link)| {
-                let is_newcomer = link == newcomer;
-                let right = is_newcomer.then_some(user);
-                stage.line.ended(&pair, right, TOOK, stage.now);
-                !is_newcomer
+            while stage.queue.next(stage.now).is_none_or(|(pair, link)| {
+                let is_client = link == client;
+                let right = is_client.then_some(user);
+                stage.queue.ended(&pair, right, TOOK, stage.now);
+                !is_client
             }) {
                 waited += 5;
                 stage.pass(5);
@@ -120,12 +120,12 @@ fn newcomers_of_other_networks_and_of_other_accounts_are_next() {
 }
 
 #[test]
-fn of_those_alike_the_newest_is_next_and_an_account_that_came_from_there_is_before() {
+fn of_equals_the_newest_is_next_after_accounts_that_the_network_is_trusted_for() {
     let mut stage = Stage::new();
     let first = stage.come("lab", "tool", "a");
     let second = stage.come("lab", "tool", "b");
     assert_eq!((stage.guess(), stage.guess()), (Some(second), Some(first)));
-    // Accounts that everybody guesses at wait, unless they came from there before.
+    // Accounts that many networks guess at wait, unless the network is trusted for them.
     let mut stage = Stage::new();
     stage.come("lab", "tool", "right");
     assert!(stage.admit("tool").is_some());
@@ -145,17 +145,17 @@ fn an_account_that_is_guessed_at_where_it_comes_from_does_not_keep_others_out() 
     stage.come("lab", "tool", "right");
     assert!(stage.admit("tool").is_some());
     stage.flood(5, |_| ("lab".into(), "tool".into()));
-    let newcomer = stage.come("lab", "ada", "right");
+    let client = stage.come("lab", "ada", "right");
     stage.come("lab", "tool", "guess");
     stage.pass(200);
-    assert_eq!(stage.admit("ada"), Some(newcomer));
+    assert_eq!(stage.admit("ada"), Some(client));
 }
 
 #[test]
-fn who_was_told_to_come_later_and_does_is_before_those_who_guess_on() {
+fn clients_that_retry_when_told_to_are_checked_before_further_guesses() {
     let mut stage = Stage::new();
-    for newcomer in 0..21 {
-        let name = format!("lab{newcomer}");
+    for client in 0..21 {
+        let name = format!("lab{client}");
         let mut tries = 0;
         'tries: loop {
             tries += 1;
@@ -163,19 +163,19 @@ fn who_was_told_to_come_later_and_does_is_before_those_who_guess_on() {
             let link = stage.come("evil", &name, "right");
             for number in 0..3000 {
                 // Guesses at ever new names from the same network.
-                let guess = format!("{newcomer} {tries} {number}");
+                let guess = format!("{client} {tries} {number}");
                 stage.come("evil", &guess, "guess");
                 if number % 13 == 0 {
                     stage.pass(10);
                 }
-                while let Some((pair, looked)) = stage.line.next(stage.now) {
+                while let Some((pair, looked)) = stage.queue.next(stage.now) {
                     let right = (looked == link).then_some(&*name);
-                    stage.line.ended(&pair, right, TOOK, stage.now);
+                    stage.queue.ended(&pair, right, TOOK, stage.now);
                     if looked == link {
                         break 'tries;
                     }
                 }
-                if stage.line.late(stage.now).contains(&link) {
+                if stage.queue.late(stage.now).contains(&link) {
                     break;
                 }
             }
@@ -189,14 +189,14 @@ fn a_thousand_connections_of_one_account_take_one_check() {
     let links: Vec<usize> = (0..1000)
         .map(|_| stage.come("lab", "server", "right"))
         .collect();
-    let (pair, _) = stage.line.next(stage.now).unwrap();
-    assert_eq!(stage.line.next(stage.now), None);
-    let waited = stage.line.ended(&pair, Some("server"), TOOK, stage.now);
+    let (pair, _) = stage.queue.next(stage.now).unwrap();
+    assert_eq!(stage.queue.next(stage.now), None);
+    let waited = stage.queue.ended(&pair, Some("server"), TOOK, stage.now);
     assert_eq!(waited, links);
     let account = stage.account("server");
-    assert!(stage.line.is_admitted(&pair, "lab", account));
-    stage.line.keep_admitted(|user| user != "server");
-    assert!(!stage.line.is_admitted(&pair, "lab", account));
+    assert!(stage.queue.is_admitted(&pair, "lab", account));
+    stage.queue.keep_admitted(|user| user != "server");
+    assert!(!stage.queue.is_admitted(&pair, "lab", account));
 }
 
 #[test]
@@ -209,35 +209,35 @@ fn right_passwords_cost_nothing() {
 }
 
 #[test]
-fn those_who_wait_are_bounded_and_told_to_come_later() {
+fn waiting_clients_are_limited_and_told_to_retry_later() {
     let mut stage = Stage::new();
     let mut told = Vec::new();
     for number in 0..5000 {
         stage.come(&format!("net {}", number % 30), &number.to_string(), "x");
-        told.extend(stage.line.late(stage.now));
+        told.extend(stage.queue.late(stage.now));
     }
     assert_eq!(told.len(), 5000 - 1024);
     let mut stage = Stage::new();
     for number in 0..200 {
         stage.come("evil", &number.to_string(), "x");
     }
-    assert_eq!(stage.line.late(stage.now).len(), 200 - 128);
+    assert_eq!(stage.queue.late(stage.now).len(), 200 - 128);
     stage.pass(2000);
-    assert_eq!(stage.line.late(stage.now).len(), 128);
-    assert_eq!(stage.line.due(stage.now), None);
-    // One that has gone is not looked at.
+    assert_eq!(stage.queue.late(stage.now).len(), 128);
+    assert_eq!(stage.queue.due(stage.now), None);
+    // One that has gone is not checked.
     let gone = stage.come("evil", "tool", "x");
-    stage.line.forget(gone);
-    assert_eq!(stage.line.next(stage.now), None);
+    stage.queue.forget(gone);
+    assert_eq!(stage.queue.next(stage.now), None);
 }
 
 #[test]
-fn what_an_older_file_said_is_looked_at_again() {
+fn results_of_an_older_file_are_checked_again() {
     let mut stage = Stage::new();
     let link = stage.come("lab", "tool", "x");
-    let (pair, _) = stage.line.next(stage.now).unwrap();
-    stage.line.again(&pair, stage.now);
-    assert_eq!(stage.line.next(stage.now), Some((pair, link)));
+    let (pair, _) = stage.queue.next(stage.now).unwrap();
+    stage.queue.repeat(&pair, stage.now);
+    assert_eq!(stage.queue.next(stage.now), Some((pair, link)));
 }
 
 fn users(lines: &[String]) -> Users {
@@ -287,7 +287,7 @@ fn right_ones_are_admitted_and_others_are_not() {
     ] {
         assert_eq!(verdict(&mut passwords, user, password), Verdict::Wrong);
     }
-    // Ada is gone, the other one stays, and is known without another look.
+    // Ada is removed; the other one stays, and is recognized without another check.
     passwords.replace(users(&[lab]));
     assert_eq!(verdict(&mut passwords, "ada", "battery"), Verdict::Wrong);
     let known = passwords.ask(7, "lab", "lab", b"correct horse", Instant::now());
@@ -295,7 +295,7 @@ fn right_ones_are_admitted_and_others_are_not() {
 }
 
 #[test]
-fn the_time_of_an_answer_tells_nobody_who_exists() {
+fn response_times_do_not_reveal_which_accounts_exist() {
     let users = users(&[
         format!("argon:{}", hash_password("correct horse").unwrap()),
         format!("old:{}", pbkdf2(5000)),

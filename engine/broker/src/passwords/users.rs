@@ -5,7 +5,7 @@ use crate::{BrokerError, lines};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Who may connect.
+/// The accounts that may connect.
 pub struct Users {
     accounts: HashMap<Box<str>, Account>,
     costs: Costs,
@@ -46,7 +46,7 @@ impl Users {
     }
 
     /// Is this the user's password? It takes the same time whether the user exists or not, and whatever kind of hash is kept of
-    /// its password: the time tells nobody which names exist.
+    /// its password: response times do not reveal which names exist.
     pub fn admit(&self, user: &str, password: &[u8]) -> bool {
         let account = self.accounts.get(user);
         self.costs

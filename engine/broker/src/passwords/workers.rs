@@ -1,6 +1,6 @@
 //! The threads that compute hashes.
 
-use super::line::Key;
+use super::queue::Key;
 use super::users::Users;
 use std::io;
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// At most; half of the processors, else.
 const MOST: usize = 4;
 
-/// A password to be looked at.
+/// A password to be checked.
 pub struct Job {
     pub users: Arc<Users>,
     pub generation: u64,
@@ -20,13 +20,13 @@ pub struct Job {
     pub password: Vec<u8>,
 }
 
-/// One that was looked at.
+/// A password that was checked.
 pub struct Done {
     pub generation: u64,
     pub pair: Key,
     pub user: String,
     pub is_right: bool,
-    /// How long a processor was at it.
+    /// Processor time that the check took.
     pub took: Duration,
 }
 
@@ -75,7 +75,7 @@ impl Workers {
         if let Some(jobs) = &self.jobs
             && jobs.send(job).is_err()
         {
-            log::error!("the threads that look at passwords have ended");
+            log::error!("the threads that check passwords have ended");
         }
     }
 
@@ -89,7 +89,7 @@ impl Drop for Workers {
         self.jobs = None;
         for thread in self.threads.drain(..) {
             if thread.join().is_err() {
-                log::error!("a thread that looks at passwords had failed");
+                log::error!("a thread that checks passwords had failed");
             }
         }
     }

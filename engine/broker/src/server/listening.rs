@@ -16,7 +16,7 @@ pub struct Listener {
     pub websocket: bool,
 }
 
-/// Sockets that listen for a configuration, with errors that say how to mend them.
+/// Listening sockets for a configuration, with errors that say how to fix it.
 pub fn listen(config: &Config) -> Result<Vec<std::net::TcpListener>, BrokerError> {
     let ports = std::iter::once(config.port).chain(config.websocket_port);
     ports.map(|port| listen_on(&config.host, port)).collect()
@@ -48,7 +48,7 @@ impl Server {
                 Ok((socket, peer)) => {
                     let peer = peer.to_string();
                     if let Err(error) = self.welcome(socket, websocket, peer.clone(), now) {
-                        self.hub.complain_of_stranger(&peer, error, now);
+                        self.hub.report_refused(&peer, error, now);
                     }
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
@@ -57,10 +57,10 @@ impl Server {
                         error.kind(),
                         ErrorKind::Interrupted | ErrorKind::ConnectionAborted
                     ) => {}
-                // Most likely no file descriptors are left: where strangers hold some, one of them goes. The next tick tries again.
+                // Most likely no file descriptors are left: an unauthenticated connection is ended. The next tick tries again.
                 Err(error) => {
-                    self.hub.complain_of_stranger("a client", error, now);
-                    if !self.hub.end_stranger() {
+                    self.hub.report_refused("a client", error, now);
+                    if !self.hub.end_unauthenticated() {
                         return;
                     }
                     self.close_dropped(now);

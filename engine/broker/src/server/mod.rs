@@ -1,4 +1,4 @@
-//! The sockets: one thread, one event loop.
+//! The event loop: all sockets in one thread.
 //!
 //! Everything that arrived since the last turn is routed first, then each connection's bytes are sent with one system call.
 
@@ -22,15 +22,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 const TICK: Duration = Duration::from_secs(1);
-/// How often a publisher that is held back is looked at again.
+/// How often the broker checks whether it can read a publisher that is held back.
 const HELD: Duration = Duration::from_millis(2);
-/// How long a connection that was told to end may take to hear it.
+/// How long a closing connection has to send its last packets.
 const LINGER: Duration = Duration::from_secs(2);
-/// How often a connection is read before the others get their turn.
+/// How many times a connection is read before the others are.
 const CHUNKS: usize = 4;
-/// What all that is read in one turn may cost together, see `Hub::work`: half a millisecond.
+/// The work of all reads of one turn together, in units of `Hub::work`: half a millisecond.
 const TURN: usize = 1 << 14;
-/// What each connection may cost in a turn at least.
+/// The smallest share of that work for one connection.
 const LEAST_SHARE: usize = 256;
 const WAKE: Token = Token(usize::MAX);
 /// Connections have the tokens after those of the listeners.
@@ -46,7 +46,7 @@ pub struct Server {
     connections: Vec<Option<Connection>>,
     /// Connections with bytes that may be waiting.
     ready: Vec<usize>,
-    /// Those who wait for retained messages have to read first.
+    /// Every client that waits for retained messages has to read first.
     stuck: bool,
     chunk: Box<[u8]>,
     stop: Arc<AtomicBool>,
@@ -108,7 +108,7 @@ impl Server {
         let mut last_tick = Instant::now();
         let mut now = last_tick;
         while !self.stop.load(Ordering::Acquire) {
-            let wait = self.patience(last_tick, now);
+            let wait = self.poll_timeout(last_tick, now);
             match self.poll.poll(&mut events, wait) {
                 Err(error) if error.kind() != ErrorKind::Interrupted => {
                     log::error!("the broker stops, waiting for its sockets failed: {error}");
@@ -117,7 +117,7 @@ impl Server {
                 _ => {}
             }
             now = Instant::now();
-            // First of all: nobody ticks while nobody is connected, and who comes then must not find an expired session.
+            // First, because there are no ticks while no client is connected, and the next client must not find an expired session.
             if now - last_tick >= TICK {
                 last_tick = now;
                 self.tick(now);
@@ -140,14 +140,14 @@ impl Server {
     }
 
     /// How long to wait for sockets.
-    fn patience(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
-        let newcomers = self.hub.newcomers_due(now);
-        let newcomers = newcomers.map(|due| due.saturating_duration_since(now));
-        let others = self.patience_with_members(last_tick, now);
-        newcomers.into_iter().chain(others).min()
+    fn poll_timeout(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
+        let checks = self.hub.checks_due(now);
+        let checks = checks.map(|due| due.saturating_duration_since(now));
+        let others = self.timeout_of_connections(last_tick, now);
+        checks.into_iter().chain(others).min()
     }
 
-    fn patience_with_members(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
+    fn timeout_of_connections(&mut self, last_tick: Instant, now: Instant) -> Option<Duration> {
         if self.hub.is_searching() {
             return Some(if self.stuck { HELD } else { Duration::ZERO });
         }
@@ -199,9 +199,9 @@ impl Server {
         }
     }
 
-    /// Answers those whose passwords have been looked at, and reads on.
+    /// Answers clients whose passwords have been checked, and reads on.
     fn admit(&mut self, now: Instant) {
-        for id in self.hub.answer_newcomers(now) {
+        for id in self.hub.answer_checked(now) {
             if let Some(Some(connection)) = self.connections.get_mut(id)
                 && let Err(why) = connection.take(&[], &mut self.hub, id, now)
             {
@@ -222,7 +222,7 @@ impl Server {
             let Some(Some(connection)) = self.connections.get_mut(id) else {
                 return;
             };
-            // Whose password is being looked at, and who is gone, needs no answer.
+            // A client that has gone while its password is being checked needs no answer.
             if connection.is_ended && self.hub.is_asking(id) {
                 return self.close(id, now);
             }
@@ -300,7 +300,7 @@ impl Server {
         if outcome.is_ok() && !self.hub.is_closing(id) {
             return;
         }
-        // The client reads our last words, then the end; its own end is awaited, lest a reset destroys them.
+        // The client reads the last packets, then the end. The broker waits for the client's end: a reset would discard them.
         let is_over = match outcome {
             Ok(true) => connection.finish().is_err(),
             Ok(false) => false,

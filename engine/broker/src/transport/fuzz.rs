@@ -1,4 +1,4 @@
-//! Whatever a WebSocket client sends: it is passed on or refused, the same however it is cut, and takes no more memory than it is long.
+//! Arbitrary input of WebSocket clients is passed on or refused, independently of how it is divided, in memory proportional to its length.
 
 use super::Origins;
 use super::websocket::{BINARY, WebSocket, frame};

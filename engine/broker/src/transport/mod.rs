@@ -1,4 +1,4 @@
-//! What lies between MQTT and the socket: nothing, TLS, WebSocket, or WebSocket in TLS.
+//! The layers between MQTT and the socket: none, TLS, WebSocket, or WebSocket in TLS.
 
 #[cfg(test)]
 mod fuzz;

@@ -1,4 +1,4 @@
-//! Which web pages may connect: every page that somebody looks at can have the browser open a WebSocket to this machine.
+//! Which web pages may connect: any page that a user of this machine opens can have the browser open a WebSocket to it.
 
 use crate::BrokerError;
 use std::io;
@@ -23,7 +23,7 @@ impl Origins {
                 return Err(BrokerError::System {
                     what: "use an origin",
                     source: io::Error::other(format!(
-                        "{origin:?} is none; write it like https://dashboard.example.org, without a path, or * for all"
+                        "{origin:?} is not an origin; write it like https://dashboard.example.org, without a path, or * for all"
                     )),
                 });
             }
@@ -35,7 +35,7 @@ impl Origins {
         })
     }
 
-    /// May a page of this origin connect to the host that it asked for? Clients that are no browsers name no origin.
+    /// May a page of this origin connect to the host that it asked for? Clients other than browsers send no origin.
     pub fn allow(&self, origin: Option<&str>, host: Option<&str>) -> bool {
         let Some(origin) = origin else {
             return true;
@@ -49,7 +49,7 @@ impl Origins {
         };
         let host = host.to_ascii_lowercase();
         let (page, host) = (name(page), name(&host));
-        // Without a certificate anybody can have a name of his own lead to this machine, and a page under it.
+        // Without a certificate an attacker can point a domain name at this machine and serve a page under it.
         page == host && (self.tls || is_literal(host))
     }
 }
@@ -62,7 +62,7 @@ fn name(authority: &str) -> &str {
     }
 }
 
-/// Does nobody but this machine say where this leads?
+/// Is this a host whose address other parties cannot change?
 fn is_literal(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok()
 }
@@ -92,7 +92,7 @@ mod tests {
                 Some("localhost:9001"),
                 false,
             ),
-            // A name of the page's own that leads here.
+            // A domain of the page that resolves to this machine.
             (
                 Some("http://evil.example"),
                 Some("evil.example:9001"),

@@ -87,7 +87,7 @@ impl WebSocket {
             .position(|window| window == b"\r\n\r\n");
         let Some(end) = found.map(|place| from + place + 4) else {
             return if self.partial.len() > MAX_REQUEST {
-                Err("a WebSocket request without end".into())
+                Err("the WebSocket request is longer than 16 KiB".into())
             } else {
                 Ok(&[])
             };
@@ -227,7 +227,7 @@ fn answer(request: &[u8], origins: &Origins) -> Result<String, (&'static str, St
     if !origins.allow(origin.as_deref(), host.as_deref()) {
         let page = origin.unwrap_or_default();
         let wrong = format!(
-            "pages from {page:?} may not connect; `swarmwright broker --origin {page}` lets them"
+            "pages from {page:?} may not connect; `swarmwright broker --origin {page}` allows them"
         );
         return Err(("403 Forbidden", wrong));
     }

@@ -21,7 +21,7 @@ impl Connection {
             Ok(()) => events.push(Event::Connected),
             Err(error) => {
                 log::debug!("{error}");
-                // Jitter, so that the servers of a cluster do not all come back in the same instant.
+                // Jitter, so that the servers of a cluster do not all reconnect at the same time.
                 self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
                 self.pause = (self.pause * 2).min(LONGEST_PAUSE);
             }

@@ -1,4 +1,4 @@
-//! What the protocol library asks for or reports, and what the broker says of itself.
+//! Events of the protocol library, and the limits that the broker announces.
 
 use std::time::{Duration, Instant};
 
@@ -107,13 +107,13 @@ impl Session {
             }
             CoreEvent::RequestClose => {
                 self.over = true;
-                received(Received::Closed("the MQTT protocol demands it".to_owned()))
+                received(Received::Closed("the MQTT protocol requires it".to_owned()))
             }
             CoreEvent::NotifyPacketIdReleased(_) => {}
         }
     }
 
-    /// Keeps to what the broker says of itself.
+    /// Adopts the limits that the broker announces.
     fn limit(&mut self, properties: &[Property]) {
         for property in properties {
             match property {

@@ -1,4 +1,4 @@
-//! What a session takes and hands out: subscriptions, messages, and the broker's answers.
+//! Subscriptions, messages, and the broker's answers.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ impl From<QoS> for CoreQos {
 pub enum Version {
     /// MQTT 5.
     V5,
-    /// MQTT 3.1.1, for brokers that know no other.
+    /// MQTT 3.1.1, for brokers that do not support MQTT 5.
     V3,
 }
 
@@ -92,7 +92,7 @@ impl Incoming {
     }
 }
 
-/// What the broker sent, as far as it matters above.
+/// What the broker sent, as far as the connection needs it.
 #[derive(Debug)]
 pub(crate) enum Received {
     Accepted,

@@ -70,7 +70,7 @@ impl Session {
         let entries = subscriptions
             .iter()
             .map(|subscription| {
-                // What this client publishes itself is no news to it (MQTT 5).
+                // This client does not need the messages that it publishes (MQTT 5).
                 let options = SubOpts::new()
                     .set_qos(self.allowed(subscription.qos).into())
                     .set_nl(self.version == Version::V5);
@@ -128,7 +128,7 @@ impl Session {
                     properties.push(ContentType::new(text)?.into());
                 }
                 if let Some(topic) = options.response_topic {
-                    // The crate does not look, and a broker would end the connection.
+                    // The library does not check it, and a broker would end the connection.
                     if !plain::is_topic(topic) {
                         return Err(MqttError::TopicNameInvalid);
                     }

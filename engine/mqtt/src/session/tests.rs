@@ -156,7 +156,7 @@ fn what_is_malformed_ends_the_connection_and_nothing_after_it_counts() {
             &[0x30, 0xff, 0xff, 0xff, 0xff, 1][..], // no length
             &[0x30, 3, 0, 9, b't'],                 // a topic longer than its packet
             &[0x36, 5, 0, 1, b't', 0, 0],           // QoS 3
-            &[0x30, 5, 0, 2, b't', 0xff, 0],        // a topic that is no UTF-8
+            &[0x30, 5, 0, 2, b't', 0xff, 0],        // a topic that is not valid UTF-8
             &[0x30, 7, 0, 1, b't', 9, 9, 0, 1],     // properties longer than their packet
         ] {
             if version == Version::V3 && bad[1] == 7 {

@@ -1,4 +1,4 @@
-//! Who gets which message, how often, and how far behind.
+//! Which client receives which message, how often, and how far behind.
 
 use super::*;
 

@@ -1,5 +1,5 @@
-//! Whatever clients send one after another, SUBSCRIBE above all: every answer is a packet, what is kept is counted, and nothing is
-//! left when they are gone.
+//! Arbitrary sequences of packets, mostly SUBSCRIBE: every answer is a packet, what is stored is counted, and nothing is
+//! left when the clients are gone.
 
 use super::*;
 use crate::codec::fuzz::golden;
@@ -11,7 +11,7 @@ const CLIENTS: usize = 3;
 
 #[derive(Debug, Clone)]
 enum Step {
-    /// A client says this; one that is not there comes first.
+    /// A client sends this; it connects first if necessary.
     Say(usize, Vec<u8>),
     /// Its connection ends.
     Leave(usize),
@@ -130,7 +130,7 @@ fn play(steps: &[Step]) -> usize {
         }
         stage.hub.take_dirty();
         for link in &mut links {
-            // The server closes what the hub wants closed, once its last words are sent.
+            // The server closes what the hub wants closed, once its last packets are sent.
             if let Some(id) = link.filter(|id| stage.hub.is_closing(*id)) {
                 stage.heard(id);
                 stage.hub.closed(id, stage.now);
@@ -153,7 +153,7 @@ fn play(steps: &[Step]) -> usize {
     assert_eq!(stage.hub.memory(), stage.hub.retained.size());
     assert!(stage.hub.sessions.is_empty() && stage.hub.by_client.is_empty());
     assert!(stage.hub.subscriptions.is_empty());
-    assert_eq!((stage.hub.absent, stage.hub.strangers), (0, 0));
+    assert_eq!((stage.hub.absent, stage.hub.unauthenticated), (0, 0));
     most
 }
 

@@ -1,4 +1,4 @@
-//! What clients can make the broker keep and do, at most.
+//! Limits on what clients can make the broker store and do.
 
 use super::*;
 use crate::session::MOST_FILTERS;
@@ -40,7 +40,7 @@ fn more_filters_than_a_client_may_have_are_refused_one_by_one() {
         (SUBACK, MOST_FILTERS, 300_000 - MOST_FILTERS)
     );
     assert_eq!(stage.hub.complaints.count(Kind::Full), 1);
-    // Who gives some back may have others.
+    // A client that unsubscribes from some may subscribe to others.
     let mut body = vec![0, 8, 0];
     body.extend(text("f/0"));
     stage.say(greedy, &packet(0xa2, &body));
@@ -70,7 +70,7 @@ fn filters_too_deep_or_too_long_together_are_refused() {
 }
 
 #[test]
-fn retained_messages_for_many_filters_keep_nobody_waiting() {
+fn retained_messages_for_many_filters_do_not_delay_other_clients() {
     let mut stage = Stage::new(Limits::default());
     let (writer, _) = stage.join(&connect("writer", true, 0, 0, None));
     for number in 0..20_000 {
@@ -81,7 +81,7 @@ fn retained_messages_for_many_filters_keep_nobody_waiting() {
     filters.push("+/x".into());
     stage.say(greedy, &subscribe_all(&filters));
     assert_eq!(stage.heard(greedy)[0].0, SUBACK);
-    // Nothing was found yet, and everybody else is served between the slices.
+    // Nothing was found yet, and all other clients are served between the slices.
     assert!(stage.hub.is_searching() && stage.hub.is_held(greedy, stage.now));
     let reader = stage.reader("reader", "0/x", 0);
     stage.say(writer, &publish("0/x", 0, 0, &[], b"live"));
@@ -125,7 +125,7 @@ fn retained_messages_wait_for_a_reader_that_is_behind() {
 }
 
 #[test]
-fn who_does_not_read_answers_is_not_read() {
+fn a_client_that_does_not_read_answers_is_not_read() {
     let mut stage = Stage::new(Limits::default());
     let (rude, _) = stage.join(&connect("rude", true, 60, 0, None));
     let pings = [0xc0, 0].repeat(1000);
@@ -176,7 +176,7 @@ fn sessions_of_absent_clients_are_kept_within_the_budget_the_newest_longest() {
 }
 
 #[test]
-fn many_readers_that_stand_still_are_disconnected_before_memory_ends() {
+fn many_inactive_readers_are_disconnected_before_memory_ends() {
     let limits = Limits {
         backlog: 8 * MIB,
         ..small()
@@ -201,7 +201,7 @@ fn many_readers_that_stand_still_are_disconnected_before_memory_ends() {
 }
 
 #[test]
-fn while_memory_is_short_only_those_who_fill_it_are_read_later() {
+fn while_memory_is_short_only_clients_that_fill_it_are_read_later() {
     let limits = Limits {
         backlog: 8 * MIB,
         ..small()
@@ -222,7 +222,7 @@ fn while_memory_is_short_only_those_who_fill_it_are_read_later() {
 }
 
 #[test]
-fn packets_that_never_come_whole_are_in_the_budget() {
+fn incomplete_packets_count_towards_the_budget() {
     let mut stage = Stage::new(small());
     let honest = stage.reader("honest", "t", 0);
     let links: Vec<usize> = (0..40)

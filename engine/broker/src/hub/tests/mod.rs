@@ -1,4 +1,4 @@
-//! Conversations with the broker without sockets: hours pass in an instant.
+//! Exchanges with the broker without sockets, in virtual time.
 
 mod delivery;
 mod fuzz;
@@ -86,7 +86,7 @@ impl Stage {
         }
     }
 
-    /// A connection that said CONNECT; its number and what CONNACK says of an earlier session.
+    /// A connection that sent CONNECT; its number, and whether CONNACK reports an earlier session.
     fn join(&mut self, connect: &[u8]) -> (usize, bool) {
         let link = self.hub.open("test".into(), self.now).unwrap();
         self.hub.receive(link, connect, self.now);

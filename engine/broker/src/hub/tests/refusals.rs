@@ -1,4 +1,4 @@
-//! What is refused, and that nothing that clients say breaks the broker.
+//! What is refused, and that arbitrary packets do not break the broker.
 
 use super::*;
 use proptest::prelude::*;
@@ -64,7 +64,7 @@ fn exchange() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    /// Whatever clients say, the broker stays whole: sessions and links point at each other, and all of it goes away.
+    /// After arbitrary packets the state is consistent: sessions and links refer to each other, and all are removed in the end.
     #[test]
     fn nothing_that_clients_say_breaks_the_broker(steps in prop::collection::vec((0usize..4, exchange(), 0u64..3), 1..80)) {
         let mut stage = Stage::new(Limits::default());

@@ -30,7 +30,7 @@ fn the_end_of_a_session_brings_its_will_before_the_delay_is_over() {
 }
 
 #[test]
-fn a_proper_goodbye_leaves_no_will() {
+fn a_regular_disconnection_discards_the_will() {
     let mut stage = Stage::new(Limits::default());
     let reader = stage.reader("reader", "gone", 0);
     let (link, _) = stage.join(&connect("ada", true, 0, 0, Some((0, "gone"))));

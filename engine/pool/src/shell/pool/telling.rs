@@ -79,8 +79,8 @@ impl Pool {
         self.ended_at_once += 1;
         if self.ended_at_once == CONFIRMATIONS {
             let text = format!(
-                "the broker ends the connection whenever this tool publishes on {}, so it does not any more: those who \
-                 watch see nothing of it; mend the broker's access rules",
+                "the broker ends the connection whenever this tool publishes on {}, so it no longer does: monitors of \
+                 servers and tools do not see it; correct the broker's access rules",
                 self.status
             );
             self.reporter.tell(&Report::Warning { message: &text });

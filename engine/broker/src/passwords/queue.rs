@@ -1,9 +1,10 @@
-//! Whose password is looked at next, and whose not at all: no I/O, the time is told.
+//! The order in which passwords are checked, and which are refused unchecked; no I/O, time is an argument.
 //!
-//! Wrong passwords cost the network and the account that they came from and went to, and a share of a processor. Who has guessed
-//! least is next: first by network, then by account within it; of those alike, who was told to come later and did, with the same
-//! password, which a guesser has no reason to do; and the newest, since a guesser that waits for its answers is not there again
-//! yet. So newcomers from another network, or of another account, are next; those who wait too long are told to come later.
+//! Wrong passwords are charged to the network that they came from, to the account, and to a share of a processor. Checks are ordered
+//! by the number of wrong guesses, fewest first: of the network, then of the account within the network. Among equals, first come
+//! pairs that were told to retry and retry with the same password, which an attacker has no reason to do; then the newest, since an
+//! attacker that waits for answers has not sent its next guess yet. So clients from another network, or of another account, are next.
+//! Pairs that wait too long are told to retry later.
 
 use ring::hmac;
 use ring::rand::SystemRandom;
@@ -11,33 +12,33 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use std::io;
 use std::time::{Duration, Instant};
 
-/// Wrong passwords of one network that are looked at in a second, and as many at once.
-const OF_NETWORK: Rate = Rate {
+/// Wrong passwords from one network that are checked per second, and at once.
+const NETWORK_RATE: Rate = Rate {
     each_second: 8.0,
     most: 8.0,
 };
-/// Wrong passwords for one account, from networks that it has not come from before.
-const OF_ACCOUNT: Rate = Rate {
+/// Wrong passwords for one account, from networks that it has not connected from before.
+const ACCOUNT_RATE: Rate = Rate {
     each_second: 4.0,
     most: 16.0,
 };
-/// Seconds of threads that wrong passwords take: half of a processor.
-const OF_ALL: Rate = Rate {
+/// Thread time that wrong passwords may take, seconds: half of a processor.
+const TOTAL_RATE: Rate = Rate {
     each_second: 0.5,
     most: 0.5,
 };
-/// How long a password waits to be looked at. Our own clients wait three seconds for an answer in MQTT 5.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// Passwords that wait, of one network and in all; of those beyond, the oldest are told to come later.
-const WAITING_OF_NETWORK: usize = 128;
-const WAITING: usize = 1024;
-/// How often those who wait are looked at when nothing happens.
-const LOOK: Duration = Duration::from_millis(20);
-/// Networks that accounts came from which are remembered, and those who were told to come later.
-const TRUSTED: usize = 4096;
-const RETURNING: usize = 16_384;
+/// How long a password waits to be checked. Tool and servers wait three seconds for an answer in MQTT 5.
+const MAX_WAIT: Duration = Duration::from_secs(2);
+/// Waiting passwords, from one network and in total; beyond that the oldest are told to retry later.
+const MAX_WAITING_PER_NETWORK: usize = 128;
+const MAX_WAITING: usize = 1024;
+/// How often waiting passwords are examined when nothing else happens.
+const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
+/// Remembered networks from which accounts have connected, and remembered pairs that were told to retry later.
+const MAX_TRUSTED: usize = 4096;
+const MAX_RETURNING: usize = 16_384;
 
-/// A mark that stands for a user, or for a user and a password; without the process's own secret it says nothing.
+/// Message authentication code of a user, or of a user and a password, under a secret of the process.
 pub type Key = [u8; 32];
 
 struct Rate {
@@ -45,7 +46,7 @@ struct Rate {
     most: f64,
 }
 
-/// What may be taken still; below 0 while more was taken than is allowed.
+/// What is left of a rate; below 0 after more was taken than it allows.
 #[derive(Clone, Copy)]
 struct Allowance {
     level: f64,
@@ -66,33 +67,33 @@ impl Rate {
     }
 }
 
-/// A user and a password that wait, for all connections that came with them.
+/// A pair of user and password that waits, for all connections that sent it.
 pub struct Attempt {
     pair: Key,
     account: Key,
     network: Box<str>,
     links: Vec<usize>,
     since: Instant,
-    /// Whether a thread is at it, and whether that counts for its account.
+    /// Whether a thread is checking it, and whether that counts for its account.
     running: bool,
     counts: bool,
-    /// It was told to come later, and did.
+    /// It was told to retry later, and did.
     returns: bool,
 }
 
-/// Everybody who waits, and what is known of networks and accounts.
-pub struct Line {
+/// All waiting pairs, and what is known of networks and accounts.
+pub struct CheckQueue {
     secret: hmac::Key,
-    /// Pairs that were right, with their user: hundreds of servers of one account come back at once.
+    /// Pairs that were right, with their user: hundreds of servers of one account may reconnect at once.
     admitted: HashMap<Key, Box<str>>,
-    /// Networks from which accounts came, with the order in which they are forgotten.
+    /// Networks from which accounts have connected, with the order in which they are removed.
     trusted: HashSet<(Box<str>, Key)>,
     trusted_order: VecDeque<(Box<str>, Key)>,
     /// The oldest first.
     attempts: Vec<Attempt>,
-    /// Those who had to make room for others.
+    /// Connections whose pairs were displaced by others.
     displaced: Vec<usize>,
-    /// Pairs that were told to come later, with the order in which they are forgotten.
+    /// Pairs that were told to retry later, with the order in which they are removed.
     returning: HashSet<Key>,
     returning_order: VecDeque<Key>,
     networks: HashMap<Box<str>, Allowance>,
@@ -102,15 +103,15 @@ pub struct Line {
     all: Option<Allowance>,
     workers: usize,
     running: usize,
-    /// Nobody may be next before.
-    look_at: Option<Instant>,
+    /// No pair can be next before.
+    recheck_at: Option<Instant>,
 }
 
-impl Line {
-    /// Nobody waits, for so many threads.
+impl CheckQueue {
+    /// An empty queue for this number of threads.
     pub fn new(workers: usize) -> io::Result<Self> {
         let secret = hmac::Key::generate(hmac::HMAC_SHA256, &SystemRandom::new())
-            .map_err(|_| io::Error::other("the operating system gives no random numbers"))?;
+            .map_err(|_| io::Error::other("the operating system provides no random numbers"))?;
         Ok(Self {
             secret,
             admitted: HashMap::new(),
@@ -126,11 +127,11 @@ impl Line {
             all: None,
             workers,
             running: 0,
-            look_at: None,
+            recheck_at: None,
         })
     }
 
-    /// The mark of these parts.
+    /// The message authentication code of these parts.
     pub fn key(&self, parts: &[&[u8]]) -> Key {
         let mut context = hmac::Context::with_key(&self.secret);
         for part in parts {
@@ -142,7 +143,7 @@ impl Line {
         key
     }
 
-    /// Was this pair right before? Then the network is one that its account comes from.
+    /// Was this pair right before? Then its account is trusted on this network.
     pub fn is_admitted(&mut self, pair: &Key, network: &str, account: Key) -> bool {
         let is_known = self.admitted.contains_key(pair);
         if is_known {
@@ -151,18 +152,18 @@ impl Line {
         is_known
     }
 
-    /// Keeps the pairs of these users alone.
+    /// Keeps only the pairs of these users.
     pub fn keep_admitted(&mut self, keep: impl Fn(&str) -> bool) {
         self.admitted.retain(|_, user| keep(user));
     }
 
-    /// A connection waits for the verdict on a pair.
+    /// Adds a connection that waits for the check of a pair.
     pub fn join(&mut self, link: usize, network: &str, account: Key, pair: Key, now: Instant) {
         if let Some(attempt) = self.find(&pair) {
             attempt.links.push(link);
             return;
         }
-        self.look_at = None;
+        self.recheck_at = None;
         let returns = self.returning.contains(&pair);
         self.attempts.push(Attempt {
             returns,
@@ -175,9 +176,9 @@ impl Line {
             counts: false,
         });
         let of_network = self.attempts.iter();
-        if of_network.filter(|one| *one.network == *network).count() > WAITING_OF_NETWORK {
+        if of_network.filter(|one| *one.network == *network).count() > MAX_WAITING_PER_NETWORK {
             self.displace(network);
-        } else if self.attempts.len() > WAITING {
+        } else if self.attempts.len() > MAX_WAITING {
             let mut sizes: HashMap<&str, usize> = HashMap::new();
             for one in &self.attempts {
                 *sizes.entry(&one.network).or_default() += 1;
@@ -189,7 +190,7 @@ impl Line {
         }
     }
 
-    /// The oldest of a network makes room.
+    /// Removes the oldest waiting pair of a network.
     fn displace(&mut self, network: &str) {
         let mut attempts = self.attempts.iter();
         let oldest = attempts.position(|one| *one.network == *network && !one.running);
@@ -205,14 +206,14 @@ impl Line {
             return;
         }
         self.returning_order.push_back(pair);
-        if self.returning_order.len() > RETURNING
+        if self.returning_order.len() > MAX_RETURNING
             && let Some(oldest) = self.returning_order.pop_front()
         {
             self.returning.remove(&oldest);
         }
     }
 
-    /// The connection waits no more.
+    /// The connection no longer waits.
     pub fn forget(&mut self, link: usize) {
         for attempt in &mut self.attempts {
             attempt.links.retain(|one| *one != link);
@@ -221,13 +222,13 @@ impl Line {
             .retain(|attempt| attempt.running || !attempt.links.is_empty());
     }
 
-    /// The next pair to be looked at, and a connection that came with it.
+    /// The next pair to be checked, and a connection that sent it.
     pub fn next(&mut self, now: Instant) -> Option<(Key, usize)> {
-        if self.running >= self.workers || self.look_at.is_some_and(|at| now < at) {
+        if self.running >= self.workers || self.recheck_at.is_some_and(|at| now < at) {
             return None;
         }
         let Some(best) = self.best(now) else {
-            self.look_at = Some(now + LOOK);
+            self.recheck_at = Some(now + RECHECK_INTERVAL);
             return None;
         };
         let attempt = &mut self.attempts[best];
@@ -244,7 +245,7 @@ impl Line {
     }
 
     fn best(&self, now: Instant) -> Option<usize> {
-        if OF_ALL.level(self.all.as_ref(), now) <= 0.0 {
+        if TOTAL_RATE.level(self.all.as_ref(), now) <= 0.0 {
             return None;
         }
         let mut best: Option<(usize, (f64, f64, bool, bool))> = None;
@@ -252,16 +253,16 @@ impl Line {
             if attempt.running || attempt.links.is_empty() {
                 continue;
             }
-            let network = OF_NETWORK.level(self.networks.get(&attempt.network), now);
-            let account = OF_ACCOUNT.level(self.accounts.get(&attempt.account), now);
+            let network = NETWORK_RATE.level(self.networks.get(&attempt.network), now);
+            let account = ACCOUNT_RATE.level(self.accounts.get(&attempt.account), now);
             let place = (attempt.network.clone(), attempt.account);
             let is_trusted = self.trusted.contains(&place);
             if network < 1.0 || (account < 1.0 && !is_trusted) {
                 continue;
             }
-            let within = OF_ACCOUNT.level(self.places.get(&place), now);
+            let within = ACCOUNT_RATE.level(self.places.get(&place), now);
             let rank = (network, within, attempt.returns, is_trusted);
-            // Of two that are alike the newest, which comes last.
+            // Of two equals the newest, which is later in the list.
             if best.is_none_or(|(_, before)| rank >= before) {
                 best = Some((index, rank));
             }
@@ -270,18 +271,18 @@ impl Line {
     }
 
     fn charge(&mut self, network: &str, account: Key, counts: bool, taken: f64, now: Instant) {
-        let after = OF_NETWORK.after(self.networks.get(network), taken, now);
+        let after = NETWORK_RATE.after(self.networks.get(network), taken, now);
         self.networks.insert(network.into(), after);
         let place = (network.into(), account);
-        let after = OF_ACCOUNT.after(self.places.get(&place), taken, now);
+        let after = ACCOUNT_RATE.after(self.places.get(&place), taken, now);
         self.places.insert(place, after);
         if counts {
-            let after = OF_ACCOUNT.after(self.accounts.get(&account), taken, now);
+            let after = ACCOUNT_RATE.after(self.accounts.get(&account), taken, now);
             self.accounts.insert(account, after);
         }
     }
 
-    /// A pair was looked at, which took so long; `user`: whose password it is, where it is right. Returns who waited for that.
+    /// A check has ended. took: processor time; `user`: the user, where the password is right. Returns the waiting connections.
     pub fn ended(
         &mut self,
         pair: &Key,
@@ -295,20 +296,20 @@ impl Line {
         };
         let attempt = self.attempts.remove(place);
         self.running -= 1;
-        self.look_at = None;
+        self.recheck_at = None;
         match user {
             Some(user) => {
                 self.charge(&attempt.network, attempt.account, attempt.counts, -1.0, now);
                 self.trust(&attempt.network, attempt.account);
                 self.admitted.insert(attempt.pair, user.into());
             }
-            None => self.all = Some(OF_ALL.after(self.all.as_ref(), took.as_secs_f64(), now)),
+            None => self.all = Some(TOTAL_RATE.after(self.all.as_ref(), took.as_secs_f64(), now)),
         }
         attempt.links
     }
 
-    /// A pair has to be looked at again, since the password file is another.
-    pub fn again(&mut self, pair: &Key, now: Instant) {
+    /// A pair has to be checked again, since the password file has changed.
+    pub fn repeat(&mut self, pair: &Key, now: Instant) {
         let mut attempts = self.attempts.iter_mut();
         if let Some(attempt) = attempts.find(|one| one.running && one.pair == *pair) {
             attempt.running = false;
@@ -316,18 +317,18 @@ impl Line {
                 (attempt.network.clone(), attempt.account, attempt.counts);
             self.charge(&network, account, counts, -1.0, now);
             self.running -= 1;
-            self.look_at = None;
+            self.recheck_at = None;
         }
         self.attempts
             .retain(|attempt| attempt.running || !attempt.links.is_empty());
     }
 
-    /// Those who have waited too long, or had to make room.
+    /// Connections that have waited too long, or were displaced.
     pub fn late(&mut self, now: Instant) -> Vec<usize> {
         let mut late = std::mem::take(&mut self.displaced);
         let mut pairs = Vec::new();
         self.attempts.retain(|attempt| {
-            let is_late = now.saturating_duration_since(attempt.since) >= PATIENCE;
+            let is_late = now.saturating_duration_since(attempt.since) >= MAX_WAIT;
             if is_late && !attempt.running {
                 late.extend(&attempt.links);
                 pairs.push(attempt.pair);
@@ -340,13 +341,13 @@ impl Line {
         late
     }
 
-    /// When to look again, where somebody waits.
+    /// When to examine the queue again, if a pair waits.
     pub fn due(&self, now: Instant) -> Option<Instant> {
         let waits = self.running < self.workers && self.attempts.iter().any(|one| !one.running);
         if !self.displaced.is_empty() {
             return Some(now);
         }
-        waits.then(|| self.look_at.unwrap_or(now).max(now))
+        waits.then(|| self.recheck_at.unwrap_or(now).max(now))
     }
 
     fn trust(&mut self, network: &str, account: Key) {
@@ -354,7 +355,7 @@ impl Line {
         if self.trusted.contains(&known) {
             return;
         }
-        if self.trusted_order.len() >= TRUSTED
+        if self.trusted_order.len() >= MAX_TRUSTED
             && let Some(oldest) = self.trusted_order.pop_front()
         {
             self.trusted.remove(&oldest);
@@ -367,11 +368,11 @@ impl Line {
         self.attempts.iter_mut().find(|one| one.pair == *pair)
     }
 
-    /// Forgets allowances that are full again.
+    /// Removes allowances that are full again.
     pub fn sweep(&mut self, now: Instant) {
         let is_partly = |rate: &Rate, one: &Allowance| rate.level(Some(one), now) < rate.most;
-        self.networks.retain(|_, one| is_partly(&OF_NETWORK, one));
-        self.places.retain(|_, one| is_partly(&OF_ACCOUNT, one));
-        self.accounts.retain(|_, one| is_partly(&OF_ACCOUNT, one));
+        self.networks.retain(|_, one| is_partly(&NETWORK_RATE, one));
+        self.places.retain(|_, one| is_partly(&ACCOUNT_RATE, one));
+        self.accounts.retain(|_, one| is_partly(&ACCOUNT_RATE, one));
     }
 }
