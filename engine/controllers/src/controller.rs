@@ -1,5 +1,6 @@
-//! A specification at work, for one agent.
+//! The controller of one agent.
 
+use crate::kinds::{Kind, of_kind};
 use crate::{Architecture, Specification};
 use serde_json::{Map, Value};
 use std::borrow::Cow;
@@ -10,10 +11,10 @@ use std::sync::Arc;
 pub enum ControllerError {
     /// A parameter set was asked to steer.
     #[error(
-        "an agent is to be steered, but a parameter set steers nobody: the simulation must do that itself \
+        "an agent is to be steered, but a parameter set steers no agents: the simulation must do that itself \
          (Minisim does with the parameter steering: rule), or the controller must be of another kind, such as layered"
     )]
-    SteersNobody,
+    SteersNoAgents,
     /// A sensor reading of the wrong length.
     #[error("sensors: {found} numbers, but this controller takes {expected}")]
     SensorCount {
@@ -28,8 +29,8 @@ pub enum ControllerError {
         /// Which sensor, from 0.
         index: usize,
     },
-    /// Room for the wrong number of actuators.
-    #[error("actuators: room for {found} numbers, but this controller gives {expected}")]
+    /// A slice for the wrong number of actuators.
+    #[error("actuators: a slice of {found} numbers, but this controller gives {expected}")]
     ActuatorCount {
         /// Length that the specification gives.
         expected: usize,
@@ -57,7 +58,7 @@ pub enum ControllerError {
 pub struct Controller {
     architecture: Arc<Architecture>,
     weights: Arc<[f32]>,
-    /// What is kept between steps: the outputs of all nodes of a fully meshed network, the state of a machine.
+    /// Kept between steps: the outputs of all nodes of a fully meshed network, the state of a finite-state machine.
     state: Box<[f32]>,
     scratch: Box<[f32]>,
 }
@@ -93,12 +94,8 @@ impl Controller {
     }
 
     fn build(architecture: Arc<Architecture>, weights: Arc<[f32]>) -> Self {
-        let (state, scratch) = match &*architecture {
-            Architecture::Layered(net) => (0, net.scratch_length()),
-            Architecture::FullyMeshed(net) => (net.nodes(), net.nodes()),
-            Architecture::MealyFsm(_) => (1, 0),
-            Architecture::ParameterSet(_) => (0, 0),
-        };
+        let (state, scratch) =
+            of_kind!(&*architecture, kind => (kind.state_length(), kind.scratch_length()));
         Self {
             architecture,
             weights,
@@ -112,15 +109,12 @@ impl Controller {
         self.architecture.steers()
     }
 
-    /// Values of parameters of the simulation, by name; none but those of a parameter set.
+    /// Values of parameters of the simulation, by name; empty unless it is a parameter set.
     pub fn parameters(&self) -> Map<String, Value> {
-        match &*self.architecture {
-            Architecture::ParameterSet(set) => set.values(&self.weights),
-            _ => Map::new(),
-        }
+        of_kind!(&*self.architecture, kind => kind.values(&self.weights))
     }
 
-    /// The parameters of an episode: those given, and those of a parameter set, which count where both have one.
+    /// The parameters of an episode: those given, replaced or extended by those of a parameter set.
     pub fn merged<'a>(&self, parameters: &'a Map<String, Value>) -> Cow<'a, Map<String, Value>> {
         let values = self.parameters();
         if values.is_empty() {
@@ -141,7 +135,7 @@ impl Controller {
         self.architecture.actuators()
     }
 
-    /// Back to the start of an episode: the state between steps is forgotten.
+    /// Back to the start of an episode: clears the state.
     pub fn reset(&mut self) {
         self.state.fill(0.0);
     }
@@ -154,7 +148,7 @@ impl Controller {
     /// Slices of the wrong length, a sensor that is NaN or infinite, a parameter set.
     pub fn step(&mut self, sensors: &[f32], actuators: &mut [f32]) -> Result<(), ControllerError> {
         if !self.steers() {
-            return Err(ControllerError::SteersNobody);
+            return Err(ControllerError::SteersNoAgents);
         }
         if sensors.len() != self.sensors() {
             return Err(ControllerError::SensorCount {
@@ -171,24 +165,8 @@ impl Controller {
         if let Some(index) = sensors.iter().position(|s| !s.is_finite()) {
             return Err(ControllerError::SensorValue { index });
         }
-        match &*self.architecture {
-            Architecture::Layered(net) => {
-                net.step(&self.weights, &mut self.scratch, sensors, actuators)
-            }
-            Architecture::FullyMeshed(net) => {
-                net.step(
-                    &self.weights,
-                    &mut self.state,
-                    &mut self.scratch,
-                    sensors,
-                    actuators,
-                );
-            }
-            Architecture::MealyFsm(machine) => {
-                machine.step(&self.weights, &mut self.state[0], sensors, actuators);
-            }
-            Architecture::ParameterSet(_) => {}
-        }
+        let (state, scratch) = (&mut self.state, &mut self.scratch);
+        of_kind!(&*self.architecture, kind => kind.step(&self.weights, state, scratch, sensors, actuators));
         Ok(())
     }
 }

@@ -1,21 +1,22 @@
-//! Reads the fields of a specification one by one, so that every complaint names its field.
+//! Reads the fields of a specification one by one, so that every error names its field.
 
-use crate::{Activation, OutputRange, Parameter, ParameterKind, SpecificationError};
-use serde::Deserialize;
+use crate::{Activation, OutputRange, SpecificationError};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_json::value::RawValue;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 type Fields<'a> = BTreeMap<String, &'a RawValue>;
 
-/// The fields of a JSON object that have not been asked for yet.
+/// The fields of a JSON object that have not been read yet.
 pub(crate) struct Reader<'a> {
     fields: Fields<'a>,
+    /// Names of the fields that were asked for, in this order.
+    known: Vec<String>,
 }
 
 /// Raw text of a value, cut to a length that fits a message.
-fn excerpt(raw: &RawValue) -> String {
+pub(crate) fn excerpt(raw: &RawValue) -> String {
     let text = raw.get();
     if text.chars().count() <= 40 {
         text.to_owned()
@@ -34,7 +35,10 @@ pub(crate) fn wrong(field: &str, reason: impl Into<String>) -> SpecificationErro
 impl<'a> Reader<'a> {
     pub(crate) fn new(text: &'a str) -> Result<Self, SpecificationError> {
         match serde_json::from_str::<Fields<'a>>(text) {
-            Ok(fields) => Ok(Self { fields }),
+            Ok(fields) => Ok(Self {
+                fields,
+                known: Vec::new(),
+            }),
             Err(e) if e.is_data() => Err(SpecificationError::NotAnObject),
             Err(e) => Err(SpecificationError::NotJson {
                 line: e.line(),
@@ -50,12 +54,13 @@ impl<'a> Reader<'a> {
         field: &str,
         expected: &str,
     ) -> Result<&'a RawValue, SpecificationError> {
+        self.known.push(field.to_owned());
         self.fields
             .remove(field)
             .ok_or_else(|| wrong(field, format!("is missing; expected {expected}")))
     }
 
-    fn read<T: DeserializeOwned>(
+    pub(crate) fn read<T: DeserializeOwned>(
         &mut self,
         field: &str,
         expected: &str,
@@ -143,54 +148,6 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// A list for each sensor, of finite binary32 numbers, ascending.
-    pub(crate) fn thresholds(
-        &mut self,
-        sensors: usize,
-    ) -> Result<Vec<Vec<f32>>, SpecificationError> {
-        let expected =
-            format!("a list of {sensors} lists of ascending numbers, such as [[-0.5, 0.5], [0]]");
-        let raw = self.raw("thresholds", &expected)?;
-        let found = || format!("{} found, expected {expected}", excerpt(raw));
-        let thresholds: Vec<Vec<f32>> =
-            serde_json::from_str(raw.get()).map_err(|_| wrong("thresholds", found()))?;
-        if thresholds.len() != sensors {
-            return Err(wrong("thresholds", found()));
-        }
-        let ascends = |of_one: &[f32]| of_one.windows(2).all(|pair| pair[0] < pair[1]);
-        let sound = |of_one: &Vec<f32>| ascends(of_one) && of_one.iter().all(|t| t.is_finite());
-        match thresholds.iter().position(|of_one| !sound(of_one)) {
-            None => Ok(thresholds),
-            Some(i) => Err(wrong(
-                &format!("thresholds[{i}]"),
-                "must hold finite binary32 numbers, each greater than the one before",
-            )),
-        }
-    }
-
-    /// At least one parameter: a name that no other has, a type, and the choices where there are any.
-    pub(crate) fn parameters(&mut self, most: usize) -> Result<Vec<Parameter>, SpecificationError> {
-        let expected = "a list of parameters such as {\"name\": \"range\", \"type\": \"real\"}";
-        let items: Vec<Value> = self.read("parameters", expected)?;
-        if items.is_empty() || items.len() > most {
-            return Err(wrong(
-                "parameters",
-                format!("{} found, expected 1 to {most}", items.len()),
-            ));
-        }
-        let mut parameters: Vec<Parameter> = Vec::with_capacity(items.len());
-        let mut names = BTreeSet::new();
-        for (i, item) in items.iter().enumerate() {
-            let complain = |reason: String| wrong(&format!("parameters[{i}]"), reason);
-            let parameter = parameter(item).map_err(complain)?;
-            if !names.insert(parameter.name.clone()) {
-                return Err(complain(format!("{:?} stands twice", parameter.name)));
-            }
-            parameters.push(parameter);
-        }
-        Ok(parameters)
-    }
-
     /// Finite binary32 numbers.
     pub(crate) fn weights(&mut self, count: usize) -> Result<Vec<f32>, SpecificationError> {
         let expected = format!("a list of {count} numbers");
@@ -215,58 +172,22 @@ impl<'a> Reader<'a> {
         Ok(weights)
     }
 
-    /// Leaves the weights unread, for those who only ask about the architecture.
+    /// Leaves the weights unread, for a reader of the architecture alone.
     pub(crate) fn skip_weights(&mut self) {
+        self.known.push("weights".to_owned());
         self.fields.remove("weights");
     }
 
-    /// Complains about the first field nobody asked for.
-    pub(crate) fn end(self, known: &[&str]) -> Result<(), SpecificationError> {
+    /// Refuses the first field that was not asked for.
+    pub(crate) fn end(self) -> Result<(), SpecificationError> {
         match self.fields.into_keys().next() {
             None => Ok(()),
             Some(field) => Err(wrong(
                 &field,
-                format!("is not known here; known are {}", known.join(", ")),
+                format!("is not known here; known are {}", self.known.join(", ")),
             )),
         }
     }
-}
-
-/// Keys of a parameters message that are no parameters, and the one that every episode has its own of.
-const RESERVED: [&str; 4] = ["server", "simulation", "simulation_hash", "seed"];
-
-/// A parameter of a parameter set, or what is wrong with it.
-fn parameter(item: &Value) -> Result<Parameter, String> {
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Item {
-        name: String,
-        r#type: String,
-        choices: Option<Vec<String>>,
-    }
-    let Item {
-        name,
-        r#type,
-        choices,
-    } = serde_json::from_value(item.clone()).map_err(|error| error.to_string())?;
-    if name.is_empty() || RESERVED.contains(&name.as_str()) {
-        return Err(format!("{name:?} is no name of a parameter to be set"));
-    }
-    let kind = match (r#type.as_str(), choices) {
-        ("real", None) => ParameterKind::Real,
-        ("integer", None) => ParameterKind::Integer,
-        ("categorical", Some(choices)) if !choices.is_empty() => {
-            ParameterKind::Categorical { choices }
-        }
-        ("categorical", _) => return Err("choices: expected a list of texts".to_owned()),
-        ("real" | "integer", Some(_)) => return Err("choices: only for categorical".to_owned()),
-        _ => {
-            return Err(format!(
-                "type: {type:?} found, expected one of real, integer, categorical"
-            ));
-        }
-    };
-    Ok(Parameter { name, kind })
 }
 
 fn whole(value: &Value, low: usize, high: usize) -> Option<usize> {

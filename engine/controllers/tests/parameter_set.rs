@@ -53,7 +53,7 @@ fn it_has_values_and_steers_nobody() {
     assert!(!controller.steers());
     assert_eq!(
         controller.step(&[], &mut []),
-        Err(ControllerError::SteersNobody)
+        Err(ControllerError::SteersNoAgents)
     );
 }
 
@@ -98,11 +98,11 @@ fn refuses_with_the_parameter_and_the_cure() {
         ),
         (
             json!([{"name": "seed", "type": "real"}]),
-            &["controller.parameters[0]: \"seed\" is no name"],
+            &["controller.parameters[0]: \"seed\" cannot be the name"],
         ),
         (
             json!([{"name": "a", "type": "real"}, {"name": "a", "type": "integer"}]),
-            &["controller.parameters[1]: \"a\" stands twice"],
+            &["controller.parameters[1]: \"a\" is given twice"],
         ),
         (
             json!([{"name": "a", "type": "real", "range": [0, 1]}]),

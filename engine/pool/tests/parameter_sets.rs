@@ -100,7 +100,7 @@ fn a_server_that_asks_for_steering_is_not_used_and_the_reason_is_told() {
         }
         let reason = reason.unwrap_or_else(|| panic!("{mode}: {:?}", net.warnings));
         assert!(
-            reason.contains("a parameter set steers nobody"),
+            reason.contains("a parameter set steers no agents"),
             "{mode}: {reason}"
         );
         assert!(reason.contains("server 1"), "{mode}: {reason}");

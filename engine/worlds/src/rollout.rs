@@ -110,7 +110,7 @@ impl Crew {
             return Err(RolloutError::NotSteered {
                 simulation: simulation.description().title,
                 agent: *agent,
-                source: ControllerError::SteersNobody,
+                source: ControllerError::SteersNoAgents,
             });
         }
         if let Some(last) = acting.last() {

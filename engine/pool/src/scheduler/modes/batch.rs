@@ -131,7 +131,7 @@ impl Batch {
         }
         let rows = message.episodes.0.len();
         if rows > 0 && self.actuators == 0 {
-            return Err(ControllerError::SteersNobody.to_string());
+            return Err(ControllerError::SteersNoAgents.to_string());
         }
         if message.sensors.0.len() != rows * self.sensors {
             return Err(format!(

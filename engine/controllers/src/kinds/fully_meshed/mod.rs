@@ -1,11 +1,16 @@
 //! Fully meshed networks, as in FREVO.
 
-use crate::{Activation, OutputRange};
+mod lanes;
+mod read;
+
+use super::Kind;
+use crate::reader::Reader;
+use crate::{Activation, OutputRange, SpecificationError};
 use serde::Serialize;
 
-/// A recurrent network in which every node hears every node (FREVO's FullyMeshedNet).
+/// A recurrent network in which every node is connected to every node (FREVO's FullyMeshedNet).
 ///
-/// Nodes: sensors, then hidden, then actuators. Weights: for every node that is no sensor, in that order: the bias,
+/// Nodes: sensors, then hidden, then actuators. Weights: for every node except sensors, in that order: the bias,
 /// then one weight from every node (sensors, hidden, actuators, itself included). The outputs of all nodes stay
 /// from step to step; a reset sets them to 0.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -18,24 +23,50 @@ pub struct FullyMeshed {
     pub hidden: usize,
     /// What every node does to its sum.
     pub activation: Activation,
-    /// How often all nodes are brought up to date in a step.
+    /// Updates of all nodes in a step.
     pub iterations: u32,
     /// Network outputs that stand for actuators -1 to 1.
     pub output_range: OutputRange,
 }
 
 impl FullyMeshed {
-    pub(crate) fn weight_count(&self) -> Option<usize> {
+    /// All nodes, sensors included.
+    fn nodes(&self) -> usize {
+        self.sensors + self.hidden + self.actuators
+    }
+}
+
+impl Kind for FullyMeshed {
+    const SIZE: (&'static str, &'static str) = ("hidden", "use a smaller network");
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
+        read::read(reader)
+    }
+
+    fn weight_count(&self) -> Option<usize> {
         let active = self.hidden.checked_add(self.actuators)?;
         active.checked_mul(active.checked_add(self.sensors)?.checked_add(1)?)
     }
 
-    pub(crate) fn nodes(&self) -> usize {
-        self.sensors + self.hidden + self.actuators
+    fn sensors(&self) -> usize {
+        self.sensors
     }
 
-    /// `outputs`: those of all nodes, kept between steps; `scratch`: as long, its content does not matter.
-    pub(crate) fn step(
+    fn actuators(&self) -> usize {
+        self.actuators
+    }
+
+    /// The outputs of all nodes.
+    fn state_length(&self) -> usize {
+        self.nodes()
+    }
+
+    fn scratch_length(&self) -> usize {
+        self.nodes()
+    }
+
+    #[inline]
+    fn step(
         &self,
         weights: &[f32],
         outputs: &mut [f32],
@@ -45,7 +76,7 @@ impl FullyMeshed {
     ) {
         outputs[..sensors.len()].copy_from_slice(sensors);
         for _ in 0..self.iterations {
-            // All nodes at once: nobody hears an output of the same iteration.
+            // All nodes are updated at once, from the outputs of the iteration before.
             for (next, row) in scratch[self.sensors..]
                 .iter_mut()
                 .zip(weights.chunks_exact(self.nodes() + 1))

@@ -1,5 +1,11 @@
 //! Named parameters of a simulation that steers its agents itself.
 
+mod lanes;
+mod read;
+
+use super::Kind;
+use crate::SpecificationError;
+use crate::reader::Reader;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -55,9 +61,41 @@ impl ParameterKind {
     }
 }
 
-impl ParameterSet {
-    /// The value of each parameter, by name.
-    pub(crate) fn values(&self, weights: &[f32]) -> Map<String, Value> {
+impl Kind for ParameterSet {
+    const SIZE: (&'static str, &'static str) = ("parameters", "take fewer parameters");
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
+        read::read(reader)
+    }
+
+    fn weight_count(&self) -> Option<usize> {
+        Some(self.parameters.len())
+    }
+
+    fn sensors(&self) -> usize {
+        0
+    }
+
+    fn actuators(&self) -> usize {
+        0
+    }
+
+    fn steers(&self) -> bool {
+        false
+    }
+
+    fn state_length(&self) -> usize {
+        0
+    }
+
+    fn scratch_length(&self) -> usize {
+        0
+    }
+
+    /// Not called: the set steers no agents.
+    fn step(&self, _: &[f32], _: &mut [f32], _: &mut [f32], _: &[f32], _: &mut [f32]) {}
+
+    fn values(&self, weights: &[f32]) -> Map<String, Value> {
         self.parameters
             .iter()
             .zip(weights)

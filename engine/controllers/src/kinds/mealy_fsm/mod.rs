@@ -1,5 +1,11 @@
-//! Mealy machines: finite-state machines whose outputs depend on the state and on what is sensed.
+//! Mealy machines: finite-state machines whose outputs depend on the state and on the sensors.
 
+mod lanes;
+mod read;
+
+use super::Kind;
+use crate::SpecificationError;
+use crate::reader::Reader;
 use serde::Serialize;
 
 /// A Mealy machine (G. H. Mealy, "A method for synthesizing sequential circuits", 1955) over thresholded sensors.
@@ -18,36 +24,63 @@ pub struct MealyFsm {
     pub actuators: usize,
     /// States that it can be in.
     pub states: usize,
-    /// For each sensor: where one interval ends and the next begins, ascending; none where it is not looked at.
+    /// For each sensor: where one interval ends and the next begins, ascending; none for a sensor that is ignored.
     pub thresholds: Vec<Vec<f32>>,
 }
 
 impl MealyFsm {
-    pub(crate) fn weight_count(&self) -> Option<usize> {
+    /// Weights in a row of the table.
+    fn row_length(&self) -> usize {
+        1 + self.actuators
+    }
+
+    /// The highest number of a state.
+    fn last_state(&self) -> f32 {
+        // Far below 2^24, so that every state is a binary32.
+        (self.states - 1) as f32
+    }
+}
+
+impl Kind for MealyFsm {
+    const SIZE: (&'static str, &'static str) = ("thresholds", "take fewer states or thresholds");
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
+        read::read(reader)
+    }
+
+    fn weight_count(&self) -> Option<usize> {
         let mut intervals = self.thresholds.iter().map(|of_one| of_one.len() + 1);
         let rows = intervals.try_fold(self.states, usize::checked_mul)?;
         rows.checked_mul(self.row_length())
     }
 
-    /// Weights in a row of the table.
-    pub(crate) fn row_length(&self) -> usize {
-        1 + self.actuators
+    fn sensors(&self) -> usize {
+        self.sensors
     }
 
-    /// The highest number of a state.
-    pub(crate) fn last_state(&self) -> f32 {
-        // Far below 2^24, so that every state is a binary32.
-        (self.states - 1) as f32
+    fn actuators(&self) -> usize {
+        self.actuators
     }
 
-    /// `state`: one number, kept between steps.
-    pub(crate) fn step(
+    /// The number of the state.
+    fn state_length(&self) -> usize {
+        1
+    }
+
+    fn scratch_length(&self) -> usize {
+        0
+    }
+
+    #[inline]
+    fn step(
         &self,
         weights: &[f32],
-        state: &mut f32,
+        state: &mut [f32],
+        _scratch: &mut [f32],
         sensors: &[f32],
         actuators: &mut [f32],
     ) {
+        let state = &mut state[0];
         let mut row = *state as usize;
         for (sensor, thresholds) in sensors.iter().zip(&self.thresholds) {
             row *= thresholds.len() + 1;

@@ -1,6 +1,11 @@
 //! Layered feed-forward networks.
 
-use crate::{Activation, OutputRange};
+mod lanes;
+mod read;
+
+use super::Kind;
+use crate::reader::Reader;
+use crate::{Activation, OutputRange, SpecificationError};
 use serde::Serialize;
 
 /// A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between steps.
@@ -23,11 +28,23 @@ pub struct Layered {
 
 impl Layered {
     /// Nodes of each layer above the sensors.
-    pub(crate) fn layers(&self) -> impl Iterator<Item = usize> + '_ {
+    fn layers(&self) -> impl Iterator<Item = usize> + '_ {
         self.hidden.iter().copied().chain([self.actuators])
     }
 
-    pub(crate) fn weight_count(&self) -> Option<usize> {
+    fn widest(&self) -> usize {
+        self.layers().fold(self.sensors, usize::max)
+    }
+}
+
+impl Kind for Layered {
+    const SIZE: (&'static str, &'static str) = ("hidden", "use a smaller network");
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
+        read::read(reader)
+    }
+
+    fn weight_count(&self) -> Option<usize> {
         let mut below = self.sensors;
         let mut count = 0_usize;
         for nodes in self.layers() {
@@ -37,19 +54,28 @@ impl Layered {
         Some(count)
     }
 
-    fn widest(&self) -> usize {
-        self.layers().fold(self.sensors, usize::max)
+    fn sensors(&self) -> usize {
+        self.sensors
     }
 
-    /// Room for the outputs of two neighbouring layers.
-    pub(crate) fn scratch_length(&self) -> usize {
+    fn actuators(&self) -> usize {
+        self.actuators
+    }
+
+    fn state_length(&self) -> usize {
+        0
+    }
+
+    /// The outputs of two neighbouring layers.
+    fn scratch_length(&self) -> usize {
         2 * self.widest()
     }
 
-    /// `scratch` as long as `scratch_length`, its content does not matter.
-    pub(crate) fn step(
+    #[inline]
+    fn step(
         &self,
         weights: &[f32],
+        _state: &mut [f32],
         scratch: &mut [f32],
         sensors: &[f32],
         actuators: &mut [f32],

@@ -1,0 +1,78 @@
+//! Layered networks in lanes.
+
+use swarmwright_lanes::Lanes;
+
+use super::Layered;
+use crate::Activation;
+use crate::kinds::{Kind, LaneKind};
+use crate::lanes::Sensors;
+use crate::lanes::nodes::{apply, stretched};
+use crate::lanes::sums::{Inputs, add_row, add_rows, split};
+
+impl LaneKind for Layered {
+    #[inline(always)]
+    fn lane_weights(&self) -> usize {
+        self.weight_count().unwrap_or(usize::MAX)
+    }
+
+    #[inline(always)]
+    fn lane_state_length(&self) -> usize {
+        0
+    }
+
+    #[inline(always)]
+    fn lane_scratch_length(&self) -> usize {
+        self.scratch_length()
+    }
+
+    #[inline(always)]
+    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
+        &self,
+        weights: &[L],
+        _genomes: &[&[f32]],
+        _state: &mut [L],
+        scratch: &mut [L],
+
+        sensors: Sensors<L, S, B>,
+        actuators: &mut [L],
+    ) {
+        let (mut below, mut above) = scratch.split_at_mut(scratch.len() / 2);
+        let mut width = self.sensors;
+        let mut rest = weights;
+        // A copy, since networks go through sensors in a loop: others may keep theirs in registers.
+        let copy = sensors;
+        let mut inputs = copy.inputs();
+        for nodes in self.layers() {
+            let (rows, behind) = rest.split_at(nodes * (width + 1));
+            layer(self.activation, rows, inputs, &mut above[..nodes]);
+            (below, above) = (above, below);
+            (width, rest) = (nodes, behind);
+            inputs = Inputs::of_numbers(&below[..width]);
+        }
+        for (actuator, output) in actuators.iter_mut().zip(inputs.numbers) {
+            *actuator = stretched(self.output_range, *output);
+        }
+    }
+}
+
+/// A layer of nodes: the sum of the products, then the bias, then the function.
+#[inline(always)]
+fn layer<L: Lanes>(activation: Activation, rows: &[L], inputs: Inputs<'_, L>, outputs: &mut [L]) {
+    let length = inputs.len() + 1;
+    let mut fours = outputs.chunks_exact_mut(4);
+    let mut rest = rows;
+    for four in &mut fours {
+        let sums = add_rows([L::splat(0.0); 4], split::<L, 4>(rest, length, 1), inputs);
+        for node in 0..4 {
+            four[node] = apply(activation, rest[node * length].add(sums[node]));
+        }
+        rest = &rest[4 * length..];
+    }
+    for output in fours.into_remainder() {
+        *output = apply(
+            activation,
+            rest[0].add(add_row(L::splat(0.0), &rest[1..length], inputs)),
+        );
+        rest = &rest[length..];
+    }
+}

@@ -1,0 +1,87 @@
+//! Mealy machines in lanes.
+
+use swarmwright_lanes::{Int, Lanes, MOST_LANES};
+
+use super::MealyFsm;
+use crate::kinds::LaneKind;
+use crate::lanes::Sensors;
+use crate::lanes::sums::is_one;
+
+impl LaneKind for MealyFsm {
+    /// Each lane looks its row up in its own table.
+    #[inline(always)]
+    fn lane_weights(&self) -> usize {
+        0
+    }
+
+    #[inline(always)]
+    fn lane_state_length(&self) -> usize {
+        1
+    }
+
+    /// The sensors.
+    #[inline(always)]
+    fn lane_scratch_length(&self) -> usize {
+        self.sensors
+    }
+
+    #[inline(always)]
+    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
+        &self,
+        _weights: &[L],
+        genomes: &[&[f32]],
+        state: &mut [L],
+        scratch: &mut [L],
+
+        sensors: Sensors<L, S, B>,
+        actuators: &mut [L],
+    ) {
+        for (sensor, number) in scratch.iter_mut().zip(sensors.numbers) {
+            *sensor = number;
+        }
+        for (sensor, bit) in scratch[S..].iter_mut().zip(sensors.order) {
+            *sensor = L::splat(1.0).select(L::splat(0.0), is_one::<L>(sensors.bits, bit));
+        }
+        self.look_up(genomes, &mut state[0], scratch, actuators);
+    }
+}
+
+impl MealyFsm {
+    #[inline(always)]
+    fn look_up<L: Lanes>(
+        &self,
+        genomes: &[&[f32]],
+        state: &mut L,
+        sensors: &[L],
+        actuators: &mut [L],
+    ) {
+        let (zero, one) = (L::Int::splat(0), L::Int::splat(1));
+        let mut row = state.floor();
+        for (sensor, thresholds) in sensors.iter().zip(&self.thresholds) {
+            // A specification has at most a million weights, so no row comes near 2^31.
+            row = row.mul(L::Int::splat(thresholds.len() as i32 + 1));
+            for threshold in thresholds {
+                row = row.add(one.select(zero, L::splat(*threshold).lt(*sensor)));
+            }
+        }
+        let mut at = [0; MOST_LANES];
+        row.mul(L::Int::splat(self.row_length() as i32))
+            .store(&mut at);
+        let mut column = [0.0; MOST_LANES];
+        let mut gather = |offset: usize| {
+            for lane in 0..L::WIDTH {
+                column[lane] = genomes[lane][at[lane] as usize + offset];
+            }
+            L::load(&column)
+        };
+        for (index, actuator) in actuators.iter_mut().enumerate() {
+            *actuator = gather(1 + index)
+                .at_most(L::splat(1.0))
+                .at_least(L::splat(-1.0));
+        }
+        let next = gather(0)
+            .at_least(L::splat(0.0))
+            .at_most(L::splat(self.last_state()));
+        *state = L::from_int(next.floor());
+    }
+}

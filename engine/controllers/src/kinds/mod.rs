@@ -1,0 +1,144 @@
+//! The kinds of controller: a folder and a line of the list below for each.
+//!
+//! From the list follow [`Architecture`], the names in a specification, in error messages and in the capabilities of
+//! servers, and what is called for a controller of the kind. Tests of the other languages compare their lists with
+//! `protocol/schemas/controller.schema.json`, as `tests/kinds.rs` does with this one.
+
+mod fully_meshed;
+mod layered;
+mod mealy_fsm;
+mod parameter_set;
+
+pub use fully_meshed::FullyMeshed;
+pub use layered::Layered;
+pub use mealy_fsm::MealyFsm;
+pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
+
+use crate::SpecificationError;
+use crate::lanes::Sensors;
+use crate::reader::Reader;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use swarmwright_lanes::Lanes;
+
+/// A kind of controller: its specification, and inference for one agent.
+pub(crate) trait Kind: Sized {
+    /// The field that decides on the number of weights, and how to have fewer.
+    const SIZE: (&'static str, &'static str);
+
+    /// Reads the fields between `kind` and `weights`.
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError>;
+
+    /// Number of weights, biases included; none if it exceeds every limit.
+    fn weight_count(&self) -> Option<usize>;
+
+    /// Numbers in; 0 if it steers no agents.
+    fn sensors(&self) -> usize;
+
+    /// Numbers out; 0 if it steers no agents.
+    fn actuators(&self) -> usize;
+
+    /// Whether it steers agents.
+    fn steers(&self) -> bool {
+        true
+    }
+
+    /// Numbers that are kept between steps; all 0 at the start of an episode.
+    fn state_length(&self) -> usize;
+
+    /// Numbers that a step needs besides; their content does not matter.
+    fn scratch_length(&self) -> usize;
+
+    /// One step of one agent; all slices have the lengths above.
+    fn step(
+        &self,
+        weights: &[f32],
+        state: &mut [f32],
+        scratch: &mut [f32],
+        sensors: &[f32],
+        actuators: &mut [f32],
+    );
+
+    /// Values of parameters of the simulation, by name.
+    fn values(&self, _weights: &[f32]) -> Map<String, Value> {
+        Map::new()
+    }
+}
+
+/// Inference in lanes: the operations of [`Kind::step`] in the same order, for as many controllers as there are lanes.
+pub(crate) trait LaneKind: Kind {
+    /// Vectors of weights that are loaded; 0 if each lane looks its weights up in its genome.
+    fn lane_weights(&self) -> usize;
+
+    /// Vectors that are kept between steps; all 0 at the start of an episode.
+    fn lane_state_length(&self) -> usize;
+
+    /// Vectors that a step needs besides.
+    fn lane_scratch_length(&self) -> usize;
+
+    /// One step of one agent in each lane. Actuators are neither limited to -1..=1, nor is NaN replaced.
+    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
+        &self,
+        weights: &[L],
+        genomes: &[&[f32]],
+        state: &mut [L],
+        scratch: &mut [L],
+
+        sensors: Sensors<L, S, B>,
+        actuators: &mut [L],
+    );
+}
+
+/// Makes everything that follows from the list of kinds. `$d` is `$`, for the macro that it makes.
+macro_rules! kinds {
+    (($d:tt) $($(#[$doc:meta])* $name:literal => $Kind:ident,)+) => {
+        /// Names of the kinds of controller in specifications and capabilities.
+        pub const KINDS: &[&str] = &[$($name),+];
+
+        /// A controller without its weights.
+        #[derive(Debug, Clone, PartialEq, Serialize)]
+        #[serde(tag = "kind")]
+        pub enum Architecture {
+            $($(#[$doc])* #[serde(rename = $name)] $Kind($Kind),)+
+        }
+
+        /// Reads the fields of the kind with this name; none for an unknown name.
+        pub(crate) fn read(name: &str, reader: &mut Reader<'_>) -> Option<Result<Architecture, SpecificationError>> {
+            match name {
+                $($name => Some($Kind::read(reader).map(Architecture::$Kind)),)+
+                _ => None,
+            }
+        }
+
+        /// The field that decides on the number of weights of an architecture, and how to have fewer.
+        pub(crate) fn size(architecture: &Architecture) -> (&'static str, &'static str) {
+            match architecture {
+                $(Architecture::$Kind(_) => $Kind::SIZE,)+
+            }
+        }
+
+        /// An expression for the kind inside of an architecture, whichever it is.
+        macro_rules! of_kind {
+            ($d architecture:expr, $d kind:ident => $d expression:expr) => {
+                match $d architecture {
+                    $(crate::Architecture::$Kind($d kind) => $d expression,)+
+                }
+            };
+        }
+    };
+}
+
+kinds! { ($)
+    /// Feed-forward layers.
+    "layered" => Layered,
+    /// FREVO's recurrent network.
+    "fully_meshed" => FullyMeshed,
+    /// A finite-state machine.
+    "mealy_fsm" => MealyFsm,
+    /// Parameters of a simulation that steers its agents itself.
+    "parameter_set" => ParameterSet,
+}
+
+#[allow(clippy::single_component_path_imports)]
+// makes the macro visible to modules above the list
+pub(crate) use of_kind;

@@ -1,0 +1,37 @@
+//! Parameter sets in lanes: parameters differ from lane to lane, so that no simulation runs them in lanes.
+
+use swarmwright_lanes::Lanes;
+
+use super::ParameterSet;
+use crate::kinds::LaneKind;
+use crate::lanes::Sensors;
+
+impl LaneKind for ParameterSet {
+    #[inline(always)]
+    fn lane_weights(&self) -> usize {
+        0
+    }
+
+    #[inline(always)]
+    fn lane_state_length(&self) -> usize {
+        0
+    }
+
+    #[inline(always)]
+    fn lane_scratch_length(&self) -> usize {
+        0
+    }
+
+    /// Not called: the set steers no agents.
+    #[inline(always)]
+    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
+        &self,
+        _: &[L],
+        _: &[&[f32]],
+        _: &mut [L],
+        _: &mut [L],
+        _: Sensors<L, S, B>,
+        _: &mut [L],
+    ) {
+    }
+}
