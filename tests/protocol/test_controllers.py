@@ -1,11 +1,13 @@
 """The vectors of controllers say what decision 002 says, as read by an implementation of its own."""
 
+import json
+from collections import Counter
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.protocol.conftest import vectors
+from tests.protocol.conftest import PROTOCOL, vectors
 from tests.protocol.controllers import FUNCTIONS, Controller, merged
 
 Json = dict[str, Any]
@@ -53,6 +55,9 @@ def test_parameter_sets(case: Json) -> None:
     assert kinds == {name: type(value) for name, value in case["merged"].items()}
 
 
-@pytest.mark.parametrize("kind", ["layered", "fully_meshed", "mealy_fsm"])
-def test_every_kind_has_vectors(kind: str) -> None:
-    assert sum(case["specification"]["kind"] == kind for case in VECTORS["controllers"]) >= 5
+def test_every_kind_of_the_schema_has_vectors() -> None:
+    cases = [*VECTORS["controllers"], *VECTORS["parameter_sets"]]
+    counts = Counter(case["specification"]["kind"] for case in cases)
+    schema = json.loads((PROTOCOL / "schemas" / "controller.schema.json").read_text(encoding="utf-8"))
+    assert counts.keys() == {kind["$ref"].rpartition("/")[2] for kind in schema["oneOf"]}
+    assert min(counts.values()) >= 5, counts

@@ -154,8 +154,6 @@ def test_controller_is_accepted(specification: dict[str, Any], validators: Valid
 def test_controllers_of_the_vectors_are_accepted(validators: Validators) -> None:
     file = load(PROTOCOL / "vectors" / "controllers.json")
     vectors = [*file["controllers"], *file["parameter_sets"]]
-    kinds = {vector["specification"]["kind"] for vector in vectors}
-    assert kinds == {"layered", "fully_meshed", "mealy_fsm", "parameter_set"}
     for vector in vectors:
         validators("controller").validate(vector["specification"])
 

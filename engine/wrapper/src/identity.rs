@@ -1,5 +1,6 @@
 //! Who a server is: its id, and what tells it from another one with the same id.
 
+use swarmwright_controllers::KINDS;
 use swarmwright_protocol::{Announcement, Capabilities};
 use swarmwright_worlds::Description;
 
@@ -43,7 +44,7 @@ impl Identity {
             swarmwright: Some(Announcement {
                 version: 1,
                 modes: texts(&["stepwise", "batched", "offloaded"]),
-                controllers: texts(&["layered", "fully_meshed", "mealy_fsm", "parameter_set"]),
+                controllers: texts(KINDS),
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
                 sensors: Some(simulation.sensors),

@@ -27,6 +27,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 """The options with which each kind of controller that steers agents is tried; two of the three have a
 state."""
+KINDS = (*OPTIONS, "parameter_set")
+"""All kinds of controller."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ use swarmwright_lanes::{Int, Lanes, Mask};
 
 use crate::Architecture;
 use crate::kinds::{LaneKind, of_kind};
-use sums::Inputs;
 
 /// As many controllers as there are lanes, with their weights; the state of each agent is kept by the caller.
 pub struct LaneController<'a, L> {
@@ -19,22 +18,6 @@ pub struct LaneController<'a, L> {
     /// The weights of each lane, for a kind that looks them up.
     genomes: Vec<&'a [f32]>,
     scratch: Vec<L>,
-}
-
-/// The sensors of one agent in each lane: numbers, then sensors that are 1 where a bit of `bits` is not set, else 0;
-/// `order` holds the indices of these bits.
-#[derive(Clone, Copy)]
-pub(crate) struct Sensors<L: Lanes, const S: usize, const B: usize> {
-    pub(crate) numbers: [L; S],
-    pub(crate) bits: L::Int,
-    pub(crate) order: [u32; B],
-}
-
-impl<L: Lanes, const S: usize, const B: usize> Sensors<L, S, B> {
-    #[inline(always)]
-    pub(crate) fn inputs(&self) -> Inputs<'_, L> {
-        Inputs::new(&self.numbers, self.bits, &self.order)
-    }
 }
 
 impl<'a, L: Lanes> LaneController<'a, L> {
@@ -87,16 +70,12 @@ impl<'a, L: Lanes> LaneController<'a, L> {
         &mut self,
         state: &mut [L],
         numbers: [L; S],
-        (bits, order): (L::Int, [u32; B]),
+        bits: (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
-        let sensors = Sensors {
-            numbers,
-            bits,
-            order,
-        };
-        let (weights, genomes, scratch) = (&self.weights, &self.genomes, &mut self.scratch);
-        of_kind!(self.architecture, kind => kind.step_in_lanes(weights, genomes, state, scratch, sensors, actuators));
+        let (weights, scratch) = (self.weights.as_slice(), self.scratch.as_mut_slice());
+        let weights = (weights, self.genomes.as_slice());
+        of_kind!(self.architecture, kind => kind.step_in_lanes(weights, state, scratch, numbers, bits, actuators));
     }
 }
 

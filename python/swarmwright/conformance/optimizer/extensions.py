@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.conformance._client import TO_TOOL, Message
-from swarmwright.conformance._extensions import decoded
+from swarmwright.conformance._extensions import KINDS, decoded
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Record, sensed
@@ -25,8 +25,7 @@ class Offloading(Actor):
 
     def announced(self) -> Json:
         """Offloaded evaluation, batches of four."""
-        kinds = ["layered", "fully_meshed", "mealy_fsm", "parameter_set"]
-        return {"modes": list(self.modes), "controllers": kinds, "batch": 4}
+        return {"modes": list(self.modes), "controllers": list(KINDS), "batch": 4}
 
     def requested(self, message: Message) -> None:
         """Check a request, and serve it."""

@@ -6,6 +6,7 @@ import msgpack
 import numpy as np
 
 from swarmwright.conformance._extensions import (
+    OPTIONS,
     OTHER,
     TOOL,
     ControllerSet,
@@ -39,11 +40,7 @@ def some(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
     server.announces(mode="offloaded")
     if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself")
-    kinds = [
-        kind
-        for kind in server.announced.get("controllers", [])
-        if kind in ("layered", "fully_meshed", "mealy_fsm")
-    ]
+    kinds = [kind for kind in server.announced.get("controllers", []) if kind in OPTIONS]
     if not kinds:
         raise Skip("not announced: no kind of controller that the kit knows")
     return controller_set(server, kinds[0], candidates)

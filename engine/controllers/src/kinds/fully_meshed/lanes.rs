@@ -6,7 +6,6 @@ use swarmwright_lanes::Lanes;
 
 use super::FullyMeshed;
 use crate::kinds::{Kind, LaneKind};
-use crate::lanes::Sensors;
 use crate::lanes::nodes::{apply, apply_to, stretched};
 use crate::lanes::sums::{Inputs, add_row, add_rows, split};
 
@@ -30,22 +29,22 @@ impl LaneKind for FullyMeshed {
     #[inline(always)]
     fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
         &self,
-        weights: &[L],
-        _genomes: &[&[f32]],
+        (weights, _): (&[L], &[&[f32]]),
         state: &mut [L],
         scratch: &mut [L],
-
-        sensors: Sensors<L, S, B>,
+        numbers: [L; S],
+        (bits, order): (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
         // A handful of nodes, as in the built-in examples, stay in registers from iteration to iteration.
         match self.hidden + self.actuators {
-            3 => small::<L, 3>(self, weights, state, sensors.inputs()),
-            4 => small::<L, 4>(self, weights, state, sensors.inputs()),
+            3 => small::<L, 3>(self, weights, state, Inputs::new(&numbers, bits, &order)),
+            4 => small::<L, 4>(self, weights, state, Inputs::new(&numbers, bits, &order)),
             _ => {
                 // A copy, since these go through sensors in a loop: the others may keep theirs in registers.
-                let copy = sensors;
-                large(self, weights, state, scratch, copy.inputs());
+                let copy = numbers;
+                let sensors = Inputs::new(&copy, bits, &order);
+                large(self, weights, state, scratch, sensors);
             }
         }
         for (actuator, output) in actuators.iter_mut().zip(&state[self.hidden..]) {

@@ -5,7 +5,6 @@ use swarmwright_lanes::Lanes;
 use super::Layered;
 use crate::Activation;
 use crate::kinds::{Kind, LaneKind};
-use crate::lanes::Sensors;
 use crate::lanes::nodes::{apply, stretched};
 use crate::lanes::sums::{Inputs, add_row, add_rows, split};
 
@@ -28,20 +27,19 @@ impl LaneKind for Layered {
     #[inline(always)]
     fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
         &self,
-        weights: &[L],
-        _genomes: &[&[f32]],
+        (weights, _): (&[L], &[&[f32]]),
         _state: &mut [L],
         scratch: &mut [L],
-
-        sensors: Sensors<L, S, B>,
+        numbers: [L; S],
+        (bits, order): (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
         let (mut below, mut above) = scratch.split_at_mut(scratch.len() / 2);
         let mut width = self.sensors;
         let mut rest = weights;
         // A copy, since networks go through sensors in a loop: others may keep theirs in registers.
-        let copy = sensors;
-        let mut inputs = copy.inputs();
+        let copy = numbers;
+        let mut inputs = Inputs::new(&copy, bits, &order);
         for nodes in self.layers() {
             let (rows, behind) = rest.split_at(nodes * (width + 1));
             layer(self.activation, rows, inputs, &mut above[..nodes]);

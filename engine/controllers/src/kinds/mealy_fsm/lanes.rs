@@ -4,7 +4,6 @@ use swarmwright_lanes::{Int, Lanes, MOST_LANES};
 
 use super::MealyFsm;
 use crate::kinds::LaneKind;
-use crate::lanes::Sensors;
 use crate::lanes::sums::is_one;
 
 impl LaneKind for MealyFsm {
@@ -28,19 +27,18 @@ impl LaneKind for MealyFsm {
     #[inline(always)]
     fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
         &self,
-        _weights: &[L],
-        genomes: &[&[f32]],
+        (_, genomes): (&[L], &[&[f32]]),
         state: &mut [L],
         scratch: &mut [L],
-
-        sensors: Sensors<L, S, B>,
+        numbers: [L; S],
+        (bits, order): (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
-        for (sensor, number) in scratch.iter_mut().zip(sensors.numbers) {
+        for (sensor, number) in scratch.iter_mut().zip(numbers) {
             *sensor = number;
         }
-        for (sensor, bit) in scratch[S..].iter_mut().zip(sensors.order) {
-            *sensor = L::splat(1.0).select(L::splat(0.0), is_one::<L>(sensors.bits, bit));
+        for (sensor, bit) in scratch[S..].iter_mut().zip(order) {
+            *sensor = L::splat(1.0).select(L::splat(0.0), is_one::<L>(bits, bit));
         }
         self.look_up(genomes, &mut state[0], scratch, actuators);
     }

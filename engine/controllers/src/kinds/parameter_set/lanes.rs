@@ -4,7 +4,6 @@ use swarmwright_lanes::Lanes;
 
 use super::ParameterSet;
 use crate::kinds::LaneKind;
-use crate::lanes::Sensors;
 
 impl LaneKind for ParameterSet {
     #[inline(always)]
@@ -26,11 +25,11 @@ impl LaneKind for ParameterSet {
     #[inline(always)]
     fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
         &self,
-        _: &[L],
-        _: &[&[f32]],
+        _: (&[L], &[&[f32]]),
         _: &mut [L],
         _: &mut [L],
-        _: Sensors<L, S, B>,
+        _: [L; S],
+        _: (L::Int, [u32; B]),
         _: &mut [L],
     ) {
     }

@@ -30,6 +30,16 @@ public final class Vectors {
     return JsonParser.parseString(new String(bytes(file), StandardCharsets.UTF_8));
   }
 
+  /** A schema of protocol/schemas. */
+  public static JsonObject schema(String name) {
+    Path file = FOLDER.resolveSibling("schemas").resolve(name + ".schema.json");
+    try {
+      return JsonParser.parseString(Files.readString(file)).getAsJsonObject();
+    } catch (IOException error) {
+      throw new UncheckedIOException(error);
+    }
+  }
+
   /** The objects of a list. */
   public static List<JsonObject> objects(JsonElement list) {
     List<JsonObject> objects = new ArrayList<>();

@@ -1,14 +1,26 @@
 package org.swarmwright.controllers;
 
 import com.google.gson.JsonObject;
+import java.util.LinkedHashMap;
+import java.util.List;
+import java.util.Map;
+import java.util.function.Function;
 
 /** A controller without its weights: how one agent computes actuators from sensors and weights. */
 public abstract strictfp class Architecture {
   /** The largest number of weights of a controller. */
   public static final int MAX_WEIGHTS = 1_000_000;
 
-  private static final String KINDS =
-      "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"";
+  /** How a specification of each kind is read; all lists of kinds follow from this one. */
+  private static final Map<String, Function<SpecificationReader, Architecture>> KINDS =
+      new LinkedHashMap<>();
+
+  static {
+    KINDS.put("layered", Layered::read);
+    KINDS.put("fully_meshed", FullyMeshed::read);
+    KINDS.put("mealy_fsm", MealyFsm::read);
+    KINDS.put("parameter_set", ParameterSet::read);
+  }
 
   private final int sensors;
   private final int actuators;
@@ -28,28 +40,16 @@ public abstract strictfp class Architecture {
   public static Architecture read(JsonObject specification) {
     SpecificationReader reader = new SpecificationReader(specification);
     reader.count("version", 1, 1);
-    String kind = reader.text("kind", KINDS);
-    Architecture architecture;
-    switch (kind) {
-      case "layered":
-        architecture = Layered.read(reader);
-        break;
-      case "fully_meshed":
-        architecture = FullyMeshed.read(reader);
-        break;
-      case "mealy_fsm":
-        architecture = MealyFsm.read(reader);
-        break;
-      case "parameter_set":
-        architecture = ParameterSet.read(reader);
-        break;
-      default:
-        throw new SpecificationException("kind", "\"" + kind + "\" found, expected " + KINDS);
+    String expected = "one of \"" + String.join("\", \"", kinds()) + "\"";
+    String kind = reader.text("kind", expected);
+    if (!KINDS.containsKey(kind)) {
+      throw new SpecificationException("kind", "\"" + kind + "\" found, expected " + expected);
     }
+    Architecture architecture = KINDS.get(kind).apply(reader);
     reader.end();
     if (architecture.weightCount() > MAX_WEIGHTS) {
       throw new SpecificationException(
-          kind.equals("mealy_fsm") ? "thresholds" : "hidden",
+          architecture.sizeField(),
           "makes "
               + architecture.weightCount()
               + " weights; at most "
@@ -57,6 +57,16 @@ public abstract strictfp class Architecture {
               + " are possible");
     }
     return architecture;
+  }
+
+  /** The kinds of controller that this library computes, as in specifications. */
+  public static List<String> kinds() {
+    return List.copyOf(KINDS.keySet());
+  }
+
+  /** The field that decides on the number of weights. */
+  String sizeField() {
+    return "hidden";
   }
 
   /** Whether it steers agents; a {@link ParameterSet} does not. */

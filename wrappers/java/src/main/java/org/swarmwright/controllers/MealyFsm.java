@@ -37,6 +37,11 @@ final strictfp class MealyFsm extends Architecture {
   }
 
   @Override
+  String sizeField() {
+    return "thresholds";
+  }
+
+  @Override
   int stateLength() {
     return 1;
   }

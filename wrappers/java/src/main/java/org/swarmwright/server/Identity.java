@@ -6,6 +6,7 @@ import java.security.SecureRandom;
 import java.util.List;
 import java.util.Locale;
 import org.swarmwright.Description;
+import org.swarmwright.controllers.Architecture;
 import org.swarmwright.messages.Capabilities;
 import org.swarmwright.messages.Swarmwright;
 
@@ -66,7 +67,7 @@ final class Identity {
             new Swarmwright()
                 .withVersion(1)
                 .withModes(List.of("stepwise", "batched", "offloaded"))
-                .withControllers(List.of("layered", "fully_meshed", "mealy_fsm", "parameter_set"))
+                .withControllers(Architecture.kinds())
                 .withBatch(offer.maxBatch())
                 .withMetrics(simulation.metrics().isEmpty() ? null : simulation.metrics())
                 .withDeterminism(name(simulation.determinism()))

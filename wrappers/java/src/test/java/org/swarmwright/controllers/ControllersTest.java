@@ -7,6 +7,8 @@ import static org.junit.jupiter.api.Assertions.assertTrue;
 import com.google.gson.JsonElement;
 import com.google.gson.JsonObject;
 import com.google.gson.JsonParser;
+import java.util.ArrayList;
+import java.util.List;
 import java.util.Map;
 import java.util.function.DoubleUnaryOperator;
 import java.util.stream.Stream;
@@ -83,6 +85,21 @@ class ControllersTest {
     float[] weights = Vectors.weights(specification);
     assertEquals(
         vector.get("merged"), set.merged(vector.getAsJsonObject("parameters"), weights, 0));
+  }
+
+  @Test
+  void kindsAreThoseOfTheSchema() {
+    List<String> kinds = new ArrayList<>();
+    for (JsonElement kind : Vectors.schema("controller").getAsJsonArray("oneOf")) {
+      String reference = kind.getAsJsonObject().get("$ref").getAsString();
+      kinds.add(reference.substring(reference.lastIndexOf('/') + 1));
+    }
+    assertEquals(kinds, Architecture.kinds());
+    SpecificationException error =
+        assertThrows(
+            SpecificationException.class,
+            () -> Architecture.read(object("'version': 1, 'kind': 'spiking'")));
+    kinds.forEach(kind -> assertTrue(error.getMessage().contains(kind), error.getMessage()));
   }
 
   @Test
