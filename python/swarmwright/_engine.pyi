@@ -96,7 +96,7 @@ def steers_itself(title: str, parameters: dict[str, Any]) -> bool:
 
 @final
 class Controller:
-    """Inference of one controller, sensors in, actuators out, in the arithmetic of DESIGN.md section 5.
+    """Inference of one controller, sensors in, actuators out, in the arithmetic of docs/decisions/002-arithmetic.md.
 
     specification: JSON text, see protocol/controller.schema.json. State is kept between steps until `reset`.
     """

@@ -1,7 +1,7 @@
 //! Random numbers by counter, and the genetic operators of networks.
 //!
 //! Everything is made of exact integer operations and single IEEE 754 binary64 operations in a written-down order, so
-//! the same address gives the same genome on every machine (DESIGN.md section 5).
+//! the same address gives the same genome on every machine (docs/decisions/002-arithmetic.md).
 //!
 //! ```
 //! use swarmwright_evolution::{Mutation, NodeNetwork, Stream, purpose_key};

@@ -2,7 +2,7 @@
 //!
 //! A lane is an episode of a candidate. A kernel is written once over [`Lanes`] and compiled for every [`Level`]; the
 //! best one that the processor has is chosen at run time. Every operation is one IEEE 754 binary32 operation per lane
-//! in the order of the source: nothing is fused, nothing is summed across lanes (DESIGN.md section 5).
+//! in the order of the source: nothing is fused, nothing is summed across lanes (docs/decisions/002-arithmetic.md).
 //!
 //! ```
 //! use swarmwright_lanes::{Kernel, Lanes, Level};

@@ -1,4 +1,4 @@
-//! Extension messages that carry blocks of numbers: offloaded evaluation and batched stepwise (DESIGN.md section 4).
+//! Extension messages that carry blocks of numbers: offloaded evaluation and batched stepwise (docs/reference/protocol.md).
 //!
 //! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown keys
 //! are ignored. Shapes are checked where a message is read, so that whoever holds one need not.

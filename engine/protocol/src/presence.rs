@@ -1,4 +1,4 @@
-//! Extension: presence, a retained message per server that says what it does now (DESIGN.md section 4).
+//! Extension: presence, a retained message per server that says what it does now (docs/reference/protocol.md).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

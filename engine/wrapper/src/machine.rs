@@ -1,4 +1,4 @@
-//! What a server decides: messages and time in, actions out, no I/O (DESIGN.md section 3).
+//! What a server decides: messages and time in, actions out, no I/O (docs/reference/protocol.md).
 //!
 //! A server is free, configured (parameters came, it waits for control), running an episode, stepping a batch, working
 //! on requests for offloaded evaluation, or held: between two episodes of one tool that gave its name it stays reserved

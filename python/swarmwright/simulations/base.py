@@ -90,7 +90,7 @@ class Simulation(Described):
 
         Raises:
             swarmwright.InputError: the parameters cannot be used, "name: why"; no other episode is tried with
-            them.
+                them.
         """
 
     @abstractmethod

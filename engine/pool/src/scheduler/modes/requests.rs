@@ -1,4 +1,4 @@
-//! Work that goes to a server in one piece: blocks for offloaded evaluation, batches of episodes (DESIGN.md section 4).
+//! Work that goes to a server in one piece: blocks for offloaded evaluation, batches of episodes (docs/reference/protocol.md).
 
 use std::time::{Duration, Instant};
 

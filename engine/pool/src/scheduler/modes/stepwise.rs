@@ -1,4 +1,4 @@
-//! Episodes whose every step crosses the broker (DESIGN.md section 3).
+//! Episodes whose every step crosses the broker (docs/reference/protocol.md).
 
 use std::time::{Duration, Instant};
 
