@@ -1,4 +1,4 @@
-//! How the broker is set up.
+//! The configuration of the broker.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -30,7 +30,7 @@ pub struct Config {
 /// Limits on what clients can make the broker store.
 #[derive(Clone, Debug)]
 pub struct Limits {
-    /// Largest packet taken, bytes.
+    /// Largest packet accepted, bytes.
     pub packet: usize,
     /// Bytes in transit to one client. From half of it on, publishers to an active reader are slowed down;
     /// a client that reads nothing meanwhile is disconnected when it is this far behind.
@@ -69,7 +69,7 @@ impl Default for Config {
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            // The protocol's largest message, its topic and properties: what its peers take, too.
+            // The protocol's largest message, its topic and properties, as tools and servers accept.
             packet: (64 << 20) + (1 << 20),
             backlog: 128 << 20,
             retained: 64 << 20,
@@ -82,7 +82,7 @@ impl Default for Limits {
     }
 }
 
-/// A quarter of what there is, 256 MiB at least, 1 GiB where that cannot be told.
+/// A quarter of the memory, 256 MiB at least; 1 GiB where its size is not known.
 fn default_memory() -> usize {
     let number =
         |path: &str| -> Option<usize> { std::fs::read_to_string(path).ok()?.trim().parse().ok() };

@@ -11,7 +11,7 @@ use std::time::Instant;
 pub const MOST_FILTERS: usize = 4096;
 pub const MOST_FILTER_BYTES: usize = 4 << 20;
 
-/// What a level of a topic filter and a session without anything take, bytes, about.
+/// Approximate memory of a level of a topic filter, and of an empty session, bytes.
 const LEVEL: usize = 160;
 const SESSION: usize = 1024;
 
@@ -63,7 +63,7 @@ pub struct Session {
     pub inbound: HashSet<u16>,
     flights: VecDeque<Flight>,
     queue: VecDeque<Delivery>,
-    /// Of the messages in line and of those under way.
+    /// Bytes of the queued and of the unacknowledged messages.
     queued_bytes: usize,
     last_id: u16,
     pub overflowed: bool,
@@ -73,9 +73,9 @@ pub struct Session {
 #[derive(Clone, Copy)]
 pub struct Terms {
     pub version: Version,
-    /// Unacknowledged messages that the client takes.
+    /// Unacknowledged messages that the client accepts.
     pub window: u16,
-    /// Largest packet that the client takes, bytes.
+    /// Largest packet that the client accepts, bytes.
     pub maximum_packet: usize,
 }
 
@@ -102,7 +102,7 @@ impl Session {
         }
     }
 
-    /// Notes a topic filter; whether it is new. None = these are more filters than a client may have.
+    /// Adds a topic filter; whether it is new. None = more filters than a client may have.
     pub fn subscribe(&mut self, filter: &str) -> Option<bool> {
         if self.filters.contains(filter) {
             return Some(false);
@@ -116,7 +116,7 @@ impl Session {
         Some(true)
     }
 
-    /// Forgets a topic filter; false = there was none.
+    /// Removes a topic filter; false = there was none.
     pub fn unsubscribe(&mut self, filter: &str) -> bool {
         let found = self.filters.remove(filter);
         if found {
@@ -138,18 +138,18 @@ impl Session {
         }
     }
 
-    /// Bytes of the messages of QoS 1 and 2 that wait or are under way.
+    /// Bytes of the messages of QoS 1 and 2 that are queued or unacknowledged.
     pub fn queued_bytes(&self) -> usize {
         self.queued_bytes
     }
 
-    /// Bytes that remembering it takes, about.
+    /// Approximate memory of the session, bytes.
     pub fn size(&self) -> usize {
         let will = self.will.as_ref().map_or(0, |will| will.message.size());
         SESSION + 2 * self.client_id.len() + will + self.filter_bytes + self.queued_bytes
     }
 
-    /// Puts a message of QoS 1 or 2 in line; false when that exceeds `limit` bytes.
+    /// Queues a message of QoS 1 or 2; false when that exceeds `limit` bytes.
     pub fn enqueue(&mut self, delivery: Delivery, limit: usize) -> bool {
         let size = delivery.message.size();
         if self.queued_bytes + size > limit {
@@ -160,7 +160,7 @@ impl Session {
         true
     }
 
-    /// Sends from the line as far as the client's window allows.
+    /// Sends queued messages as far as the client's window allows.
     pub fn advance(&mut self, out: &mut Outbox, terms: Terms, now: Instant) {
         while self.flights.len() < usize::from(terms.window) {
             let Some(delivery) = self.queue.pop_front() else {
@@ -180,7 +180,7 @@ impl Session {
         }
     }
 
-    /// Repeats what an earlier connection left unfinished, in order.
+    /// Repeats the unfinished messages of an earlier connection, in order.
     pub fn resume(&mut self, out: &mut Outbox, terms: Terms, now: Instant) {
         let queued_bytes = &mut self.queued_bytes;
         self.flights.retain(|flight| match &flight.delivery {
@@ -258,13 +258,13 @@ impl Session {
 }
 
 impl Delivery {
-    /// Sends at QoS 0, without remembering.
+    /// Sends at QoS 0, without storing.
     pub fn send(&self, out: &mut Outbox, terms: Terms, now: Instant) {
         write(out, self, 0, false, terms, now);
     }
 }
 
-/// False when the packet is larger than the client takes: then it is not sent at all (MQTT 5.0, 3.1.2.11.4).
+/// False when the packet is larger than the client accepts: then it is not sent at all (MQTT 5.0, 3.1.2.11.4).
 fn write(
     out: &mut Outbox,
     delivery: &Delivery,

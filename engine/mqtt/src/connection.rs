@@ -19,21 +19,21 @@ const WAKER: Token = Token(1);
 const CHUNK: usize = 1 << 16;
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 
-/// Something that happened on the connection.
+/// An event of the connection.
 #[derive(Debug)]
 pub enum Event {
     /// Connected again and subscribed again; what was published meanwhile is lost.
     Connected,
-    /// The connection broke; it is being tried again.
+    /// The connection broke; attempts to reconnect follow.
     Disconnected {
         /// Why.
         reason: String,
         /// Bytes of the largest packet that was sent and that the broker is not known to have read, where it is larger
-        /// than all that it read, and than 1024: perhaps the broker takes none of that size. 0 for none, and where the
-        /// broker says how much it takes.
+        /// than all that it read, and than 1024: the broker may not accept packets of that size. 0 for none, and where the
+        /// broker announces a limit.
         unread: usize,
     },
-    /// A message came in.
+    /// A message was received.
     Message(Incoming),
 }
 
@@ -46,7 +46,7 @@ pub struct TooLarge {
     pub most: usize,
 }
 
-/// What went through a connection since it was opened first.
+/// What a connection has sent and received since it was first opened.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Bytes sent, without those of TLS.
@@ -105,7 +105,7 @@ impl Connection {
     /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker does not support it.
     ///
     /// # Errors
-    /// No broker there, no MQTT there, credentials refused, a subscription denied, certificates that do not fit.
+    /// No broker at the address, no MQTT, credentials refused, a subscription denied, certificates that are not valid for it.
     pub fn open(
         settings: Settings,
         subscriptions: Vec<Subscription>,
@@ -155,13 +155,13 @@ impl Connection {
         self.settings.url.to_string()
     }
 
-    /// What went through it.
+    /// What it has sent and received.
     #[must_use]
     pub fn traffic(&self) -> Traffic {
         self.traffic
     }
 
-    /// Bytes of the largest packet that the broker takes; `usize::MAX` when it does not say (MQTT 3.1.1), or is gone.
+    /// Bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit (MQTT 3.1.1), or is disconnected.
     #[must_use]
     pub fn largest_packet(&self) -> usize {
         self.link
@@ -170,7 +170,7 @@ impl Connection {
     }
 
     /// Bytes of the largest packet that this connection has sent since it was opened last and the broker has read,
-    /// where that is more than 1024 and the broker does not say how much it takes; otherwise 0.
+    /// where that is more than 1024 and the broker announces no limit; otherwise 0.
     #[must_use]
     pub fn largest_read(&self) -> usize {
         self.link.as_ref().map_or(0, |link| link.session.read().0)
@@ -205,7 +205,7 @@ impl Connection {
     /// As [`publish`](Self::publish), with the properties of MQTT 5.
     ///
     /// # Errors
-    /// The broker would not take it: it is not sent.
+    /// It is larger than the broker accepts; it is not sent.
     pub fn publish_with(
         &mut self,
         topic: &str,

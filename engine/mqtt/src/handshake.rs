@@ -5,7 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::connection::Event;
-use crate::manner::{Manner, Remedy};
+use crate::dialect::{Dialect, Remedy};
 use crate::session::{Granted, Received, Session, Subscription, Version};
 use crate::settings::Settings;
 use crate::transport::Transport;
@@ -36,21 +36,21 @@ pub(crate) fn connect(
 ) -> Result<(Transport, Session), ConnectError> {
     let forced = caller.settings.url.version;
     let address = caller.settings.url.to_string();
-    let learnt = Manner::learnt(&address)
+    let learnt = Dialect::learnt(&address)
         .filter(|learnt| forced.is_none_or(|version| version == learnt.version));
-    let mut manner = learnt.unwrap_or_else(|| Manner::first(forced));
+    let mut dialect = learnt.unwrap_or_else(|| Dialect::first(forced));
     let mut broken = 0;
     loop {
         early.clear();
         out.clear();
-        let Failure(error, remedy) = match attempt(caller, manner, chunk, out, early) {
+        let Failure(error, remedy) = match attempt(caller, dialect, chunk, out, early) {
             Ok(made) => {
-                manner.learn(&address);
+                dialect.learn(&address);
                 return Ok(made);
             }
             Err(failure) => failure,
         };
-        if remedy == Remedy::Again {
+        if remedy == Remedy::Retry {
             broken += 1;
             if broken >= MOST_TRIES {
                 return Err(error);
@@ -58,19 +58,19 @@ pub(crate) fn connect(
             log::debug!("{error}");
             thread::sleep(PAUSE * broken);
         }
-        let Some(next) = manner.after(remedy, forced) else {
+        let Some(next) = dialect.after(remedy, forced) else {
             if !matches!(error, ConnectError::NoBroker { .. }) {
-                Manner::forget(&address);
+                Dialect::forget(&address);
             }
             return Err(error);
         };
-        manner = next;
+        dialect = next;
     }
 }
 
 fn attempt(
     caller: &Caller<'_>,
-    manner: Manner,
+    dialect: Dialect,
     chunk: &mut [u8],
     out: &mut Vec<u8>,
     early: &mut Vec<Event>,
@@ -78,27 +78,27 @@ fn attempt(
     let settings = caller.settings;
     let url = settings.url.to_string();
     let mut accepted = false;
-    // Once it has accepted the connection it is a broker, whatever follows.
+    // Once it has accepted the connection, it is certainly a broker.
     let broken = |accepted: bool, reason: String| {
         let url = url.clone();
         if accepted {
-            Failure(ConnectError::Broken { url, reason }, Remedy::Again)
+            Failure(ConnectError::Broken { url, reason }, Remedy::Retry)
         } else {
             Failure(ConnectError::NoMqtt { url, reason }, Remedy::Older)
         }
     };
     let mut transport =
         Transport::connect(settings).map_err(|error| Failure(error, Remedy::None))?;
-    let silence = match (manner.version, settings.url.version) {
+    let silence = match (dialect.version, settings.url.version) {
         (Version::V5, None) => settings.timeout.mul_f64(SILENCE),
         _ => settings.timeout,
     };
     transport
         .set_read_timeout(silence)
         .map_err(|error| broken(false, error.to_string()))?;
-    let mut session = Session::new(manner.version);
+    let mut session = Session::new(dialect.version);
     session
-        .connect(settings, caller.client_id, manner, out)
+        .connect(settings, caller.client_id, dialect, out)
         .map_err(|error| broken(false, format!("{error:?}")))?;
     let deadline = Instant::now() + settings.timeout;
     let mut answers = Vec::new();
@@ -138,8 +138,8 @@ fn attempt(
                         .subscribe(caller.subscriptions, out)
                         .map_err(|error| broken(true, format!("{error:?}")))?;
                 }
-                Received::Refused(reason, Remedy::Again) => {
-                    return Err(Failure(ConnectError::Busy { url, reason }, Remedy::Again));
+                Received::Refused(reason, Remedy::Retry) => {
+                    return Err(Failure(ConnectError::Busy { url, reason }, Remedy::Retry));
                 }
                 Received::Refused(reason, remedy) => {
                     let who = settings.who();

@@ -6,8 +6,8 @@
 //! published since the last in one write, since a step of many agents is many small messages.
 
 mod connection;
+mod dialect;
 mod handshake;
-mod manner;
 mod plain;
 mod probe;
 mod publication;

@@ -70,7 +70,7 @@ pub(crate) fn read(
 /// Where the properties end that begin at `start`; none if there are others than those above, or one is malformed or
 /// there twice.
 fn skip_properties(packet: &[u8], start: usize) -> Option<usize> {
-    // 127 bytes in all, or the crate may read them.
+    // At most 127 bytes; more are left to the library.
     let length = usize::from(*packet.get(start).filter(|length| **length < 0x80)?);
     let end = start + 1 + length;
     let mut rest = packet.get(start + 1..end)?;
@@ -98,7 +98,7 @@ fn skip_properties(packet: &[u8], start: usize) -> Option<usize> {
     Some(end)
 }
 
-/// The properties of a message, without their length; none if the crate must say what is wrong.
+/// The properties of a message, without their length; None if they are not valid, which the library reports.
 fn properties(options: &PublishOptions<'_>) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
     if let Some(seconds) = options.expiry {
@@ -144,8 +144,8 @@ fn length_size(length: usize) -> usize {
     }
 }
 
-/// Appends a PUBLISH at QoS 0, not retained, to `out`, unless it would be longer than `most` bytes, or something in it
-/// cannot be.
+/// Appends a PUBLISH at QoS 0, not retained, to `out`, unless it would be longer than `most` bytes, or is not
+/// valid.
 pub(crate) fn write(
     topic: &str,
     payload: &[u8],
@@ -186,7 +186,7 @@ pub(crate) fn write(
     true
 }
 
-/// The topic name in these bytes, if they are one.
+/// These bytes as a topic name, if they are valid.
 pub(crate) fn topic(bytes: &[u8]) -> Option<&str> {
     std::str::from_utf8(bytes)
         .ok()

@@ -10,7 +10,7 @@ use crate::transport::Transport;
 /// PINGREQ and PINGRESP, the smallest packets that a client can ask for and a broker answers by itself.
 const QUESTION: [u8; 2] = [0xc0, 0];
 const QUESTIONS: usize = 3;
-/// How often it is asked: a busy machine may delay some answers, but hardly all.
+/// Attempts: a busy machine may delay some answers, but hardly all.
 const TRIES: usize = 4;
 /// Systems acknowledge late after 40 ms or more. Answers that are further apart than this waited for that.
 const HELD_BACK: Duration = Duration::from_millis(25);
@@ -18,7 +18,7 @@ const HELD_BACK: Duration = Duration::from_millis(25);
 /// Whether the broker holds small packets back until those before have been acknowledged (Nagle's algorithm). Connects,
 /// asks several things at once and looks whether the answers come together; blocks for some 200 ms then.
 ///
-/// On systems other than Linux a late acknowledgement cannot be asked for, so that the answer may be no where it is yes.
+/// On systems other than Linux a late acknowledgement cannot be requested, so that the result may be false although the broker does.
 ///
 /// # Errors
 /// No connection, or it broke.
@@ -52,7 +52,7 @@ pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
     Ok(shortest >= HELD_BACK)
 }
 
-/// The time from the first to the last of the broker's answers to questions that were asked at once.
+/// The time from the first to the last of the broker's answers to pings that were sent at once.
 fn spread(transport: &mut Transport, chunk: &mut [u8]) -> io::Result<Duration> {
     transport.acknowledge_late();
     send(transport, &QUESTION.repeat(QUESTIONS))?;

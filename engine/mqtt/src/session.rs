@@ -38,13 +38,13 @@ pub(crate) struct Session {
     accepted: bool,
     /// The connection is over: further bytes are ignored.
     over: bool,
-    /// The largest packet that the broker takes.
+    /// The largest packet that the broker accepts.
     largest: usize,
-    /// The highest quality of service that the broker takes.
+    /// The highest quality of service that the broker supports.
     most: QoS,
-    /// Whether the broker takes messages that it is to keep.
+    /// Whether the broker supports retained messages.
     retains: bool,
-    /// What the broker has read; of use where it does not say how much it takes.
+    /// What the broker has read; used where it announces no limit.
     reading: Reading,
     /// The topic of the last plain message: most have the same one, which is then neither checked nor copied.
     last_topic: Arc<str>,
@@ -74,7 +74,7 @@ impl Session {
         }
     }
 
-    /// Bytes of the largest packet that the broker takes; `usize::MAX` when it does not say.
+    /// Bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit.
     pub fn largest(&self) -> usize {
         self.largest
     }
@@ -96,7 +96,7 @@ impl Session {
             ..*options
         };
         let before = out.len();
-        // The keep-alive timer runs on meanwhile: a ping too many is harmless.
+        // The keep-alive timer is not reset: an additional ping is harmless.
         let plain = self.accepted && options.qos == QoS::AtMostOnce && !options.retain;
         if !(plain && plain::write(topic, payload, options, self.version, self.largest, out)) {
             self.publish_by_core(topic, payload, options, out)?;
@@ -111,12 +111,12 @@ impl Session {
     }
 
     /// Bytes of the largest packet that the broker has read and that was not small, 0 for none; and of the largest one
-    /// that it may not have read, 0 where none is larger. Both 0 where it says how much it takes.
+    /// that it may not have read, 0 where none is larger. Both 0 where it announces a limit.
     pub fn read(&self) -> (usize, usize) {
         (self.reading.read(), self.reading.unread())
     }
 
-    /// What the broker takes of a quality of service.
+    /// The quality of service, reduced to what the broker supports.
     fn allowed(&self, qos: QoS) -> QoS {
         match self.most {
             QoS::AtMostOnce => QoS::AtMostOnce,
@@ -136,7 +136,7 @@ impl Session {
         failed.map_or(Ok(()), Err)
     }
 
-    /// Takes bytes from the broker; answers go to `out`, everything that matters above to `received`.
+    /// Takes bytes from the broker; answers go to `out`, events for the connection to `received`.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -155,7 +155,7 @@ impl Session {
         }
     }
 
-    /// Takes all packets that are there as a whole; how many bytes they are.
+    /// Takes all complete packets; returns how many bytes they have.
     fn receive_packets(
         &mut self,
         bytes: &[u8],
@@ -167,7 +167,7 @@ impl Session {
         while start < bytes.len() && !self.over {
             let (header, end) = match plain::cut(&bytes[start..]) {
                 Cut::Incomplete => return start,
-                // The core says what is wrong.
+                // The core reports the error.
                 Cut::Malformed => (0, bytes.len()),
                 Cut::Whole { header, length } => (header, start + length),
             };

@@ -64,7 +64,7 @@ fn waiting_for_a_silent_listener_is_limited() {
     assert!(start.elapsed() < PATIENCE);
 }
 
-/// A broker that knows only MQTT 3.1.1: to MQTT 5 it answers as the old standard says, with return code 1, and closes.
+/// A broker of MQTT 3.1.1: it answers MQTT 5 with return code 1, as MQTT 3.1.1 specifies, and closes.
 #[test]
 fn a_broker_of_mqtt_3_1_1_is_connected_to_in_3_1_1() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -183,7 +183,7 @@ fn small_packets_are_acknowledged_at_once() {
     serving.join().unwrap();
 }
 
-/// A broker that answers each ping by a write of its own.
+/// A broker that answers each ping with a separate write.
 #[cfg(target_os = "linux")]
 fn answering_pings(nodelay: bool) -> (String, thread::JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

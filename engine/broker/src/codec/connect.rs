@@ -3,20 +3,20 @@
 use super::properties::{self as p, Value, each};
 use super::{Refusal, Version, reader::Reader, reason};
 
-/// How a client introduces itself.
+/// The contents of a CONNECT.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Connect<'a> {
     pub version: Version,
     pub client_id: &'a str,
-    /// Forget what an earlier connection with this identifier left.
+    /// Discard an earlier session with this identifier (clean start).
     pub clean: bool,
     /// Seconds; 0 = none.
     pub keep_alive: u16,
     /// Seconds that the session outlives the connection, `u32::MAX` = for ever.
     pub session_expiry: u32,
-    /// QoS 1 and 2 messages that the client takes before it acknowledges one.
+    /// QoS 1 and 2 messages that the client accepts before it acknowledges one.
     pub receive_maximum: u16,
-    /// The largest packet that the client takes, bytes.
+    /// The largest packet that the client accepts, bytes.
     pub maximum_packet: u32,
     pub will: Option<Will<'a>>,
     pub user: Option<&'a str>,
@@ -119,12 +119,14 @@ fn properties_of_connect<'a>(
         match (id, value) {
             (p::SESSION_EXPIRY, Value::Long(seconds)) => connect.session_expiry = seconds,
             (p::RECEIVE_MAXIMUM, Value::Short(0)) | (p::MAXIMUM_PACKET_SIZE, Value::Long(0)) => {
-                return Err(Refusal::protocol("a maximum of 0"));
+                return Err(Refusal::protocol(
+                    "a maximum packet size or receive maximum of 0",
+                ));
             }
             (p::RECEIVE_MAXIMUM, Value::Short(count)) => connect.receive_maximum = count,
             (p::MAXIMUM_PACKET_SIZE, Value::Long(bytes)) => connect.maximum_packet = bytes,
             (p::AUTHENTICATION_METHOD, _) => {
-                let what = "enhanced authentication is not offered";
+                let what = "enhanced authentication is not supported";
                 return Err(Refusal::new(reason::BAD_AUTHENTICATION_METHOD, what));
             }
             _ => {}

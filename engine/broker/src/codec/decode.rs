@@ -24,7 +24,7 @@ pub enum Packet<'a> {
     Ping,
     Disconnect {
         reason: u8,
-        /// Replaces what CONNECT said, seconds.
+        /// Replaces the value in CONNECT, seconds.
         session_expiry: Option<u32>,
     },
 }
@@ -84,7 +84,7 @@ pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>,
             if length + place + 2 > maximum {
                 return Err(Refusal::new(
                     reason::PACKET_TOO_LARGE,
-                    "a packet larger than this broker takes",
+                    "a packet larger than this broker accepts",
                 ));
             }
             return Ok(Some((first, place + 2, length)));
@@ -138,7 +138,7 @@ fn publish<'a>(
     let qos = flags >> 1 & 3;
     if qos == 3 || (qos == 0 && flags & 8 != 0) {
         return Err(Refusal::malformed(
-            "a PUBLISH with QoS 3, or one of QoS 0 sent again",
+            "a PUBLISH with QoS 3, or a duplicate with QoS 0",
         ));
     }
     let topic = reader.string()?;

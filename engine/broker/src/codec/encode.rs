@@ -55,7 +55,7 @@ pub fn publish(out: &mut Vec<u8>, message: &Outgoing<'_>, version: Version) {
     out.extend_from_slice(message.payload);
 }
 
-/// What CONNACK tells a client of MQTT 5 beyond success.
+/// The properties of a CONNACK of MQTT 5.
 pub struct Welcome<'a> {
     pub assigned_id: Option<&'a str>,
     pub session_expiry: Option<u32>,
@@ -150,7 +150,7 @@ fn answer(out: &mut Vec<u8>, first: u8, id: u16, codes: &[u8], version: Version)
         out.push(0);
         out.extend(codes);
     } else {
-        // 3.1.1 knows one refusal only.
+        // 3.1.1 has only one code for a refusal.
         out.extend(codes.iter().map(|&code| code.min(0x80)));
     }
 }
@@ -160,7 +160,7 @@ pub fn pingresp(out: &mut Vec<u8>) {
     out.extend([0xd0, 0]);
 }
 
-/// Appends a DISCONNECT with its reason in words; MQTT 3 servers cannot send one and just close.
+/// Appends a DISCONNECT with its reason as text; servers cannot send one in MQTT 3 and only close.
 pub fn disconnect(out: &mut Vec<u8>, code: u8, what: &str, version: Version) {
     if version == Version::Five {
         let properties = 3 + what.len();

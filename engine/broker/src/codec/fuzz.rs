@@ -1,4 +1,4 @@
-//! Whatever a client sends: it is a packet or refused with a reason, and takes no more memory than it is long.
+//! Arbitrary bytes are a packet or refused with a reason, in memory proportional to their length.
 
 use super::*;
 use proptest::prelude::*;

@@ -51,7 +51,7 @@ pub mod reason {
     pub const BUSY: u8 = 0x89;
     /// The broker is stopping.
     pub const SHUTTING_DOWN: u8 = 0x8b;
-    /// Enhanced authentication is not offered.
+    /// Enhanced authentication is not supported.
     pub const BAD_AUTHENTICATION_METHOD: u8 = 0x8c;
     /// Silence for one and a half keep-alive intervals.
     pub const KEEP_ALIVE_TIMEOUT: u8 = 0x8d;
@@ -65,15 +65,15 @@ pub mod reason {
     pub const UNKNOWN_PACKET_ID: u8 = 0x92;
     /// More unacknowledged messages than the receive maximum allows.
     pub const RECEIVE_MAXIMUM: u8 = 0x93;
-    /// Topic aliases are not offered.
+    /// Topic aliases are not supported.
     pub const BAD_TOPIC_ALIAS: u8 = 0x94;
-    /// The packet is larger than the broker takes.
+    /// The packet is larger than the broker accepts.
     pub const PACKET_TOO_LARGE: u8 = 0x95;
     /// The reader is too far behind, or a store is full.
     pub const QUOTA_EXCEEDED: u8 = 0x97;
     /// The operator of the broker has ended the connection.
     pub const ADMINISTRATIVE: u8 = 0x98;
-    /// Shared subscriptions are not offered.
+    /// Shared subscriptions are not supported.
     pub const NO_SHARED_SUBSCRIPTIONS: u8 = 0x9e;
 }
 

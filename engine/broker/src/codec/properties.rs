@@ -35,7 +35,7 @@ pub const USER_PROPERTY: u8 = 0x26;
 pub const MAXIMUM_PACKET_SIZE: u8 = 0x27;
 pub const SHARED_AVAILABLE: u8 = 0x2a;
 
-/// Reads the length and then each property, refusing those not `allowed` and those that come twice (user properties may,
+/// Reads the length and then each property, refusing those not `allowed` and those that occur twice (user properties may,
 /// and subscription identifiers where they are allowed are single in what a client sends).
 /// Returns the bytes of all properties, without the length.
 pub fn each<'a>(
@@ -52,13 +52,13 @@ pub fn each<'a>(
         let value = value(id, &mut inner)?;
         if !allowed.contains(&id) {
             return Err(Refusal::protocol(
-                "a property that this packet may not carry",
+                "a property that is not allowed in this packet",
             ));
         }
         if id != USER_PROPERTY {
             let bit = 1 << (id & 63);
             if seen & bit != 0 {
-                return Err(Refusal::protocol("a property comes twice"));
+                return Err(Refusal::protocol("a property occurs twice"));
             }
             seen |= bit;
         }

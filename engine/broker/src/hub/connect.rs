@@ -116,7 +116,7 @@ impl Hub {
         if connect.version == Version::Three && !connect.clean {
             return Err(Refusal::new(
                 reason::BAD_CLIENT_ID,
-                "a lasting session needs a client identifier",
+                "a session that outlives its connection needs a client identifier",
             ));
         }
         loop {
@@ -138,7 +138,7 @@ impl Hub {
         if let Some(&found) = self.by_client.get(client_id)
             && let Some(earlier) = self.sessions[found].link
         {
-            let what = "another client came with this client identifier";
+            let what = "another client connected with this client identifier";
             self.refuse(earlier, Refusal::new(reason::TAKEN_OVER, what), now);
         }
         // Leaving may have ended the session.
@@ -166,7 +166,7 @@ impl Hub {
         if let Some(seconds) = session_expiry {
             if remembered.expiry == 0 && seconds > 0 {
                 return Err(Refusal::protocol(
-                    "a session that was to end now cannot be prolonged",
+                    "a session without expiry interval cannot be given one at its end",
                 ));
             }
             remembered.expiry =

@@ -1,4 +1,4 @@
-//! Connections that the broker ends: for what the client did, for what it keeps for the client, and when it stops.
+//! Connections that the broker ends: because of what the client did, to free memory, and when it stops.
 
 use super::Hub;
 use super::complaints::Kind;
@@ -6,7 +6,7 @@ use crate::codec::{self, Refusal, reason};
 use std::time::Instant;
 
 impl Hub {
-    /// The broker stops: every client is told.
+    /// The broker stops: every client receives a DISCONNECT.
     pub fn stop(&mut self) {
         let ids: Vec<usize> = self.links.iter().map(|(id, _)| id).collect();
         for id in ids {
@@ -25,7 +25,7 @@ impl Hub {
         }
     }
 
-    /// Ends a connection for something its client did, and says why: to the client and in the log.
+    /// Ends a connection because of what its client did, and reports the reason to the client and in the log.
     pub(super) fn refuse(&mut self, id: usize, refusal: Refusal, now: Instant) {
         let link = &mut self.links[id];
         if link.closing {
@@ -66,7 +66,7 @@ impl Hub {
         self.leave(id, true, now);
     }
 
-    /// Disconnects those that fell too far behind while messages were routed.
+    /// Disconnects clients that fell too far behind while messages were routed.
     pub(super) fn settle(&mut self, now: Instant) {
         while let Some(id) = self.to_cut_off.pop() {
             if self.links.get(id).is_some_and(|link| !link.closing) {

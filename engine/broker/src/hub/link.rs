@@ -35,7 +35,7 @@ pub struct Link {
     pub(super) terms: Terms,
     pub(super) keep_alive: Option<Duration>,
     pub(super) heard: Instant,
-    /// Since when, or when last, the client took bytes.
+    /// When the client last accepted bytes.
     pub(super) progress: Instant,
     /// The reader whose backlog this publisher waits for.
     pub(super) held_by: Option<usize>,
@@ -83,7 +83,7 @@ impl Link {
     }
 
     pub(super) fn lateness(&self, now: Instant) -> Option<Refusal> {
-        // A client that is read later may have a PINGREQ among the bytes that were not read; taking bytes is a sign of life.
+        // A client that is read later may have sent a PINGREQ that was not read; accepting bytes shows that it is alive.
         let alive = if self.is_behind() {
             self.heard.max(self.progress)
         } else {
@@ -95,7 +95,7 @@ impl Link {
             (None, _) if silence > INTRODUCTION && self.asked.is_none() => {
                 Some(Refusal::protocol("no CONNECT within 10 s"))
             }
-            // A publisher that is held back may have a PINGREQ among the bytes that were not read.
+            // A publisher that is held back may have sent a PINGREQ that was not read.
             (Some(_), Some(limit)) if silence > limit && self.held_by.is_none() => {
                 Some(Refusal::new(
                     reason::KEEP_ALIVE_TIMEOUT,

@@ -33,7 +33,7 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A reader that took nothing for this long no longer slows down those who publish to it.
+/// A reader that accepted nothing for this long no longer slows down its publishers.
 const STANDSTILL: Duration = Duration::from_secs(2);
 /// A reader with more bytes than this to read is behind.
 const BEHIND: usize = 1 << 16;
@@ -55,7 +55,7 @@ pub struct Hub {
     by_client: HashMap<Box<str>, usize>,
     subscriptions: Subscriptions,
     retained: Retained,
-    /// Connections that wait for retained messages, in turn.
+    /// Connections that wait for retained messages, in the order of service.
     searching: VecDeque<usize>,
     /// The subscribers of recent topics; cleared when any subscription or session changes.
     routes: HashMap<Box<str>, Arc<[Route]>>,
@@ -63,9 +63,9 @@ pub struct Hub {
     dirty: Vec<usize>,
     to_cut_off: Vec<usize>,
     assigned: u64,
-    /// Bytes kept for links and sessions, about; see `memory`.
+    /// Approximate bytes stored for links and sessions; see `memory`.
     used: usize,
-    /// What clients' packets have cost so far; see `work`.
+    /// The work of all packets so far; see `work`.
     work: usize,
     /// Sessions without a connection.
     absent: usize,
@@ -125,7 +125,7 @@ impl Hub {
         self.work += count / BYTES_READ_OF_WORK;
     }
 
-    /// What the packets of all clients have cost so far, in units of some 25 ns.
+    /// The work that the packets of all clients have caused so far, in units of about 25 ns.
     pub fn work(&self) -> usize {
         self.work
     }
@@ -182,7 +182,7 @@ impl Hub {
         &mut self.links[id].out
     }
 
-    /// The client took bytes.
+    /// The client accepted bytes.
     pub fn sent(&mut self, id: usize, count: usize, now: Instant) {
         let link = &mut self.links[id];
         link.out.sent(count);

@@ -38,7 +38,7 @@ impl Users {
                 secret,
             };
             if accounts.insert(user.into(), account).is_some() {
-                return Err(format!("user {user} comes twice; remove one of the lines"));
+                return Err(format!("user {user} occurs twice; remove one of the lines"));
             }
             Ok(())
         })?;

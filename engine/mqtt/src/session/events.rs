@@ -9,7 +9,7 @@ use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode
 
 use super::messages::Publish;
 use super::{Granted, Incoming, QoS, Received, Session};
-use crate::manner::Remedy;
+use crate::dialect::Remedy;
 
 impl Session {
     pub(super) fn handle(
@@ -59,7 +59,7 @@ impl Session {
                             ConnectReasonCode::RetainNotSupported => Remedy::WillNotRetained,
                             ConnectReasonCode::ServerBusy
                             | ConnectReasonCode::ServerUnavailable
-                            | ConnectReasonCode::ConnectionRateExceeded => Remedy::Again,
+                            | ConnectReasonCode::ConnectionRateExceeded => Remedy::Retry,
                             _ => Remedy::None,
                         },
                     ),
@@ -70,7 +70,7 @@ impl Session {
                         Received::Accepted
                     }
                     ConnectReturnCode::ServerUnavailable => {
-                        Received::Refused("it is not available".to_owned(), Remedy::Again)
+                        Received::Refused("it is not available".to_owned(), Remedy::Retry)
                     }
                     code => Received::Refused(code.to_string(), Remedy::None),
                 }),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mqtt_protocol_core::mqtt::packet::{Qos as CoreQos, v3_1_1, v5_0};
 
-use crate::manner::Remedy;
+use crate::dialect::Remedy;
 
 /// Quality of service of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,13 +43,13 @@ pub struct Subscription {
     pub qos: QoS,
 }
 
-/// A message that came in.
+/// A received message.
 #[derive(Debug, Clone)]
 pub struct Incoming(pub(super) Publish);
 
 #[derive(Debug, Clone)]
 pub(super) enum Publish {
-    /// At QoS 0, read by hand; `bytes` is everything that one read brought.
+    /// At QoS 0, read by `plain`; `bytes` are those of one read of the socket.
     Plain {
         bytes: Arc<[u8]>,
         topic: Arc<str>,

@@ -7,7 +7,7 @@ use mqtt_protocol_core::mqtt::packet::{
 use mqtt_protocol_core::mqtt::result_code::MqttError;
 
 use super::{QoS, Session, Subscription, Version};
-use crate::manner::Manner;
+use crate::dialect::Dialect;
 use crate::plain;
 use crate::publication::PublishOptions;
 use crate::settings::Settings;
@@ -21,7 +21,7 @@ impl Session {
         &mut self,
         settings: &Settings,
         client_id: &str,
-        manner: Manner,
+        dialect: Dialect,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
         macro_rules! connect {
@@ -40,8 +40,8 @@ impl Session {
                     builder = builder.will_message(
                         &will.topic,
                         will.payload.clone(),
-                        manner.will_qos.into(),
-                        manner.will_retained,
+                        dialect.will_qos.into(),
+                        dialect.will_retained,
                     )?;
                 }
                 builder

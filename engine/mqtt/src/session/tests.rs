@@ -1,5 +1,5 @@
 use super::*;
-use crate::manner::Manner;
+use crate::dialect::Dialect;
 use crate::settings::Settings;
 
 const VERSIONS: [Version; 2] = [Version::V5, Version::V3];
@@ -8,9 +8,9 @@ const VERSIONS: [Version; 2] = [Version::V5, Version::V3];
 fn accepted(version: Version, properties: &[u8]) -> Session {
     let mut session = Session::new(version);
     let settings = Settings::new("mqtt://localhost".parse().unwrap());
-    let manner = Manner::first(Some(version));
+    let dialect = Dialect::first(Some(version));
     session
-        .connect(&settings, "me", manner, &mut Vec::new())
+        .connect(&settings, "me", dialect, &mut Vec::new())
         .unwrap();
     let mut connack = vec![0x20, 2, 0, 0];
     if version == Version::V5 {

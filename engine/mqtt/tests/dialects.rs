@@ -1,4 +1,4 @@
-//! Brokers that want to be spoken to in another way than the first that is tried.
+//! Brokers that do not accept the protocol version or the options that are tried first.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use std::io::{Read, Write};
@@ -21,7 +21,7 @@ enum Answer {
     Serve,
 }
 
-/// The CONNECT that a listener got: protocol level and flags.
+/// The CONNECT that a listener received: protocol level and flags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Connect {
     level: u8,
@@ -34,7 +34,7 @@ impl Connect {
     }
 }
 
-/// A listener that answers by `answer`, and tells what it got.
+/// A listener that answers by `answer`, and reports what it received.
 fn listen(
     answer: impl Fn(usize, Connect) -> Answer + Send + 'static,
 ) -> (String, Receiver<Connect>) {

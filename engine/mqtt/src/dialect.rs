@@ -5,11 +5,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::session::{QoS, Version};
 
-static LEARNT: Mutex<BTreeMap<String, Manner>> = Mutex::new(BTreeMap::new());
+static LEARNT: Mutex<BTreeMap<String, Dialect>> = Mutex::new(BTreeMap::new());
 
 /// The protocol version and options that a broker accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Manner {
+pub(crate) struct Dialect {
     pub version: Version,
     /// Quality of service of the last will.
     pub will_qos: QoS,
@@ -24,16 +24,16 @@ pub(crate) enum Remedy {
     None,
     /// MQTT 3.1.1.
     Older,
-    /// The same once more: it accepted the connection and then broke it, or is busy.
-    Again,
+    /// The same once more: the broker accepted the connection and then closed it, or is busy.
+    Retry,
     /// A last will with QoS 0.
     WillAtMostOnce,
     /// A last will that is not retained.
     WillNotRetained,
 }
 
-impl Manner {
-    /// How a broker is spoken to of which nothing is known; in one version only if that is `forced`.
+impl Dialect {
+    /// The first attempt with an unknown broker; in one version only if that is `forced`.
     pub fn first(forced: Option<Version>) -> Self {
         Self {
             version: forced.unwrap_or(Version::V5),
@@ -42,11 +42,11 @@ impl Manner {
         }
     }
 
-    /// What to try after a failure; none if that is the same, except where it is worth a repetition.
+    /// What to try after a failure; None if that would be the same, except for [`Remedy::Retry`].
     pub fn after(self, remedy: Remedy, forced: Option<Version>) -> Option<Self> {
         let next = match remedy {
             Remedy::None => return None,
-            Remedy::Again => return Some(self),
+            Remedy::Retry => return Some(self),
             Remedy::Older => Self {
                 version: forced.unwrap_or(Version::V3),
                 ..self
@@ -63,23 +63,23 @@ impl Manner {
         (next != self).then_some(next)
     }
 
-    /// What was learnt of an address.
+    /// What the broker at this address accepted.
     pub fn learnt(address: &str) -> Option<Self> {
         all().get(address).copied()
     }
 
-    /// Keeps what an address took.
+    /// Stores what the broker at this address accepted.
     pub fn learn(self, address: &str) {
         all().insert(address.to_owned(), self);
     }
 
-    /// What was learnt of an address holds no more: there may be another broker.
+    /// Forgets what was learnt: there may be another broker at this address.
     pub fn forget(address: &str) {
         all().remove(address);
     }
 }
 
-fn all() -> MutexGuard<'static, BTreeMap<String, Manner>> {
+fn all() -> MutexGuard<'static, BTreeMap<String, Dialect>> {
     LEARNT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn each_remedy_is_tried_once() {
-        let first = Manner::first(None);
+        let first = Dialect::first(None);
         let older = first.after(Remedy::Older, None).unwrap();
         assert_eq!(older.version, Version::V3);
         assert_eq!(older.after(Remedy::Older, None), None);
@@ -99,13 +99,13 @@ mod tests {
         let fleeting = plain.after(Remedy::WillNotRetained, None).unwrap();
         assert!(!fleeting.will_retained && fleeting.will_qos == QoS::AtMostOnce);
         assert_eq!(first.after(Remedy::None, None), None);
-        assert_eq!(first.after(Remedy::Again, None), Some(first));
+        assert_eq!(first.after(Remedy::Retry, None), Some(first));
     }
 
     #[test]
-    fn a_version_that_is_forced_is_not_left() {
+    fn a_forced_version_is_kept() {
         for version in [Version::V5, Version::V3] {
-            let first = Manner::first(Some(version));
+            let first = Dialect::first(Some(version));
             assert_eq!(first.version, version);
             assert_eq!(first.after(Remedy::Older, Some(version)), None);
         }
