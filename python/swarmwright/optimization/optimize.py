@@ -213,7 +213,6 @@ def _continue(
                 store.note_ended(loop.ended)
             store.save_best(experiment.representation())
             return
-        store.add_digests()  # now that it has been computed that the record is the experiment's
         check_memory(experiment, experiment.representation())
         code = continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
         for note in notes:

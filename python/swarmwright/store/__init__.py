@@ -5,8 +5,9 @@ belongs to the record (what was evaluated, with which seeds, what came out, in o
 experiment and seed; sessions, attempts and events, which describe how the run went, are kept apart.
 """
 
+from swarmwright.store.blocks import Record
 from swarmwright.store.database import FILE, FORMAT
-from swarmwright.store.reader import Best, Evaluation, Record, StoreReader
+from swarmwright.store.reader import Best, Evaluation, StoreReader
 from swarmwright.store.rows import Attempt, AttemptEntry, Evaluated, Event, Journal, Session, WarningEntry
 from swarmwright.store.writer import StoreWriter
 

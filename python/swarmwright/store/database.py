@@ -13,8 +13,8 @@ FILE = "run.sqlite"
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
 """What it is called while it is made."""
-FORMAT = 2
-"""Version of the run folder; 1 had text files only."""
+FORMAT = 3
+"""Version of the run folder: 1 had text files only, 2 a row for each evaluation."""
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
 
 _TABLES = """
@@ -23,10 +23,10 @@ CREATE TABLE generation (
     generation INTEGER PRIMARY KEY, first INTEGER NOT NULL, seeds TEXT NOT NULL, evaluations INTEGER NOT NULL,
     best REAL, mean REAL, best_so_far REAL, lower_quartile REAL, median REAL, upper_quartile REAL,
     failed INTEGER NOT NULL, leader INTEGER NOT NULL, session INTEGER NOT NULL, seconds REAL NOT NULL,
-    evaluations_digest TEXT, digest TEXT);
-CREATE TABLE evaluation (
-    number INTEGER PRIMARY KEY, generation INTEGER NOT NULL, candidate INTEGER NOT NULL, fitness REAL,
-    episodes BLOB NOT NULL, metrics BLOB NOT NULL, genome BLOB NOT NULL);
+    evaluations_digest TEXT NOT NULL, digest TEXT NOT NULL);
+CREATE TABLE block (
+    first INTEGER PRIMARY KEY, generation INTEGER NOT NULL, evaluations INTEGER NOT NULL,
+    fitness BLOB NOT NULL, episodes BLOB NOT NULL, metrics BLOB NOT NULL, genomes BLOB NOT NULL);
 CREATE TABLE session (
     session INTEGER PRIMARY KEY, started TEXT NOT NULL, place TEXT NOT NULL, host TEXT NOT NULL,
     machine TEXT NOT NULL, versions TEXT NOT NULL, seconds REAL, outcome TEXT,
@@ -39,13 +39,6 @@ CREATE TABLE attempt (
 CREATE TABLE event (
     session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
 """
-_LATER = (
-    ("attempt", "stack", "TEXT"),
-    ("session", "code", "INTEGER"),
-    ("generation", "evaluations_digest", "TEXT"),
-    ("generation", "digest", "TEXT"),
-)
-"""Columns that stores of this format may lack: table, column, type."""
 
 
 def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
@@ -90,12 +83,6 @@ def reopen(file: Path) -> sqlite3.Connection:
             for (line,) in connection.execute("PRAGMA quick_check(1)"):
                 if line != "ok":
                     raise InputError(f"{file}: is damaged: {line}")
-            connection.execute("BEGIN IMMEDIATE")
-            for table, column, kind in _LATER:
-                there = {name for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
-                if column not in there:
-                    connection.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
-            connection.execute("COMMIT")
         except BaseException:
             connection.close()
             raise
@@ -109,15 +96,15 @@ def seal_facts(connection: sqlite3.Connection) -> None:
 
 
 def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
-    """Return the facts of a store, compared with their digest if there is one.
+    """Return the facts of a store, compared with their digest.
 
     Raises InputError when they are not what was written.
     """
     facts = dict(connection.execute("SELECT name, value FROM fact"))
     sealed = facts.get(digests.FACT)
-    if sealed is None and _has_digests(connection):
+    if sealed is None:
         raise InputError(f"{file}: is damaged: the digest of the table fact is missing")
-    if sealed is not None and sealed != digests.of_facts(facts):
+    if sealed != digests.of_facts(facts):
         raise InputError(
             f"{file}: is damaged: the table fact, with the experiment, is not what was written: it disagrees "
             "with its digest"
@@ -126,14 +113,6 @@ def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
     if missing:
         raise InputError(f"{file}: is damaged: {min(missing)} is missing")
     return facts
-
-
-def _has_digests(connection: sqlite3.Connection) -> bool:
-    columns = {name for _, name, *_ in connection.execute("PRAGMA table_info(generation)")}
-    if "digest" not in columns:
-        return False
-    count = "SELECT count(digest) FROM generation"
-    return bool(connection.execute(count).fetchone()[0])
 
 
 @contextmanager
@@ -179,7 +158,10 @@ def _check(connection: sqlite3.Connection, file: Path) -> None:
             f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
         )
     if version < FORMAT:
-        raise InputError(f"{file}: has format {version}, which this version of Swarmwright no longer reads")
+        raise InputError(
+            f"{file}: has format {version}, which this version of Swarmwright does not read; to compute the "
+            f"run again: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
+        )
 
 
 def _settle(connection: sqlite3.Connection) -> None:

@@ -8,15 +8,11 @@ import hashlib
 import json
 import math
 import struct
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import islice
-from typing import Any
+from collections.abc import Iterable, Mapping
 
 FACT = "digest"
-"""Name of the fact that holds the digest of all others; only stores with digests have it."""
-_EVALUATION = struct.Struct("<3qd3q")
+"""Name of the fact that holds the digest of all others."""
 _GENERATION = struct.Struct("<5q6d")
-_CHUNK = 256  # rows at a time
 
 WRONG_TYPES = (struct.error, TypeError, OverflowError)
 """What the functions here raise for values that no store was given."""
@@ -26,37 +22,6 @@ def of_facts(facts: Mapping[str, str]) -> str:
     """Return the digest of all facts but itself."""
     others = sorted([name, value] for name, value in facts.items() if name != FACT)
     return hashlib.sha256(json.dumps(others).encode()).hexdigest()
-
-
-class EvaluationsDigest:
-    """Of the evaluations of a generation, in order."""
-
-    def __init__(self) -> None:
-        self._sum = hashlib.sha256()
-
-    def add(self, rows: Iterable[tuple[Any, ...]]) -> None:
-        """Take in rows: number, generation, candidate, fitness (or None), episodes, metrics and genome."""
-        pieces: list[bytes] = []
-        for number, generation, candidate, fitness, episodes, metrics, genome in rows:
-            sizes = len(episodes), len(metrics), len(genome)
-            pieces += (
-                _EVALUATION.pack(number, generation, candidate, _number(fitness), *sizes),
-                episodes,
-                metrics,
-                genome,
-            )
-        self._sum.update(b"".join(pieces))
-
-    def taking(self, rows: Iterable[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
-        """Yield rows that are taken in on their way."""
-        source = iter(rows)
-        while part := list(islice(source, _CHUNK)):
-            self.add(part)
-            yield from part
-
-    def hexdigest(self) -> str:
-        """Return the digest of all that was taken in."""
-        return self._sum.hexdigest()
 
 
 def of_generation(

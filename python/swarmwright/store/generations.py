@@ -3,29 +3,25 @@
 import math
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Summary
 from swarmwright.store import digests
+from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, decoded
 
-_CHUNK = 256  # rows are fetched so many evaluations at a time
 _COLUMNS = (
     "generation, first, seeds, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, "
-    "failed, leader"
+    "failed, leader, evaluations_digest, digest"
 )
-_EVALUATIONS = (
-    "SELECT number, generation, candidate, fitness, episodes, metrics, genome FROM evaluation "
-    "WHERE number BETWEEN ? AND ? ORDER BY number"
-)
+_BLOCKS = f"SELECT {COLUMNS} FROM block WHERE first >= ? AND first < ? ORDER BY first"  # noqa: S608 - our own names
 MISSING = "it is missing in the table generation"
 ROW_DISAGREES = "the table generation disagrees with its digest"
-_DISAGREE = "the table evaluation disagrees with its digest"
-
-Evaluations = list[tuple[Any, ...]]
-"""Rows: number, generation, candidate, fitness, episodes, metrics, genome."""
+_WRONG = (*digests.WRONG_TYPES, ValueError)
+_DISAGREE = "the table block disagrees with its digest"
 
 
 class DamageError(InputError):
@@ -52,8 +48,8 @@ class Row:
     """JSON."""
     summary: Summary
     leader: int
-    evaluations_digest: str | None
-    digest: str | None
+    evaluations_digest: str
+    digest: str
 
     @property
     def count(self) -> int:
@@ -68,26 +64,25 @@ class Row:
             (self.generation, self.first, one.evaluations, one.failed, self.leader),
             (one.best, one.mean, one.best_so_far, one.lower_quartile, one.median, one.upper_quartile),
             self.seeds,
-            self.evaluations_digest or "",
+            self.evaluations_digest,
         )
 
 
 class Generations:
-    """The tables `generation` and `evaluation` of a store that is open.
+    """The tables `generation` and `block` of a store that is open.
 
     Every method raises InputError for what is not what was written, and sqlite3.Error.
 
     Args:
         connection: to the store, within one transaction.
         file: the store, for messages.
-        digests: whether it has any; those of versions before there were digests have none.
+        metrics: how many metrics each episode has.
     """
 
-    def __init__(self, connection: sqlite3.Connection, file: Path, *, digests: bool) -> None:
+    def __init__(self, connection: sqlite3.Connection, file: Path, metrics: int) -> None:
         self._connection = connection
         self._file = file
-        self.digests = digests
-        self._columns = _COLUMNS + (", evaluations_digest, digest" if digests else ", NULL, NULL")
+        self._metrics = metrics
 
     def rows(self) -> list[Row]:
         """Return every finished generation."""
@@ -97,7 +92,7 @@ class Generations:
             if row.generation != index:
                 raise self.damaged(MISSING, index)
             self.check(row, previous)
-            previous = row.digest or ""
+            previous = row.digest
         self.check_end(found[-1] if found else None)
         return found
 
@@ -110,7 +105,7 @@ class Generations:
             return None
         if generation and len(found) == 1:
             raise self.damaged(MISSING, generation - 1)
-        self.check(found[-1], found[0].digest or "" if generation else "")
+        self.check(found[-1], found[0].digest if generation else "")
         return found[-1]
 
     def last(self) -> Row | None:
@@ -129,7 +124,7 @@ class Generations:
 
     def check(self, row: Row, previous: str) -> None:
         """Compare a line of the table with its digest."""
-        if self.digests and row.digest != self.expected(row, previous):
+        if row.digest != self.expected(row, previous):
             raise self.damaged(ROW_DISAGREES, row.generation)
 
     def expected(self, row: Row, previous: str) -> str:
@@ -141,36 +136,41 @@ class Generations:
 
     def check_end(self, last: Row | None) -> None:
         """Check that there is no evaluation after the last generation."""
-        (most,) = self._connection.execute("SELECT max(number) FROM evaluation").fetchone()
+        (most,) = self._connection.execute("SELECT max(first + evaluations) FROM block").fetchone()
         evaluations = 0 if last is None else last.summary.evaluations
-        if most is not None and most >= evaluations:
-            raise self.damaged(f"evaluations from {evaluations} to {most} belong to no generation")
+        if most is not None and most > evaluations:
+            raise self.damaged(f"evaluations from {evaluations} to {most - 1} belong to no generation")
 
-    def evaluations(self, row: Row) -> Iterator[Evaluations]:
-        """Yield the evaluations of a generation, some hundred at a time; at the end they are compared."""
-        cursor = self._connection.execute(_EVALUATIONS, (row.first, row.summary.evaluations - 1))
-        total, there = digests.EvaluationsDigest(), 0
-        while rows := cursor.fetchmany(_CHUNK):
-            there += len(rows)
-            if self.digests:
-                try:
-                    total.add(rows)
-                except digests.WRONG_TYPES as error:
-                    raise self.damaged(_DISAGREE, row.generation) from error
-            yield rows
-        if there != row.count:
-            raise self.damaged(f"{row.count - there} evaluations are missing", row.generation)
-        if self.digests and total.hexdigest() != row.evaluations_digest:
+    def evaluations(self, row: Row) -> Iterator[Record]:
+        """Yield the evaluations of a generation, block by block; at the end they are compared."""
+        cursor = self._connection.execute(_BLOCKS, (row.first, row.summary.evaluations))
+        total, next_ = EvaluationsDigest(), row.first
+        for block in cursor:
+            try:
+                if block[0] != next_ or block[1] != row.generation:
+                    break
+                total.add(block)
+                part = decoded(block, row.first, self._metrics)
+            except _WRONG as error:
+                raise self.damaged(_DISAGREE, row.generation) from error
+            next_ += len(part.fitness)
+            yield part
+        missing = row.summary.evaluations - next_
+        if missing:
+            raise self.damaged(f"{missing} evaluations are missing", row.generation)
+        if total.hexdigest(row.first, row.generation, row.count) != row.evaluations_digest:
             raise self.damaged(_DISAGREE, row.generation)
 
-    def checked_evaluations(self, row: Row) -> Iterator[Evaluations]:
+    def checked_evaluations(self, row: Row) -> Iterator[Record]:
         """Yield the evaluations of a generation, all of which have been compared before."""
-        if self.digests and row.count > _CHUNK:
-            for _ in self.evaluations(row):
-                pass
-            yield from self.evaluations(row)
-        else:
-            yield from list(self.evaluations(row))
+        parts = self.evaluations(row)
+        first = list(islice(parts, 2))
+        if len(first) < 2:
+            yield from first
+            return
+        for _ in parts:
+            pass
+        yield from self.evaluations(row)
 
     def damaged(self, what: str, generation: int | None = None) -> DamageError:
         """Return the error for a damaged place."""
@@ -178,7 +178,7 @@ class Generations:
 
     def select(self, which: str, *values: int) -> list[Row]:
         """Return lines of the table, not compared with anything."""
-        cursor = self._connection.execute(f"SELECT {self._columns} FROM generation {which}", values)  # noqa: S608
+        cursor = self._connection.execute(f"SELECT {_COLUMNS} FROM generation {which}", values)  # noqa: S608
         return [_row(found) for found in cursor]
 
 
@@ -188,24 +188,6 @@ def digest_before(connection: sqlite3.Connection, generation: int) -> str:
         "SELECT digest FROM generation WHERE generation = ?", (generation - 1,)
     ).fetchone()
     return "" if before is None else str(before[0])
-
-
-def add_digests(connection: sqlite3.Connection, file: Path) -> None:
-    """Write the digests of all generations of a store that has none."""
-    generations = Generations(connection, file, digests=False)
-    for row in generations.rows():
-        total = digests.EvaluationsDigest()
-        for rows in generations.evaluations(row):
-            total.add(rows)
-        sealed = replace(row, evaluations_digest=total.hexdigest())
-        connection.execute(
-            "UPDATE generation SET evaluations_digest = ?, digest = ? WHERE generation = ?",
-            (
-                sealed.evaluations_digest,
-                sealed.digest_after(digest_before(connection, row.generation)),
-                row.generation,
-            ),
-        )
 
 
 def _row(found: tuple[Any, ...]) -> Row:
@@ -224,4 +206,6 @@ def _row(found: tuple[Any, ...]) -> Row:
         upper_quartile=upper,
         failed=int(failed),
     )
-    return Row(int(generation), int(first), str(seeds), summary, int(leader), evaluations_digest, digest)
+    return Row(
+        int(generation), int(first), str(seeds), summary, int(leader), str(evaluations_digest), str(digest)
+    )

@@ -1,13 +1,11 @@
 """Reading a store, while a run writes it or afterwards."""
 
 import json
-import math
 import sqlite3
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,31 +14,12 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary
-from swarmwright.store import digests
+from swarmwright.rankings._base import best_first
+from swarmwright.store.blocks import COLUMNS, Record, decoded, joined
 from swarmwright.store.database import FILE, checked_facts, reading
-from swarmwright.store.generations import Evaluations, Generations, Row
+from swarmwright.store.generations import Generations, Row
 from swarmwright.store.rows import Attempt, Evaluated, Event, Session, journal_line
 from swarmwright.typing import Genome
-
-_LEADER = "SELECT leader FROM generation ORDER BY generation DESC LIMIT 1"
-
-
-@dataclass(frozen=True)
-class Record:
-    """Every evaluation of a run, sorted by generation and candidate."""
-
-    generation: NDArray[np.int64]
-    """(evaluations,)"""
-    candidate: NDArray[np.int64]
-    """(evaluations,)"""
-    fitness: NDArray[np.float64]
-    """(evaluations,), NaN where it failed."""
-    episodes: NDArray[np.float64]
-    """(evaluations, episodes)"""
-    metrics: NDArray[np.float64]
-    """(evaluations, episodes, metrics)"""
-    genomes: NDArray[np.float32]
-    """(evaluations, genome_size)"""
 
 
 @dataclass(frozen=True)
@@ -89,9 +68,8 @@ class StoreReader:
 
     @contextmanager
     def _generations(self) -> Iterator[Generations]:
-        has_digests = digests.FACT in self._facts
         with self._reading() as connection:
-            yield Generations(connection, self.file, digests=has_digests)
+            yield Generations(connection, self.file, len(self.metrics))
 
     @cached_property
     def _facts(self) -> dict[str, str]:
@@ -100,11 +78,6 @@ class StoreReader:
     def _facts_now(self) -> dict[str, str]:
         with self._reading() as connection:
             return checked_facts(connection, self.file)
-
-    @property
-    def has_digests(self) -> bool:
-        """Whether the store has digests; versions before digests wrote none."""
-        return digests.FACT in self._facts
 
     @property
     def created(self) -> str:
@@ -147,7 +120,7 @@ class StoreReader:
 
     def _evaluated(self, row: Row) -> Evaluated:
         with self._generations() as generations:
-            record = self._record(list(chain.from_iterable(generations.evaluations(row))))
+            record = self._joined(list(generations.evaluations(row)))
         return Evaluated(
             generation=row.generation,
             seeds=self._parsed(row.seeds),
@@ -185,17 +158,16 @@ class StoreReader:
         """Return every evaluation of the finished generations."""
         with self._generations() as generations:
             parts = [part for row in generations.rows() for part in generations.evaluations(row)]
-        return self._record(list(chain.from_iterable(parts)))
+        return self._joined(parts)
 
     def rows(self) -> Iterator[Record]:
-        """Yield every evaluation, some hundred at a time, so that memory stays flat.
+        """Yield every evaluation, a block at a time, so that memory stays flat.
 
         None of a generation is yielded before all of it has been compared with its digest.
         """
         with self._generations() as generations:
             for row in generations.rows():
-                for part in generations.checked_evaluations(row):
-                    yield self._record(part)
+                yield from generations.checked_evaluations(row)
 
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
@@ -207,19 +179,19 @@ class StoreReader:
         """Return one evaluation; None as in `Run.evaluation`."""
         with self._generations() as generations:
             row, number = self._place(generations, candidate, generation)
-            found = _chosen(generations.evaluations(row), number)
+            found = _chosen(generations.evaluations(row), None if number is None else number - row.first)
             if found is None:
                 raise generations.damaged("the evaluation is missing", row.generation)
-        one = self._record([found])
+        part, index = found
         return Evaluation(
-            int(found[0]),
-            int(one.generation[0]),
-            int(one.candidate[0]),
-            float(one.fitness[0]),
+            row.first + int(part.candidate[index]),
+            row.generation,
+            int(part.candidate[index]),
+            float(part.fitness[index]),
             self._parsed(row.seeds),
-            one.episodes[0],
-            one.metrics[0],
-            one.genomes[0],
+            part.episodes[index],
+            part.metrics[index],
+            part.genomes[index],
         )
 
     def _place(
@@ -311,37 +283,31 @@ class StoreReader:
             for row in cursor:
                 yield journal_line(kind, dict(zip(names, row, strict=True)))
 
-    def _record(self, rows: list[tuple[Any, ...]]) -> Record:
-        count, metrics = len(rows), len(self.metrics)
+    def _joined(self, parts: list[Record]) -> Record:
         try:
-            columns = list(zip(*rows, strict=True))[1:] if rows else [()] * 6
-            episodes = _numbers(columns[3], "<f8", count)
-            return Record(
-                np.array(columns[0], dtype=np.int64),
-                np.array(columns[1], dtype=np.int64),
-                np.array([math.nan if value is None else value for value in columns[2]], dtype=np.float64),
-                episodes,
-                _numbers(columns[4], "<f8", count).reshape(count, episodes.shape[1], metrics),
-                _numbers(columns[5], "<f4", count),
-            )
-        except (ValueError, TypeError) as error:
+            return joined(parts, len(self.metrics))
+        except ValueError as error:
             raise InputError(f"{self.file}: is damaged: {error}") from error
 
 
-def _chosen(parts: Iterator[Evaluations], number: int | None) -> tuple[Any, ...] | None:
-    """Return the evaluation of this number, None for the best; goes through all of them."""
-    chosen: tuple[Any, ...] | None = None
+def _chosen(parts: Iterator[Record], candidate: int | None) -> tuple[Record, int] | None:
+    """Return where this candidate is, None for the best of them (the first of equals); reads all parts."""
+    chosen: tuple[Record, int] | None = None
     for part in parts:
-        for one in part:
-            if one[0] == number or (number is None and (chosen is None or _rank(one) > _rank(chosen))):
-                chosen = one
+        if candidate is not None:
+            index = candidate - int(part.candidate[0])
+            if 0 <= index < len(part.candidate):
+                chosen = part, index
+            continue
+        index = int(best_first(part.fitness)[0])
+        if chosen is None or _better(part.fitness[index], chosen[0].fitness[chosen[1]]):
+            chosen = part, index
     return chosen
 
 
-def _rank(evaluation: tuple[Any, ...]) -> tuple[bool, float]:
-    """Return a sort key: larger is better; NULL, of a failed evaluation, comes last."""
-    fitness = evaluation[3]
-    return (fitness is not None, fitness or 0.0)
+def _better(fitness: np.float64, than: np.float64) -> bool:
+    """Whether a fitness is higher; failed evaluations, NaN, are below all others."""
+    return bool(fitness > than or (np.isnan(than) and not np.isnan(fitness)))
 
 
 def nothing(folder: Path) -> str:
@@ -351,22 +317,20 @@ def nothing(folder: Path) -> str:
 
 def best_of(connection: sqlite3.Connection) -> Best | None:
     """Return the evaluation that leads after the last generation."""
-    row = connection.execute(
-        f"SELECT fitness, generation, candidate, genome FROM evaluation WHERE number = ({_LEADER})"  # noqa: S608
-    ).fetchone()
+    row = connection.execute("SELECT leader FROM generation ORDER BY generation DESC LIMIT 1").fetchone()
     if row is None:
         return None
-    fitness, generation, candidate, genome = row
-    return Best(fitness, generation, candidate, np.frombuffer(genome, dtype="<f4").astype(np.float32))
+    (leader,) = row
+    block = connection.execute(
+        f"SELECT {COLUMNS} FROM block WHERE first <= ? ORDER BY first DESC LIMIT 1",  # noqa: S608 - our own names
+        (leader,),
+    ).fetchone()
+    (first,) = connection.execute("SELECT first FROM generation WHERE generation = ?", (block[1],)).fetchone()
+    part, index = decoded(block, first, 0), leader - block[0]
+    return Best(float(part.fitness[index]), int(block[1]), int(part.candidate[index]), part.genomes[index])
 
 
 def _range(count: int, what: str) -> str:
     if count == 0:
         return f"no finished {what}"
     return f"one {what}, number 0" if count == 1 else f"the {what}s 0 to {count - 1}"
-
-
-def _numbers(blobs: tuple[bytes, ...], kind: str, count: int) -> NDArray[Any]:
-    values = np.frombuffer(b"".join(blobs), dtype=kind)
-    # Without rows, the width is not known and does not matter.
-    return values.astype(kind[1:]).reshape(count, -1 if count else 0)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.store.reader import Record
+from swarmwright.store.blocks import Record
 
 Column = NDArray[Any]
 

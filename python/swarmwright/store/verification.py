@@ -1,12 +1,12 @@
 """Verification of a run folder against its digests, generation by generation, however much is damaged."""
 
+import json
 import sqlite3
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.store import digests
 from swarmwright.store.database import FILE, checked_facts, reading
 from swarmwright.store.folder import without_store
 from swarmwright.store.generations import (
@@ -36,8 +36,6 @@ class Problem:
 class Verified:
     """What was found in a run folder."""
 
-    digests: bool = True
-    """Whether there are any; a run of a version before digests has none, and only its structure is known."""
     good: list[int] = field(default_factory=list)
     """Generations that are what was written."""
     evaluations: int = 0
@@ -64,7 +62,7 @@ def verify(folder: Path) -> Verified:
         with reading(file) as connection:
             _structure(connection, found)
             facts = _facts(connection, file, found)
-            generations = Generations(connection, file, digests=found.digests)
+            generations = Generations(connection, file, _metrics(facts))
             _generations(connection, generations, found)
     except InputError as error:
         found.add(_words(error, file))
@@ -92,8 +90,14 @@ def _facts(connection: sqlite3.Connection, file: Path, found: Verified) -> dict[
     except _UNREADABLE as error:
         found.add(_words(error, file))
         return {}
-    found.digests = digests.FACT in facts
     return facts
+
+
+def _metrics(facts: dict[str, str]) -> int:
+    try:
+        return len(json.loads(facts["metrics"]))
+    except (KeyError, *_UNREADABLE):
+        return 0
 
 
 def _generations(connection: sqlite3.Connection, generations: Generations, found: Verified) -> None:
@@ -102,14 +106,11 @@ def _generations(connection: sqlite3.Connection, generations: Generations, found
     for number in range(0 if last is None else int(last) + 1):
         try:
             row = _row(generations, number)
-            if generations.digests:
-                # What is written of the one before may itself be what is damaged.
-                wanted = [
-                    generations.expected(row, one) for one in (before, digest_before(connection, number))
-                ]
-                before = row.digest if row.digest in wanted else wanted[0]
-                if row.digest not in wanted:
-                    raise generations.damaged(ROW_DISAGREES, number)
+            # What is written of the one before may itself be what is damaged.
+            wanted = [generations.expected(row, one) for one in (before, digest_before(connection, number))]
+            before = row.digest if row.digest in wanted else wanted[0]
+            if row.digest not in wanted:
+                raise generations.damaged(ROW_DISAGREES, number)
             for _ in generations.evaluations(row):
                 pass
         except _UNREADABLE as error:

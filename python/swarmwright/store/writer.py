@@ -1,7 +1,6 @@
 """Writing the store: a generation is stored completely or not at all."""
 
 import json
-import math
 import platform
 import socket
 import sqlite3
@@ -21,7 +20,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
-from swarmwright.store import digests
+from swarmwright.store.blocks import EvaluationsDigest, encoded
 from swarmwright.store.database import (
     FILE,
     NEW,
@@ -33,7 +32,7 @@ from swarmwright.store.database import (
     transaction,
 )
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
-from swarmwright.store.generations import Row, add_digests, digest_before
+from swarmwright.store.generations import Row, digest_before
 from swarmwright.store.lock import Lock
 from swarmwright.store.reader import StoreReader, best_of
 from swarmwright.store.rows import Evaluated, Journal
@@ -46,7 +45,7 @@ from swarmwright.user_code.permission import remember
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
-_EVALUATION = "INSERT INTO evaluation VALUES (?, ?, ?, ?, ?, ?, ?)"
+_BLOCK = "INSERT INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
@@ -143,7 +142,7 @@ class StoreWriter:
             self._connection.execute(
                 "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)
             )
-            self._seal()
+            seal_facts(self._connection)
         write_text(self.folder / EXPERIMENT, dump(values))
 
     def keep_code(self, version: int, code: Sequence[Part]) -> Copy:
@@ -157,7 +156,7 @@ class StoreWriter:
             self._connection.execute(
                 "INSERT OR REPLACE INTO fact VALUES (?, ?)", (f"{CODE}.{version}", copy.digest)
             )
-            self._seal()
+            seal_facts(self._connection)
         return copy
 
     def begin(
@@ -192,11 +191,14 @@ class StoreWriter:
         """
         summary, number = evaluated.summary, evaluated.generation
         first = summary.evaluations - len(evaluated.genomes)
-        seeds, total = json.dumps(evaluated.seeds), digests.EvaluationsDigest()
+        seeds, total = json.dumps(evaluated.seeds), EvaluationsDigest()
         with self._writing():
             self._note(number, journal)
-            self._connection.executemany(_EVALUATION, total.taking(_evaluations(evaluated, first)))
-            row = Row(number, first, seeds, summary, evaluated.leader, total.hexdigest(), None)
+            for block in encoded(evaluated, first):
+                total.add(block)
+                self._connection.execute(_BLOCK, block)
+            digest = total.hexdigest(first, number, len(evaluated.genomes))
+            row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
             self._connection.execute(
                 _GENERATION,
                 (
@@ -214,13 +216,6 @@ class StoreWriter:
                     row.digest_after(digest_before(self._connection, number)),
                 ),
             )
-
-    def add_digests(self) -> None:
-        """Write digests of what a version before there were any has stored; nothing where they are there."""
-        if not StoreReader(self.folder).has_digests:
-            with self._writing():
-                add_digests(self._connection, self.file)
-                seal_facts(self._connection)
 
     def note(self, generation: int, journal: Journal) -> None:
         """Write the attempts of evaluations that do not count: those of an incomplete generation."""
@@ -261,18 +256,12 @@ class StoreWriter:
         text = json.dumps(dict(values), allow_nan=False)
         with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
-            self._seal()
+            seal_facts(self._connection)
 
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
         with self._writing():
             self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
-            self._seal()
-
-    def _seal(self) -> None:
-        """Write the digest of the facts anew, unless this is a store without digests."""
-        there = "SELECT count(*) FROM fact WHERE name = ?"
-        if self._connection.execute(there, (digests.FACT,)).fetchone()[0]:
             seal_facts(self._connection)
 
     def conclude(self, outcome: str) -> None:
@@ -354,22 +343,6 @@ def _recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict
         place = copy.place(kept).relative_to(folder).as_posix()
         values["simulation"] = f"{place}:{kept.component.rpartition(':')[2]}"
     return values
-
-
-def _evaluations(evaluated: Evaluated, first: int) -> Iterable[tuple[Any, ...]]:
-    genomes = np.ascontiguousarray(evaluated.genomes, dtype="<f4")
-    episodes = np.ascontiguousarray(evaluated.episodes, dtype="<f8")
-    metrics = np.ascontiguousarray(evaluated.metrics, dtype="<f8")
-    for index, fitness in enumerate(evaluated.fitness.tolist()):
-        yield (
-            first + index,
-            evaluated.generation,
-            index,
-            None if math.isnan(fitness) else fitness,
-            episodes[index].tobytes(),
-            metrics[index].tobytes(),
-            genomes[index].tobytes(),
-        )
 
 
 def _in_use(error: RunError) -> bool:

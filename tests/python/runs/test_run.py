@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from swarmwright import Experiment, InputError, Run, optimize, repeat
 from swarmwright.core.statistics import quantile
 from swarmwright.runs import picture
 from swarmwright.runs.folders import default_folder
-from tests.python.records import EXPERIMENT, without_digests
+from tests.python.records import EXPERIMENT, change_numbers, seal
 
 
 def test_all_files_are_there(finished: Run) -> None:
@@ -165,10 +164,9 @@ def test_any_evaluation_can_be_repeated(finished: Run, copy: Path) -> None:
         again = repeat(finished, number, servers=1)
         assert again.same
         assert again.recorded.tolist() == again.repeated.tolist() == finished.record.episodes[number].tolist()
-    without_digests(copy)
-    with sqlite3.connect(copy / "run.sqlite") as store:
-        store.execute("UPDATE evaluation SET episodes = zeroblob(16) WHERE number = 17")
-    store.close()
+    evaluation = finished.evaluation(17)
+    change_numbers(copy, "episodes", slice(evaluation.candidate, None), 0.0, generation=evaluation.generation)
+    seal(copy)
     assert not repeat(Run.open(copy), 17).same
 
 

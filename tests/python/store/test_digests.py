@@ -1,11 +1,9 @@
 """Damage to a store is noticed: no record is read that is not the one that was written."""
 
-import hashlib
 import json
 import random
 import shutil
 import sqlite3
-import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,17 +12,17 @@ import pytest
 from swarmwright import InputError, Run, optimize, resume
 from swarmwright.cli import run as program
 from swarmwright.store import FILE
-from tests.python.records import EXPERIMENT, without_digests
+from tests.python.records import (
+    EXPERIMENT,
+    change,
+    change_numbers,
+    of_evaluations,
+    of_facts,
+    of_generations,
+    same_record,
+)
 
 FLIPS = 300
-
-
-def changed(folder: Path, *statements: str) -> None:
-    store = sqlite3.connect(folder / FILE)
-    with store:
-        for statement in statements:
-            assert store.execute(statement).rowcount > 0
-    store.close()
 
 
 def read(folder: Path) -> tuple[str | None, str]:
@@ -68,57 +66,66 @@ def test_a_flipped_bit_changes_nothing_or_is_told_of(
     assert told > FLIPS // 20
 
 
-DAMAGES = [
-    ("UPDATE evaluation SET fitness = fitness + 1 WHERE number = 13", "evaluation", 1),
-    ("UPDATE evaluation SET genome = zeroblob(length(genome)) WHERE number = 13", "evaluation", 1),
-    ("UPDATE evaluation SET episodes = zeroblob(length(episodes)) WHERE number = 2", "evaluation", 0),
-    ("UPDATE evaluation SET candidate = 99 WHERE number = 13", "evaluation", 1),
-    ("UPDATE evaluation SET fitness = 'x' WHERE number = 13", "evaluation", 1),
+DAMAGES: list[tuple[str | tuple[str, slice, float], str, int]] = [
+    (("fitness", slice(3, 4), 1.0), "block", 1),
+    (("genomes", slice(3, 4), 0.0), "block", 1),
+    (("episodes", slice(2, 3), 0.0), "block", 0),
+    ("UPDATE block SET first = first + 1 WHERE generation = 1", "missing", 1),
+    ("UPDATE block SET generation = 99 WHERE generation = 1", "missing", 1),
+    ("UPDATE block SET evaluations = evaluations - 1 WHERE generation = 1", "block", 1),
+    ("UPDATE block SET fitness = 'x' WHERE generation = 1", "block", 1),
+    ("UPDATE block SET episodes = x'00' WHERE generation = 1", "block", 1),
     ("UPDATE generation SET best = best + 1 WHERE generation = 2", "generation", 2),
     ("UPDATE generation SET seeds = '[5, 6]' WHERE generation = 0", "generation", 0),
     ("UPDATE generation SET leader = leader + 1 WHERE generation = 3", "generation", 3),
     ("UPDATE generation SET digest = upper(digest) WHERE generation = 1", "generation", 1),
-    ("UPDATE generation SET evaluations_digest = NULL WHERE generation = 1", "generation", 1),
+    ("UPDATE generation SET evaluations_digest = '' WHERE generation = 1", "generation", 1),
 ]
 
 
-@pytest.mark.parametrize(("damage", "table", "generation"), DAMAGES)
+def damage(folder: Path, which: int = 0) -> None:
+    what, _, generation = DAMAGES[which]
+    if isinstance(what, str):
+        change(folder, what)
+    else:
+        change_numbers(folder, *what, generation=generation)
+
+
+@pytest.mark.parametrize("which", range(len(DAMAGES)))
 def test_the_generation_and_the_table_are_named(
-    copy: Path, damage: str, table: str, generation: int, capsys: pytest.CaptureFixture[str]
+    copy: Path, which: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    changed(copy, damage)
-    with pytest.raises(
-        InputError, match=f"generation {generation}: the table {table} disagrees with its digest"
-    ):
+    damage(copy, which)
+    _, table, generation = DAMAGES[which]
+    what = "evaluations are missing" if table == "missing" else f"the table {table} disagrees with its digest"
+    with pytest.raises(InputError, match=rf"generation {generation}: (\d+ )?{what}"):
         _ = Run.open(copy).digest
     assert program(["runs", "verify", str(copy), "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     (problem,) = found["problems"]
-    assert problem == {
-        "what": f"the table {table} disagrees with its digest",
-        "generations": [generation],
-    }
+    assert problem["what"].endswith(what)
+    assert problem["generations"] == [generation]
     assert found["good_generations"] == [one for one in range(4) if one != generation]
 
 
 @pytest.mark.parametrize(
-    ("damage", "words"),
+    ("change_", "words"),
     [
         ("DELETE FROM generation WHERE generation = 3", "evaluations from 26 to 32 belong to no generation"),
         (
             "DELETE FROM generation WHERE generation = 1",
             "generation 1: it is missing in the table generation",
         ),
-        ("DELETE FROM evaluation WHERE number = 32", "generation 3: 1 evaluations are missing"),
+        ("DELETE FROM block WHERE generation = 3", "generation 3: 7 evaluations are missing"),
         ("UPDATE fact SET value = '{}' WHERE name = 'experiment'", "the table fact, with the experiment"),
         ("UPDATE fact SET name = 'digesu' WHERE name = 'digest'", "the digest of the table fact is missing"),
         ("DELETE FROM fact WHERE name = 'ended'", "the table fact, with the experiment"),
     ],
 )
 def test_what_is_missing_is_named(
-    copy: Path, damage: str, words: str, capsys: pytest.CaptureFixture[str]
+    copy: Path, change_: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    changed(copy, damage)
+    change(copy, change_)
     with pytest.raises(InputError, match=words):
         _ = Run.open(copy).digest
     assert program(["runs", "verify", str(copy)]) == 1
@@ -140,72 +147,61 @@ READERS: list[Callable[[Run], object]] = [
 
 @pytest.mark.parametrize("reader", range(len(READERS)))
 def test_whoever_reads_a_damaged_evaluation_is_told(copy: Path, reader: int) -> None:
-    changed(copy, DAMAGES[0][0])
-    with pytest.raises(InputError, match="generation 1: the table evaluation disagrees with its digest"):
+    damage(copy)
+    with pytest.raises(InputError, match="generation 1: the table block disagrees with its digest"):
         READERS[reader](Run.open(copy))
     assert Run.open(copy).evaluation(None, 0).generation == 0, "other generations can be read"
 
 
 def test_a_damaged_leader_is_not_taken_for_the_best(copy: Path) -> None:
-    leader = Run.open(copy).evaluation().number
-    changed(copy, f"UPDATE evaluation SET genome = zeroblob(length(genome)) WHERE number = {leader}")
-    with pytest.raises(InputError, match="the table evaluation disagrees with its digest"):
+    leader = Run.open(copy).evaluation()
+    change_numbers(
+        copy, "genomes", slice(leader.candidate, leader.candidate + 1), 0, generation=leader.generation
+    )
+    with pytest.raises(InputError, match="the table block disagrees with its digest"):
         _ = Run.open(copy).best
 
 
 def test_half_a_record_is_not_left_behind(copy: Path, tmp_path: Path) -> None:
-    changed(copy, DAMAGES[0][0])
+    damage(copy)
     for name in ("x.csv", "x.parquet"):
-        with pytest.raises(InputError, match="generation 1: the table evaluation disagrees"):
+        with pytest.raises(InputError, match="generation 1: the table block disagrees"):
             Run.open(copy).export(tmp_path / name)
         assert not (tmp_path / name).exists()
 
 
 def test_the_bytes_are_those_that_the_documentation_names(finished: Run) -> None:
     store = sqlite3.connect(finished.path / FILE)
-
-    def number(value: float | None) -> float:
-        return float("nan") if value is None else value
-
-    before = ""
-    for row in store.execute(
-        "SELECT generation, first, evaluations, failed, leader, best, mean, best_so_far, lower_quartile, "
-        "median, upper_quartile, seeds, evaluations_digest, digest FROM generation ORDER BY generation"
-    ):
-        total = hashlib.sha256()
-        for line in store.execute("SELECT * FROM evaluation WHERE generation = ? ORDER BY number", row[:1]):
-            total.update(struct.pack("<3qd3q", *line[:3], number(line[3]), *map(len, line[4:])))
-            total.update(b"".join(line[4:]))
-        assert total.hexdigest() == row[12]
-        numbers = struct.pack("<5q6d", *row[:5], *map(number, row[5:11]))
-        before = hashlib.sha256(
-            b"".join((before.encode(), numbers, row[11].encode(), row[12].encode()))
-        ).hexdigest()
-        assert before == row[13]
-    facts = [list(fact) for fact in store.execute("SELECT name, value FROM fact ORDER BY name")]
-    sealed = dict(facts)["digest"]
-    others = json.dumps([fact for fact in facts if fact[0] != "digest"])
-    assert hashlib.sha256(others.encode()).hexdigest() == sealed
+    rows = store.execute("SELECT generation, evaluations_digest, digest FROM generation").fetchall()
+    assert {generation: digest for generation, digest, _ in rows} == of_evaluations(store)
+    assert {generation: digest for generation, _, digest in rows} == of_generations(store)
+    assert store.execute("SELECT value FROM fact WHERE name = 'digest'").fetchone()[0] == of_facts(store)
     store.close()
 
 
-def test_a_run_of_an_earlier_version_can_be_read_and_gets_digests_when_it_goes_on(
-    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_digests_do_not_depend_on_the_size_of_blocks(
+    finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    without_digests(copy)
-    assert Run.open(copy).record.fitness.shape == (33,)
-    assert program(["runs", "verify", str(copy)]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith(f"{copy}: nothing found, 4 generations, 33 evaluations; it has no digests")
-    resume(copy, generations=6)
-    whole = optimize(EXPERIMENT.replace(method={"generations": 6}), out=tmp_path / "whole")
-    assert chain(copy) == chain(whole.path)
-    assert None not in chain(copy)
-    assert program(["runs", "verify", str(copy)]) == 0
-    assert capsys.readouterr().out.startswith(f"{copy}: ok, 6 generations, ")
+    monkeypatch.setattr("swarmwright.store.blocks._BLOCK", 700)
+    split = optimize(EXPERIMENT, out=tmp_path / "run")
+    same_record(split, finished)
+    assert chain(split.path) == chain(finished.path)
+    store = sqlite3.connect(split.path / FILE)
+    blocks = [count for (count,) in store.execute("SELECT evaluations FROM block ORDER BY first")]
+    store.close()
+    assert sum(blocks) == 33
+    assert len(blocks) > 8
+    assert max(blocks) > 1
+    for number in range(33):
+        one, other = split.evaluation(number), finished.evaluation(number)
+        assert (one.number, one.generation, one.candidate) == (number, other.generation, other.candidate)
+        assert one.genome.tobytes() == other.genome.tobytes()
+        assert one.episodes.tobytes() == other.episodes.tobytes()
+    assert split.evaluation(None, 1).candidate == finished.evaluation(None, 1).candidate
+    assert resume(split, generations=6).generations == 6
 
 
-def chain(folder: Path) -> list[str | None]:
+def chain(folder: Path) -> list[str]:
     store = sqlite3.connect(folder / FILE)
     found = [digest for (digest,) in store.execute("SELECT digest FROM generation ORDER BY generation")]
     store.close()
@@ -215,12 +211,12 @@ def chain(folder: Path) -> list[str | None]:
 def test_verify_takes_several_runs_and_leaves_files_out(
     finished: Run, copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    changed(copy, DAMAGES[0][0])
+    damage(copy)
     assert program(["runs", "verify", str(finished.path), str(copy), __file__]) == 1
     said = capsys.readouterr()
     assert said.out.splitlines() == [
         f"{finished.path}: ok, 4 generations, 33 evaluations",
-        f"{copy}: damaged: generation 1: the table evaluation disagrees with its digest",
+        f"{copy}: damaged: generation 1: the table block disagrees with its digest",
         f"{copy}: good are the generations 0, 2 to 3",
     ]
     assert "left out" in said.err

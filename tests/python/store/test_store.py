@@ -13,15 +13,17 @@ import pytest
 from swarmwright import InputError, Run, RunError, optimize, resume
 from swarmwright.store import FILE, Journal, StoreWriter
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
-from tests.python.records import EXPERIMENT, without_digests
+from tests.python.records import EXPERIMENT, change, change_numbers, seal
 
 
 def test_it_is_a_plain_sqlite_file_for_any_program(finished: Run) -> None:
     store = sqlite3.connect(finished.path / FILE)
-    rows = store.execute("SELECT generation, candidate, fitness, genome FROM evaluation").fetchall()
+    rows = store.execute("SELECT evaluations, fitness, genomes FROM block ORDER BY first").fetchall()
     store.close()
-    assert [row[2] for row in rows] == finished.record.fitness.tolist()
-    assert np.frombuffer(rows[3][3], dtype="<f4").tolist() == finished.record.genomes[3].tolist()
+    fitness = np.frombuffer(b"".join(row[1] for row in rows), dtype="<f8")
+    assert fitness.tolist() == finished.record.fitness.tolist()
+    genomes = np.frombuffer(rows[1][2], dtype="<f4").reshape(rows[1][0], -1)
+    assert genomes[0].tolist() == finished.record.genomes[rows[0][0]].tolist()
 
 
 def test_a_finished_run_is_one_file_that_can_be_copied(finished: Run) -> None:
@@ -152,7 +154,7 @@ def test_a_damaged_store_is_not_touched(copy: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("damage", "words"),
     [
         ("UPDATE fact SET value = '{' WHERE name = 'experiment'", r"run\.sqlite: is damaged"),
         (
@@ -161,14 +163,12 @@ def test_a_damaged_store_is_not_touched(copy: Path) -> None:
         ),
         ("UPDATE fact SET value = 'x' WHERE name = 'metrics'", r"run\.sqlite: is damaged"),
         ("UPDATE generation SET seeds = 'x'", r"run\.sqlite: is damaged"),
-        ("UPDATE evaluation SET genome = x'00'", r"run\.sqlite: is damaged"),
+        ("UPDATE block SET genomes = x'00'", r"run\.sqlite: is damaged"),
     ],
 )
-def test_damaged_values_are_named(copy: Path, change: str, words: str) -> None:
-    without_digests(copy)
-    with sqlite3.connect(copy / FILE) as store:
-        store.execute(change)
-    store.close()
+def test_damaged_values_are_named(copy: Path, damage: str, words: str) -> None:
+    change(copy, damage)
+    seal(copy)
     with pytest.raises(InputError, match=words):
         resume(copy, generations=9)
 
@@ -197,29 +197,32 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
 
 
 def test_missing_rows_are_noticed(copy: Path) -> None:
-    with sqlite3.connect(copy / FILE) as store:
-        store.execute("DELETE FROM evaluation WHERE number = 13")
-    store.close()
-    with pytest.raises(InputError, match="is damaged: generation 1: 1 evaluations are missing"):
+    change(copy, "DELETE FROM block WHERE generation = 1")
+    with pytest.raises(InputError, match="is damaged: generation 1: 7 evaluations are missing"):
         resume(copy, generations=9)
 
 
-def test_a_store_of_a_newer_version_is_left_alone(copy: Path) -> None:
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [
+        (99, r"has format 99; .* update it"),
+        (2, r"has format 2, .*: swarmwright optimize .*experiment\.yaml --out NEW"),
+    ],
+)
+def test_a_store_of_another_version_is_left_alone(copy: Path, version: int, words: str) -> None:
     with sqlite3.connect(copy / FILE) as store:
-        store.execute("PRAGMA user_version = 99")
+        store.execute(f"PRAGMA user_version = {version}")
     store.close()
     before = (copy / FILE).read_bytes()
     for attempt in (Run.open, resume):
-        with pytest.raises(InputError, match=r"has format 99; .* update it"):
+        with pytest.raises(InputError, match=words):
             attempt(copy)
     assert (copy / FILE).read_bytes() == before
 
 
 def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
-    without_digests(copy)
-    with sqlite3.connect(copy / FILE) as store:
-        store.execute("UPDATE evaluation SET fitness = fitness + 1 WHERE number = 13")
-    store.close()
+    change_numbers(copy, "fitness", slice(0, 1), 1.0, generation=1)
+    seal(copy)
     with pytest.raises(RunError, match="generation 1 comes out differently here"):
         resume(copy, generations=9)
 
@@ -233,10 +236,6 @@ def test_what_a_killed_process_left_of_a_store_is_in_nobody_s_way(copy: Path) ->
 
 
 def test_text_where_a_number_should_stand_is_damage(copy: Path) -> None:
-    without_digests(copy)
-    store = sqlite3.connect(copy / FILE)
-    store.execute("UPDATE generation SET best = CAST('' AS BLOB) WHERE generation = 1")
-    store.commit()
-    store.close()
+    change(copy, "UPDATE generation SET best = CAST('' AS BLOB) WHERE generation = 1")
     with pytest.raises(InputError, match="is damaged: could not convert"):
         _ = Run.open(copy).history

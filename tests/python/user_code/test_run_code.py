@@ -15,7 +15,7 @@ from swarmwright.runs.code import remarks
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations.names import files
 from swarmwright.store.verification import verify
-from tests.python.records import same_record, without_digests
+from tests.python.records import same_record, seal
 from tests.python.user_code.conftest import edit
 
 FACTOR = ("return -self", "return -100 * self")
@@ -240,27 +240,27 @@ def test_another_class_is_another_code(run: Run, project: Path) -> None:
     assert repeat(longer).same
 
 
-def older(run: Run, project: Path) -> Path:
-    """Make of a run what an earlier version left behind."""
+def without_copy(run: Run, project: Path) -> Path:
+    """Make of a run one that keeps no copy of its code."""
     shutil.rmtree(run.path / "code")
     for name in ("code/1/simulation/gather.py",):
         edit(run.path / "experiment.yaml", name, str(project / "gather.py"))
     with sqlite3.connect(run.path / "run.sqlite") as store:
         store.execute("DELETE FROM fact WHERE name = 'code.1'")
-        store.execute("ALTER TABLE session DROP COLUMN code")
+        store.execute("UPDATE session SET code = NULL")
         store.execute(
             "UPDATE fact SET value = replace(value, ?, ?) WHERE name = 'experiment'",
             ("code/1/simulation/gather.py", str(project / "gather.py")),
         )
     store.close()
-    without_digests(run.path)
+    seal(run.path)
     return run.path
 
 
-def test_a_run_of_an_earlier_version_is_read_and_goes_on(
+def test_a_run_without_a_copy_of_its_code_is_read_and_resumed(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder = older(run, project)
+    folder = without_copy(run, project)
     assert repeat(Run.open(folder)).same
     assert caplog.messages == [
         f"{folder}: holds no copy of its simulation's code; gather.py:Gather is used as it is now"
@@ -280,7 +280,7 @@ def test_a_run_of_an_earlier_version_is_read_and_goes_on(
 def test_a_run_of_an_earlier_version_whose_file_is_gone(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder = older(run, project)
+    folder = without_copy(run, project)
     (project / "gather.py").rename(project / "gone.py")
     for use in (repeat, Replay.of):
         with pytest.raises(InputError, match=r"its simulation is gone.* --simulation FILE:Gather"):

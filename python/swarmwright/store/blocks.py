@@ -1,0 +1,128 @@
+"""Evaluations as columns of numbers, and as the blocks of bytes in which the store keeps them."""
+
+import hashlib
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.store.rows import Evaluated
+
+_BLOCK = 1 << 22
+"""Bytes that a block has at most, unless a single evaluation has more."""
+_GENERATION = struct.Struct("<3q")
+_COLUMNS = ("fitness", "episodes", "metrics", "genomes")
+_KINDS = ("<f8", "<f8", "<f8", "<f4")
+
+COLUMNS = "first, generation, evaluations, fitness, episodes, metrics, genomes"
+"""Columns of the table `block`."""
+
+Block = tuple[int, int, int, bytes, bytes, bytes, bytes]
+"""A row of the table."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Evaluations of a run, sorted by generation and candidate."""
+
+    generation: NDArray[np.int64]
+    """(evaluations,)"""
+    candidate: NDArray[np.int64]
+    """(evaluations,)"""
+    fitness: NDArray[np.float64]
+    """(evaluations,), NaN where it failed."""
+    episodes: NDArray[np.float64]
+    """(evaluations, episodes)"""
+    metrics: NDArray[np.float64]
+    """(evaluations, episodes, metrics)"""
+    genomes: NDArray[np.float32]
+    """(evaluations, genome_size)"""
+
+
+def joined(parts: list[Record], metrics: int) -> Record:
+    """Return consecutive parts as one. Raises ValueError when they do not fit together.
+
+    metrics: how many there are, for a record without evaluations.
+    """
+    if not parts:
+        none = np.zeros(0, dtype=np.int64)
+        numbers = np.zeros(0)
+        return Record(
+            none, none, numbers, np.zeros((0, 0)), np.zeros((0, 0, metrics)), np.zeros((0, 0), np.float32)
+        )
+    if len(parts) == 1:
+        return parts[0]
+    names = ("generation", "candidate", *_COLUMNS)
+    return Record(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+class EvaluationsDigest:
+    """SHA-256 of the evaluations of a generation, whatever the blocks that they are in."""
+
+    def __init__(self) -> None:
+        self._sums = [hashlib.sha256() for _ in _COLUMNS]
+
+    def add(self, block: Block) -> None:
+        """Take in the next block of the generation. Raises TypeError for what is no block."""
+        for total, column in zip(self._sums, block[3:], strict=True):
+            total.update(column)
+
+    def hexdigest(self, first: int, generation: int, evaluations: int) -> str:
+        """Return the digest of all that was taken in.
+
+        first: number of the generation's first evaluation. evaluations: how many it has.
+        """
+        whole = hashlib.sha256(_GENERATION.pack(first, generation, evaluations))
+        for total in self._sums:
+            whole.update(total.digest())
+        return whole.hexdigest()
+
+
+def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
+    """Yield the blocks of a generation; `first` is the number of its first evaluation."""
+    # One representation of each value: NaN has many, and zero has two.
+    fitness = np.where(np.isnan(evaluated.fitness), np.nan, evaluated.fitness + 0.0)
+    columns = [
+        np.ascontiguousarray(column, dtype=kind)
+        for column, kind in zip(
+            (fitness, evaluated.episodes, evaluated.metrics, evaluated.genomes), _KINDS, strict=True
+        )
+    ]
+    count = len(fitness)
+    size = max(1, _BLOCK * count // max(sum(column.nbytes for column in columns), 1))
+    for start in range(0, count, size):
+        parts = [column[start : start + size] for column in columns]
+        yield (
+            *(first + start, evaluated.generation, len(parts[0])),
+            *(parts[0].tobytes(), parts[1].tobytes(), parts[2].tobytes(), parts[3].tobytes()),
+        )
+
+
+def decoded(block: Block, first: int, metrics: int) -> Record:
+    """Return a block's evaluations.
+
+    Args:
+        block: as it is stored.
+        first: number of the first evaluation of its generation.
+        metrics: how many there are.
+
+    Raises:
+        ValueError, TypeError: it is not what the store writes.
+    """
+    begin, generation, count = block[:3]
+    columns: list[NDArray[Any]] = [
+        np.frombuffer(column, dtype=kind).astype(kind[1:])
+        for column, kind in zip(block[3:], _KINDS, strict=True)
+    ]
+    fitness, episodes, values, genomes = columns
+    return Record(
+        np.full(count, generation, dtype=np.int64),
+        np.arange(begin - first, begin - first + count, dtype=np.int64),
+        fitness.reshape(count),
+        episodes.reshape(count, -1),
+        values.reshape(count, -1, metrics) if metrics else values.reshape(count, len(episodes) // count, 0),
+        genomes.reshape(count, -1),
+    )
