@@ -33,7 +33,7 @@ def summarize(
     population: Fitness, *, generation: int, evaluations: int, best_so_far: float, failed: int
 ) -> Summary:
     """Return the figures of a population's fitness."""
-    values = sorted(population[np.isfinite(population)].tolist())
+    values: list[float] = np.sort(population[np.isfinite(population)]).tolist()
     return Summary(
         generation=generation,
         evaluations=evaluations,
@@ -58,11 +58,18 @@ def quantile(ordered: Sequence[float], share: float) -> float:
     """Return the quantile of ascending values, interpolated between neighbours; NaN of none."""
     if not ordered:
         return math.nan
-    position = share * (len(ordered) - 1)
-    low = math.floor(position)
-    high = min(low + 1, len(ordered) - 1)
-    part = position - low
+    low, high, part = neighbours(len(ordered), share)
     return ordered[low] * (1 - part) + ordered[high] * part
+
+
+def neighbours(count: int, share: float) -> tuple[int, int, float]:
+    """Return which two of ascending values a quantile is between, and how far from the first: 0 to below 1.
+
+    Definition 7 of Hyndman and Fan 1996. count: of the values, at least 1.
+    """
+    position = share * (count - 1)
+    low = math.floor(position)
+    return low, min(low + 1, count - 1), position - low
 
 
 @dataclass(frozen=True)

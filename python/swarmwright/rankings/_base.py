@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -69,15 +69,15 @@ class Ranking(ABC):
             episodes: results, (candidates, episodes).
             genomes: (candidates, genome_size); needed with `reevaluate` only.
         """
-        # Plain lists: for a few episodes NumPy's calls take longer than the numbers.
-        rows: list[list[float]] = episodes.tolist()
         if self.options.reevaluate and genomes is not None:
-            rows = self._with_past(rows, genomes)
-        scores = np.full(len(rows), np.nan)
-        worked = [index for index, row in enumerate(rows) if all(map(math.isfinite, row))]
-        if worked:
+            return _scored(self._with_past(episodes.tolist(), genomes), self._score)
+        scores = np.full(len(episodes), np.nan)
+        worked = np.isfinite(episodes).all(axis=1)
+        if worked.any():
+            with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
+                made = self._score_array(episodes if worked.all() else episodes[worked])
             # Adding 0.0 turns -0.0 into 0.0: equal fitness has one representation.
-            scores[worked] = self._score([rows[index] for index in worked]) + 0.0
+            scores[worked] = made + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores
 
@@ -101,9 +101,28 @@ class Ranking(ABC):
         self._past = dict(zip(keys, whole, strict=True))
         return whole
 
+    def _score_array(self, episodes: NDArray[np.float64]) -> Fitness:
+        """Return (candidates,) fitness of (candidates, episodes) finite results, one candidate at least.
+
+        By default that of `_score`; a ranking that works on arrays is faster with large populations.
+        """
+        return np.asarray(self._score(episodes.tolist()), dtype=np.float64)
+
     @abstractmethod
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         """Return (candidates,) fitness of each one's results: finite, at least one, not all equally many."""
+
+
+def _scored(
+    rows: Sequence[Sequence[float]], score: Callable[[Sequence[Sequence[float]]], Fitness]
+) -> Fitness:
+    """Return (candidates,) fitness where candidates have different numbers of episodes."""
+    scores = np.full(len(rows), np.nan)
+    worked = [index for index, row in enumerate(rows) if all(map(math.isfinite, row))]
+    if worked:
+        scores[worked] = score([rows[index] for index in worked]) + 0.0
+    scores[~np.isfinite(scores)] = np.nan
+    return scores
 
 
 def best_first(fitness: Fitness) -> NDArray[np.intp]:

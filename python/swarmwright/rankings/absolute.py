@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.core.statistics import quantile
+from swarmwright.core.statistics import neighbours, quantile
 from swarmwright.rankings._base import Ranking, RankingOptions
 from swarmwright.typing import Fitness
 
@@ -37,6 +38,16 @@ def _worst_share(values: Sequence[float], share: float) -> float:
     part = mass - whole
     parts = ordered[:whole] + ([ordered[whole] * part] if whole < len(ordered) else [])
     return _sum(parts) / mass
+
+
+def _row_sums(episodes: NDArray[np.float64]) -> Fitness:
+    """Return the exact sum of each row, rounded once; NaN where it overflows."""
+    if episodes.shape[1] == 2:
+        return np.asarray(episodes[:, 0] + episodes[:, 1])
+    try:
+        return np.array([math.fsum(row) for row in episodes.tolist()])
+    except OverflowError:
+        return np.array([_sum(row) for row in episodes.tolist()])
 
 
 class AbsoluteOptions(RankingOptions):
@@ -70,10 +81,27 @@ class Absolute(Ranking):
             return np.array(episodes, dtype=np.float64) * share
         return super().samples(episodes)
 
-    def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
-        if self.options.aggregate != "cvar" and all(len(row) == 1 for row in episodes):
+    def _score_array(self, episodes: NDArray[np.float64]) -> Fitness:
+        aggregate = self.options.aggregate
+        if aggregate == "cvar":
+            return super()._score_array(episodes)
+        if episodes.shape[1] == 1:
             # Whatever the aggregate of one number, it is the number.
-            return np.array([row[0] for row in episodes], dtype=np.float64)
+            return episodes[:, 0]
+        if aggregate in {"mean", "sum"}:
+            share = episodes.shape[1] if aggregate == "mean" else 1
+            return _row_sums(episodes) / share
+        ordered = np.sort(episodes, axis=1)
+        if aggregate == "worst":
+            return ordered[:, 0]
+        if aggregate == "median":
+            middle = episodes.shape[1] // 2
+            upper = ordered[:, middle]
+            return upper if episodes.shape[1] % 2 else ordered[:, middle - 1] / 2 + upper / 2
+        low, high, part = neighbours(episodes.shape[1], self.options.level)
+        return np.asarray(ordered[:, low] * (1 - part) + ordered[:, high] * part)
+
+    def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         level = self.options.level
         aggregates: Mapping[str, Callable[[Sequence[float]], float]] = {
             "mean": _mean,

@@ -31,6 +31,21 @@ def test_the_order_of_episodes_does_not_matter(values: list[float], random: obje
         assert one.tobytes() == other.tobytes()
 
 
+@pytest.mark.parametrize("aggregate", ["mean", "sum", "median", "worst", "quantile", "cvar"])
+@given(st.data())
+def test_arrays_and_single_candidates_have_the_same_fitness(aggregate: str, data: st.DataObject) -> None:
+    count = data.draw(st.integers(1, 5))
+    any_number = st.floats() | st.sampled_from([0.0, -0.0, 1e308, -1e308, math.nan])
+    rows = data.draw(st.lists(st.lists(any_number, min_size=count, max_size=count), min_size=1, max_size=6))
+    ranking = Absolute(AbsoluteOptions.model_validate({"episodes": count, "aggregate": aggregate}))
+    together = ranking.score(np.array(rows))
+    for row, fitness in zip(rows, together, strict=True):
+        finite = all(map(math.isfinite, row))
+        alone = ranking._score([row])[0] + 0.0 if finite else math.nan
+        expected = alone if math.isfinite(alone) else math.nan
+        assert repr(float(expected)) == repr(float(fitness))
+
+
 def test_sums_are_exact_before_they_are_rounded() -> None:
     ranking = Absolute(AbsoluteOptions(episodes=3, aggregate="sum"))
     assert ranking.score(np.array([[1e100, 1.0, -1e100]])).tolist() == [1.0]
