@@ -101,13 +101,12 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
         )
 
 
-def decoded(block: Block, first: int, metrics: int) -> Record:
+def decoded(block: Block, first: int) -> Record:
     """Return a block's evaluations.
 
     Args:
         block: as it is stored.
         first: number of the first evaluation of its generation.
-        metrics: how many there are.
 
     Raises:
         ValueError, TypeError: it is not what the store writes.
@@ -118,11 +117,12 @@ def decoded(block: Block, first: int, metrics: int) -> Record:
         for column, kind in zip(block[3:], _KINDS, strict=True)
     ]
     fitness, episodes, values, genomes = columns
+    episodes = episodes.reshape(count, -1)
     return Record(
         np.full(count, generation, dtype=np.int64),
         np.arange(begin - first, begin - first + count, dtype=np.int64),
         fitness.reshape(count),
-        episodes.reshape(count, -1),
-        values.reshape(count, -1, metrics) if metrics else values.reshape(count, len(episodes) // count, 0),
+        episodes,
+        values.reshape(*episodes.shape, -1),
         genomes.reshape(count, -1),
     )

@@ -76,13 +76,11 @@ class Generations:
     Args:
         connection: to the store, within one transaction.
         file: the store, for messages.
-        metrics: how many metrics each episode has.
     """
 
-    def __init__(self, connection: sqlite3.Connection, file: Path, metrics: int) -> None:
+    def __init__(self, connection: sqlite3.Connection, file: Path) -> None:
         self._connection = connection
         self._file = file
-        self._metrics = metrics
 
     def rows(self) -> list[Row]:
         """Return every finished generation."""
@@ -150,7 +148,7 @@ class Generations:
                 if block[0] != next_ or block[1] != row.generation:
                     break
                 total.add(block)
-                part = decoded(block, row.first, self._metrics)
+                part = decoded(block, row.first)
             except _WRONG as error:
                 raise self.damaged(_DISAGREE, row.generation) from error
             next_ += len(part.fitness)

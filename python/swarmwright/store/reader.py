@@ -69,7 +69,7 @@ class StoreReader:
     @contextmanager
     def _generations(self) -> Iterator[Generations]:
         with self._reading() as connection:
-            yield Generations(connection, self.file, len(self.metrics))
+            yield Generations(connection, self.file)
 
     @cached_property
     def _facts(self) -> dict[str, str]:
@@ -326,7 +326,7 @@ def best_of(connection: sqlite3.Connection) -> Best | None:
         (leader,),
     ).fetchone()
     (first,) = connection.execute("SELECT first FROM generation WHERE generation = ?", (block[1],)).fetchone()
-    part, index = decoded(block, first, 0), leader - block[0]
+    part, index = decoded(block, first), leader - block[0]
     return Best(float(part.fitness[index]), int(block[1]), int(part.candidate[index]), part.genomes[index])
 
 

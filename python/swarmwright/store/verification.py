@@ -1,6 +1,5 @@
 """Verification of a run folder against its digests, generation by generation, however much is damaged."""
 
-import json
 import sqlite3
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -62,7 +61,7 @@ def verify(folder: Path) -> Verified:
         with reading(file) as connection:
             _structure(connection, found)
             facts = _facts(connection, file, found)
-            generations = Generations(connection, file, _metrics(facts))
+            generations = Generations(connection, file)
             _generations(connection, generations, found)
     except InputError as error:
         found.add(_words(error, file))
@@ -91,13 +90,6 @@ def _facts(connection: sqlite3.Connection, file: Path, found: Verified) -> dict[
         found.add(_words(error, file))
         return {}
     return facts
-
-
-def _metrics(facts: dict[str, str]) -> int:
-    try:
-        return len(json.loads(facts["metrics"]))
-    except (KeyError, *_UNREADABLE):
-        return 0
 
 
 def _generations(connection: sqlite3.Connection, generations: Generations, found: Verified) -> None:
