@@ -73,8 +73,8 @@ pub fn evaluate(
     Some(fits.and_then(|()| evaluate(block, means, create)))
 }
 
-/// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, parameters (name to type,
-/// default, description), metrics (name to unit, description); None for an unknown title.
+/// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, sensor_names, actuator_names,
+/// parameters (name to type, default, description), metrics (name to unit, description); None for an unknown title.
 pub fn describe(title: &str) -> Option<Value> {
     let simulation = create(title)?;
     let description = simulation.description();
@@ -94,6 +94,8 @@ pub fn describe(title: &str) -> Option<Value> {
         "max_agents": description.max_agents,
         "sensors": description.sensors,
         "actuators": description.actuators,
+        "sensor_names": simulation.sensor_names(),
+        "actuator_names": simulation.actuator_names(),
         "parameters": parameters,
         "metrics": metrics,
         "determinism": description.determinism.name(),

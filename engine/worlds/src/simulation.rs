@@ -157,6 +157,16 @@ pub trait Simulation: Send {
         Vec::new()
     }
 
+    /// Names of an agent's sensors, in their order, for drawings; empty where the simulation has no names for them.
+    fn sensor_names(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Names of an agent's actuators, as [`sensor_names`](Self::sensor_names).
+    fn actuator_names(&self) -> &'static [&'static str] {
+        &[]
+    }
+
     /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.
     ///
     /// # Errors

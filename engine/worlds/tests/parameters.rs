@@ -212,6 +212,16 @@ fn every_built_in_simulation_describes_itself() {
             description["sensors"].as_u64().unwrap(),
             text.sensors as u64
         );
+        for (names, count) in [
+            ("sensor_names", text.sensors),
+            ("actuator_names", text.actuators),
+        ] {
+            assert_eq!(
+                description[names].as_array().unwrap().len(),
+                count,
+                "{title}"
+            );
+        }
         // The defaults, given, are what is used when they are left out.
         let mut defaults = serde_json::Map::new();
         for (name, info) in description["parameters"].as_object().unwrap() {

@@ -1,12 +1,16 @@
 """`swarmwright draw`: a controller as a figure."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath, candidate_options, json_option
 from swarmwright.cli._output import Output
+
+if TYPE_CHECKING:
+    from swarmwright import Run
 
 
 @click.command(
@@ -28,8 +32,9 @@ from swarmwright.cli._output import Output
 @candidate_options
 @click.option(
     "--simulation",
-    metavar="TITLE",
-    help="Whose sensors and actuators those of a FILE are, for their names.",
+    metavar="NAME",
+    help="Simulation that names the sensors and actuators: the title of a built-in one, or FILE.py:CLASS. "
+    "Default: the run's.",
 )
 @json_option
 def command(
@@ -61,7 +66,7 @@ def command(
             specification,
             title=f"{experiment.label}: candidate {chosen.candidate} of generation {chosen.generation}, "
             f"fitness {chosen.fitness + 0.0:.4g}",
-            simulation=simulation or experiment.simulation,
+            simulation=_described(simulation) if simulation else _described_by_run(run, chosen.generation),
             options=experiment.controller.model_dump(),
         )
     else:
@@ -70,7 +75,29 @@ def command(
         target = file or source.with_suffix(".png")
         style.check(target)
         specification = Controller.load(source).specification
-        drawn = figure(specification, title=source.name, simulation=simulation)
+        drawn = figure(specification, title=source.name, simulation=_described(simulation))
     style.save(drawn, target)
     output.text(f"The controller is drawn in {target}")
     output.json({"picture": str(target), "kind": specification["kind"]})
+
+
+def _described(simulation: str | None) -> dict[str, Any] | None:
+    """Return the description of a simulation; None if it is not available here."""
+    from swarmwright.simulations import catalogue
+
+    if simulation is None or not catalogue.is_here(simulation):
+        return None
+    return catalogue.description(simulation)
+
+
+def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
+    """Return the description of a run's simulation; None if its code cannot or may not be executed."""
+    from swarmwright import InputError
+    from swarmwright.runs.code import used_for
+    from swarmwright.user_code import notices
+
+    try:
+        return _described(used_for(run, generation).simulation)
+    except InputError as error:
+        notices.say(f"sensors and actuators are numbered, since the simulation has no names here: {error}")
+        return None

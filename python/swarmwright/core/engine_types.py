@@ -235,6 +235,8 @@ class Description(TypedDict):
     max_agents: int | None
     sensors: int
     actuators: int
+    sensor_names: list[str]
+    actuator_names: list[str]
     parameters: dict[str, ParameterDescription]
     metrics: dict[str, MetricDescription]
     determinism: str | None

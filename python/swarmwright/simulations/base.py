@@ -24,6 +24,10 @@ class Described(ABC):
     """Sensor values of an agent, at least 1."""
     actuators: int
     """Actuator values of an agent, at least 1."""
+    sensor_names: Sequence[str] = ()
+    """Names of an agent's sensors, one for each, for drawings of controllers; empty: they are numbered."""
+    actuator_names: Sequence[str] = ()
+    """Names of an agent's actuators, in the same way."""
     parameters: Mapping[str, Any] = {}
     """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
 

@@ -25,6 +25,8 @@ class Description:
     max_agents: int | None
     sensors: int
     actuators: int
+    sensor_names: tuple[str, ...]
+    actuator_names: tuple[str, ...]
     parameters: Mapping[str, Parameter]
     metrics: Mapping[str, str]
     copies: bool
@@ -41,6 +43,8 @@ class Description:
             "max_agents": self.max_agents,
             "sensors": self.sensors,
             "actuators": self.actuators,
+            "sensor_names": list(self.sensor_names),
+            "actuator_names": list(self.actuator_names),
             "parameters": {
                 name: {"type": one.kind, "default": one.default, "description": one.description}
                 for name, one in self.parameters.items()
@@ -65,12 +69,18 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
                 f"{where}.parameters[{name!r}]: default: {one.default!r} found, expected what JSON can hold"
             ) from None
     most = simulation.max_agents
+    sensors = _count(where, "sensors", getattr(simulation, "sensors", None))
+    actuators = _count(where, "actuators", getattr(simulation, "actuators", None))
     return Description(
         title=title,
         dimensions=_count(where, "dimensions", simulation.dimensions, least=0),
         max_agents=None if most is None else _count(where, "max_agents", most),
-        sensors=_count(where, "sensors", getattr(simulation, "sensors", None)),
-        actuators=_count(where, "actuators", getattr(simulation, "actuators", None)),
+        sensors=sensors,
+        actuators=actuators,
+        sensor_names=_channels(where, "sensor_names", getattr(simulation, "sensor_names", ()), sensors),
+        actuator_names=_channels(
+            where, "actuator_names", getattr(simulation, "actuator_names", ()), actuators
+        ),
         parameters=parameters,
         metrics=_metrics(where, simulation.metrics),
         copies=bool(simulation.copies),
@@ -79,6 +89,18 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
         frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
     )
+
+
+def _channels(where: str, name: str, value: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401 - whatever it says
+    """Return the names of sensors or actuators: one for each, or none at all."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(f"{where}.{name}: {value!r} found, expected a list of {count} names")
+    names = tuple(value)
+    if not all(isinstance(one, str) for one in names):
+        raise InputError(f"{where}.{name}: {list(names)!r} found, expected text only")
+    if names and len(names) != count:
+        raise InputError(f"{where}.{name}: {len(names)} names found, expected {count}")
+    return names
 
 
 def _determinism(where: str, value: Any) -> str | None:  # noqa: ANN401 - whatever the class says

@@ -123,3 +123,59 @@ def test_controllers_are_drawn(program: Any, runs: Path, tmp_path: Path) -> None
         refused = program("draw", *arguments)
         assert refused.returncode == 2
         assert said in refused.stderr
+
+
+NAMED = """\
+from swarmwright import Simulation
+
+
+class Still(Simulation):
+    sensors, actuators = 2, 1
+    sensor_names, actuator_names = ["distance to wall", "battery"], ["gripper"]
+
+    def reset(self, parameters, seed):
+        self.steps = 0
+        return [[0.5, 1.0]]
+
+    def step(self, actions):
+        self.steps += 1
+        return [[0.5, 1.0]]
+
+    def done(self):
+        return self.steps == 2
+
+    def fitness(self):
+        return 1.0
+"""
+
+
+def test_a_user_defined_simulation_names_its_sensors_in_the_figure(
+    program: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "still.py").write_text(NAMED, encoding="utf-8")
+    experiment = swarmwright.Experiment.from_mapping(
+        {
+            "simulation": f"{tmp_path / 'still.py'}:Still",
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"kind": "random_search", "population": 2, "generations": 1},
+        }
+    )
+    run = swarmwright.optimize(experiment, out=tmp_path / "run")
+    names = ("distance to wall", "battery", "gripper")
+
+    def drawn(*arguments: object) -> str:
+        result = program("draw", *arguments, "--out", "drawn.svg")
+        assert result.returncode == 0, result.stderr
+        return str((tmp_path / "drawn.svg").read_text(encoding="utf-8")) + str(result.stderr)
+
+    text = drawn("run")
+    assert [name for name in names if name not in text] == []
+    run.best.controller.save(tmp_path / "best.json")
+    text = drawn("best.json", "--simulation", "still.py:Still")
+    assert [name for name in names if name not in text] == []
+    assert "sensor 0" in drawn("best.json")
+    # The code of a run that another user made is not executed.
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    text = drawn("run")
+    assert "sensor 0" in text
+    assert "sensors and actuators are numbered" in text

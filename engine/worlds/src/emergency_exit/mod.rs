@@ -229,6 +229,17 @@ impl Simulation for EmergencyExit {
         settings::parameters()
     }
 
+    fn sensor_names(&self) -> &'static [&'static str] {
+        &[
+            "exit x", "exit y", "N free", "NE free", "E free", "SE free", "S free", "SW free",
+            "W free", "NW free",
+        ]
+    }
+
+    fn actuator_names(&self) -> &'static [&'static str] {
+        &["move x", "move y"]
+    }
+
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let settings = Settings::read(parameters)?;
         let known = Some((&self.plan, &self.field));

@@ -205,6 +205,14 @@ impl Simulation for Minisim {
         settings::parameters()
     }
 
+    fn sensor_names(&self) -> &'static [&'static str] {
+        &["goal x", "goal y", "defender x", "defender y"]
+    }
+
+    fn actuator_names(&self) -> &'static [&'static str] {
+        &["heading"]
+    }
+
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         *self = Self::at_start(Settings::read(parameters)?);
         Ok(())

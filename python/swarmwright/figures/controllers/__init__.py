@@ -16,7 +16,7 @@ def figure(
     specification: Mapping[str, Any],
     *,
     title: str = "",
-    simulation: str | None = None,
+    simulation: Mapping[str, Any] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> "Figure":
     """Return a matplotlib figure of a controller.
@@ -24,7 +24,7 @@ def figure(
     Args:
         specification: the controller as plain values, see protocol/schemas/controller.schema.json.
         title: above the figure.
-        simulation: whose sensors and actuators they are, for their names.
+        simulation: its description, for the names of sensors and actuators, which are numbered without.
         options: the experiment's `controller`, which knows the ranges of parameters.
 
     Raises:

@@ -1,15 +1,8 @@
-"""The names of sensors and actuators of built-in simulations."""
+"""The names of sensors and actuators in drawings of controllers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
-
-_SENSORS = {
-    "minisim": ("goal x", "goal y", "defender x", "defender y"),
-    "emergency_exit": ("exit x", "exit y", "N free", "NE free", "E free", "SE free", "S free", "SW free",
-                       "W free", "NW free"),
-}  # fmt: skip
-_ACTUATORS = {"minisim": ("heading",), "emergency_exit": ("move x", "move y")}
 
 
 @dataclass(frozen=True)
@@ -20,16 +13,16 @@ class Names:
     actuators: tuple[str, ...]
 
     @classmethod
-    def of(cls, specification: Mapping[str, Any], simulation: str | None) -> Self:
-        """Return the simulation's names where they are known and their number fits, else numbered ones."""
-        sensors, actuators = int(specification["sensors"]), int(specification["actuators"])
+    def of(cls, specification: Mapping[str, Any], simulation: Mapping[str, Any] | None = None) -> Self:
+        """Return the names in a simulation's description if their number fits, else numbered ones."""
+        described = simulation or {}
         return cls(
-            _fitting(_SENSORS.get(simulation or ""), "sensor", sensors),
-            _fitting(_ACTUATORS.get(simulation or ""), "actuator", actuators),
+            _fitting(described.get("sensor_names", ()), "sensor", int(specification["sensors"])),
+            _fitting(described.get("actuator_names", ()), "actuator", int(specification["actuators"])),
         )
 
 
-def _fitting(known: tuple[str, ...] | None, what: str, count: int) -> tuple[str, ...]:
-    if known is not None and len(known) == count:
-        return known
+def _fitting(names: Sequence[str], what: str, count: int) -> tuple[str, ...]:
+    if len(names) == count:
+        return tuple(names)
     return tuple(f"{what} {index}" for index in range(count))

@@ -18,6 +18,7 @@ from swarmwright import InputError
 from swarmwright.figures.controllers import Names, figure
 from swarmwright.figures.controllers.transitions import transitions
 from swarmwright.figures.style import save
+from swarmwright.simulations.catalogue import description
 
 Specification = dict[str, Any]
 
@@ -98,13 +99,17 @@ def test_networks(
 
 
 def test_sensors_and_actuators_have_the_simulations_names() -> None:
-    text = said(figure(network("layered", 4, [8], 1), simulation="minisim"))
+    text = said(figure(network("layered", 4, [8], 1), simulation=description("minisim")))
     for name in ("goal x", "defender y", "heading"):
         assert name in text
-    text = said(figure(network("fully_meshed", 10, 2, 2, iterations=2), simulation="emergency_exit"))
+    text = said(
+        figure(network("fully_meshed", 10, 2, 2, iterations=2), simulation=description("emergency_exit"))
+    )
     for name in ("exit y", "NW free", "move x"):
         assert name in text
-    assert "sensor 2" in said(figure(network("layered", 3, [8], 1), simulation="minisim")), "it has 4"
+    assert "sensor 2" in said(figure(network("layered", 3, [8], 1), simulation=description("minisim"))), (
+        "it has 4"
+    )
 
 
 def test_strong_weights_are_wide_and_signs_have_colours() -> None:
@@ -124,7 +129,7 @@ def test_strong_weights_are_wide_and_signs_have_colours() -> None:
 def test_large_networks_are_matrices(
     hidden: list[int], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    drawn = figure(network("layered", 10, hidden, 2), title="large", simulation="emergency_exit")
+    drawn = figure(network("layered", 10, hidden, 2), title="large", simulation=description("emergency_exit"))
     images = [image for axes in drawn.axes for image in axes.images]
     assert [image.get_array().shape for image in images] == [  # type: ignore[union-attr]
         (size, before + 1) for before, size in zip([10, *hidden], [*hidden, 2], strict=True)
@@ -171,7 +176,7 @@ def test_exact_conditions_hold_for_their_rows_alone(targets: list[int]) -> None:
     thresholds = [[0.0], [-0.5, 0.5], [-1.0, 0.0, 1.0]]
     specification = machine(3, thresholds, [(target, 0) for target in targets] * 3)
     values = [[-1.0, 1.0], [-1.0, 0.0, 1.0], [-2.0, -0.5, 0.5, 2.0]]  # one within each interval
-    for one in transitions(specification, Names.of(specification, None)):
+    for one in transitions(specification, Names.of(specification)):
         for index, sensed in enumerate(product(*values)):
             holds = any(
                 all(_holds(part, sensed) for part in box.split(", ") if part)
