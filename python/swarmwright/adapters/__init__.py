@@ -9,8 +9,8 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from swarmwright.core.environment_names import LIBRARIES, split
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import LIBRARIES, SimulationName
 
 if TYPE_CHECKING:
     from swarmwright.simulations.base import Simulation
@@ -25,7 +25,8 @@ def simulation(name: str) -> "type[Simulation | BatchSimulation]":
 
     Raises InputError: the library is not installed, or has no such environment.
     """
-    library, environment, options = split(name)
+    parsed = SimulationName.parse(name)
+    library, environment, options = parsed.library, parsed.place, parsed.options()
     try:
         module = import_module(f"swarmwright.adapters.{library}")
     except ModuleNotFoundError as error:

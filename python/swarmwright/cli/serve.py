@@ -133,8 +133,8 @@ def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, resta
 
 def _title(simulation: str) -> str:
     """The title of the offered simulation; errors are reported before any server is started."""
+    from swarmwright.core.simulation_names import is_python
     from swarmwright.simulations import catalogue
-    from swarmwright.simulations.names import is_python
 
     if is_python(simulation):
         return catalogue.title(simulation)

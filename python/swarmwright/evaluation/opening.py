@@ -12,15 +12,14 @@ from swarmwright.broker.address import broker_problem
 from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
-from swarmwright.core.environment_names import LIBRARIES
 from swarmwright.core.errors import InputError, RunError, engine_errors
+from swarmwright.core.simulation_names import LIBRARIES, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
 from swarmwright.evaluation.base import HERE, Backend, Servers, metrics_of
 from swarmwright.evaluation.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import is_python
 from swarmwright.user_code.changes import files_of
 
 

@@ -10,6 +10,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts
@@ -19,7 +20,7 @@ from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.simulations.names import is_python, name_of
+from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
@@ -240,7 +241,7 @@ class Experiment:
     @property
     def label(self) -> str:
         """What the simulation is called in figures and folders: its title, or its class."""
-        return self.simulation.rpartition(":")[2] if is_python(self.simulation) else self.simulation
+        return SimulationName.parse(self.simulation).label
 
     @property
     def generations(self) -> int:

@@ -13,6 +13,7 @@ from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.options import Options
 from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
+from swarmwright.core.simulation_names import is_python
 from swarmwright.core.yaml import Path_, Source
 from swarmwright.experiment.document import DEFAULT_KINDS, Document, Requirements
 from swarmwright.experiment.evolved import problems, unknown
@@ -25,7 +26,7 @@ from swarmwright.rankings import RankingOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, is_python, of_run
+from swarmwright.simulations.names import absolute, of_run
 from swarmwright.store import FILE
 
 Report = Callable[[Path_, str], None]

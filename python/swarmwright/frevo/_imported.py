@@ -9,6 +9,7 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import parse
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.validation import check
@@ -134,9 +135,9 @@ def _kind(kind: str, section: Section) -> list[str]:
 
 def _named(simulation: str, folder: Path) -> str:
     """Return a simulation's name as it stands in an experiment file in this folder."""
-    place, colon, wanted = simulation.rpartition(":")
-    if place.endswith(".py"):
-        simulation = f"{_relative(Path(place), folder)}{colon}{wanted}"
+    parsed = SimulationName.parse(simulation)
+    if parsed.file is not None:
+        simulation = parsed.in_file(_relative(parsed.file, folder))
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*(:\w[\w.-]*)?", simulation)
     return simulation if plain else json.dumps(simulation, ensure_ascii=False)
 

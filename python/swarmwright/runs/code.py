@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName, is_environment, is_python
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, is_python, name_of
+from swarmwright.simulations.names import absolute, name_of
 from swarmwright.user_code import notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
 from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of
@@ -40,7 +40,7 @@ def parts_of(experiment: Experiment) -> list[Part]:
     parts = of_plug_ins(experiment)
     if not is_python(simulation):
         return parts
-    held = Copy.holding(Path(simulation.rpartition(":")[0]).absolute())
+    held = Copy.holding(Path(SimulationName.parse(simulation).place).absolute())
     part = choose(*held).part if held is not None else of_simulation(simulation)
     return parts if part is None else [part, *parts]
 
@@ -113,8 +113,8 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
             _tell(copy, kept)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         kept = copy.parts["simulation"]
-        place = f"{copy.place(kept).absolute()}:{experiment.simulation.rpartition(':')[2]}"
-        return dataclasses.replace(experiment, simulation=place)
+        name = SimulationName.parse(experiment.simulation).in_file(copy.place(kept).absolute())
+        return dataclasses.replace(experiment, simulation=name)
     if copy is None:
         _check_there(run, experiment.simulation)
         if _keeps(experiment.simulation):
@@ -224,7 +224,7 @@ def continuation(
         f"changed code accepted from generation {run.generations} on: {summary(copy.parts[name], part)}"
         for name, part in changed.items()
     ]
-    if named is None and "simulation" in changed and not is_adapted(experiment.simulation):
+    if named is None and "simulation" in changed and not is_environment(experiment.simulation):
         named = _with(experiment, _name(experiment, changed["simulation"]))
     version = max(run.code) + 1
     return Continuation(named or experiment, parts, None, version, notes)
@@ -325,7 +325,7 @@ def _tell(copy: Copy, kept: Kept) -> None:
     now = _differing(copy, kept)
     if now is None:
         return
-    if kept.name in SECTIONS or is_adapted(kept.component):
+    if kept.name in SECTIONS or is_environment(kept.component):
         notices.say(
             f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used"
         )
@@ -345,22 +345,23 @@ def _what(kept: Kept) -> str:
 
 def _is_copied(simulation: str) -> bool:
     """Whether an experiment's simulation is a run's copy."""
-    return Copy.holding(Path(simulation.rpartition(":")[0])) is not None
+    return Copy.holding(Path(SimulationName.parse(simulation).place)) is not None
 
 
 def _keeps(simulation: str) -> bool:
     """Whether runs of a simulation keep a copy of its source."""
-    module = simulation.partition(":")[0].partition(".")[0]
-    return is_python(simulation) and not is_adapted(simulation) and module not in {"__main__", "swarmwright"}
+    parsed = SimulationName.parse(simulation)
+    package = parsed.place.partition(".")[0]
+    return parsed.is_python and not parsed.is_environment and package not in {"__main__", "swarmwright"}
 
 
 def _check_there(run: "Run", simulation: str) -> None:
-    place, _, wanted = simulation.rpartition(":")
-    if is_python(simulation) and place.endswith(".py") and not Path(place).is_file():
+    parsed = SimulationName.parse(simulation)
+    if parsed.is_python and parsed.file is not None and not parsed.file.is_file():
         raise InputError(
-            f"{run.path}: the code of its simulation is gone: there is no {place}, and the run holds no copy "
-            f"of it; put {Path(place).name} beside the run folder, or name the file: "
-            f"--simulation FILE:{wanted} (in Python, simulation=..)"
+            f"{run.path}: the code of its simulation is gone: there is no {parsed.place}, and the run holds "
+            f"no copy of it; put {parsed.file.name} beside the run folder, or name the file: "
+            f"--simulation FILE:{parsed.member} (in Python, simulation=..)"
         )
 
 
@@ -388,7 +389,7 @@ def _with(experiment: Experiment, simulation: str | type) -> Experiment:
 
 def _name(experiment: Experiment, part: Part) -> str:
     place = part.origin if part.module is None else part.module
-    return f"{place}:{experiment.simulation.rpartition(':')[2]}"
+    return SimulationName.parse(experiment.simulation).in_file(place)
 
 
 def _as_kept(kept: Kept, part: Part) -> Part:
@@ -400,5 +401,5 @@ def _as_kept(kept: Kept, part: Part) -> Part:
 
 
 def _is_same(kept: Kept, part: Part) -> bool:
-    same_class = kept.component.rpartition(":")[2] == part.component.rpartition(":")[2]
-    return same_class and part.digests == dict(kept.digests)
+    classes = [SimulationName.parse(one.component).label for one in (kept, part)]
+    return classes[0] == classes[1] and part.digests == dict(kept.digests)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.simulations.names import is_python
+from swarmwright.core.simulation_names import is_python
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
@@ -80,7 +80,8 @@ def title(simulation: str) -> str:
 def description(simulation: str) -> dict[str, Any]:
     """Return the description of a simulation that is available here.
 
-    Title, dimensions, max_agents, sensors, actuators, parameters, and metrics (name -> unit, description).
+    Title, dimensions, max_agents, sensors, actuators, sensor_names and actuator_names (empty where the
+    simulation has none), parameters, and metrics (name -> unit, description).
     Raises InputError for a class that cannot be loaded.
     """
     if is_python(simulation):

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations import isolation
 from swarmwright.simulations.base import Described, Simulation
@@ -41,15 +41,19 @@ def load(name: str, folder: Path | None = None) -> type[Simulation] | type[Batch
 
     Raises InputError: there is no such file, module, class or environment, or importing it fails.
     """
-    if is_adapted(name):
+    parsed = SimulationName.parse(name)
+    if parsed.is_environment:
         _look_in(Path.cwd())
         # By name, as plug-ins are: adapters are simulations, above this package.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
             "swarmwright.adapters"
         ).simulation(name)
         return adapted
-    place, _, wanted = name.rpartition(":")
-    module = _from_file(((folder or Path()) / place).resolve()) if place.endswith(".py") else _module(place)
+    wanted = parsed.member
+    if parsed.file is not None:
+        module = _from_file(((folder or Path()) / parsed.file).resolve())
+    else:
+        module = _module(parsed.module)
     found = getattr(module, wanted, None)
     if isinstance(found, type) and issubclass(found, Simulation | BatchSimulation):
         return found
@@ -60,7 +64,7 @@ def load(name: str, folder: Path | None = None) -> type[Simulation] | type[Batch
         and issubclass(value, Described)
         and value not in {Described, Simulation, BatchSimulation}
     ]
-    where = getattr(module, "__file__", None) or place
+    where = getattr(module, "__file__", None) or parsed.place
     if found is not None:
         raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
     there = f"there is: {', '.join(classes)}" if classes else "no subclass of swarmwright.Simulation is there"

@@ -1,33 +1,24 @@
-"""Names of custom simulations: `package.module:Class`, `path/to/file.py:Class`, or `library:environment`."""
+"""Names of user-defined simulations: where a name leads to, and which name a class has."""
 
-import re
 import sys
 from pathlib import Path
 from types import ModuleType
 
-from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import beside
 
-_PYTHON_NAME = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 FROM_FILE = "swarmwright simulation "
 """Begins the name of modules that are named by their file."""
 files: dict[str, ModuleType] = {}
 """Path of a file -> its module."""
 
 
-def is_python(simulation: str) -> bool:
-    """Whether a simulation is named by its class, or as another library's environment, not by a title."""
-    return _PYTHON_NAME.fullmatch(simulation) is not None or is_adapted(simulation)
-
-
 def absolute(name: str, folder: Path | None = None) -> str:
     """Return a name that means the same in every folder, as far as it is that of a file."""
-    if is_adapted(name):
-        return name
-    place, colon, wanted = name.rpartition(":")
-    return f"{((folder or Path()) / place).resolve()}{colon}{wanted}" if place.endswith(".py") else name
+    parsed = SimulationName.parse(name)
+    return name if parsed.file is None else parsed.in_file(((folder or Path()) / parsed.file).resolve())
 
 
 def of_run(name: str, run: Path) -> str:
@@ -37,13 +28,13 @@ def of_run(name: str, run: Path) -> str:
     or beside the folder takes precedence over the original place: a folder may be copied together with its
     file.
     """
-    place, colon, wanted = name.rpartition(":")
-    name = absolute(name, run)
-    if place.endswith(".py") and not (run / CODE in (run / place).parents and (run / place).exists()):
-        for path in beside(run.resolve(), Path(place)):
+    parsed = SimulationName.parse(name)
+    file = parsed.file
+    if file is not None and not (run / CODE in (run / file).parents and (run / file).exists()):
+        for path in beside(run.resolve(), file):
             if path.is_file():
-                return f"{path}{colon}{wanted}"
-    return name
+                return parsed.in_file(path)
+    return absolute(name, run)
 
 
 def name_of(kind: type) -> str:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
+from swarmwright.core.simulation_names import SimulationName, is_environment
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.blocks import EvaluationsDigest, encoded
@@ -339,9 +339,9 @@ def _recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict
     """Return the experiment as it is written: with the run's copy of its class, relative to the folder."""
     values = experiment.to_mapping()
     kept = None if copy is None else copy.parts.get("simulation")
-    if copy is not None and kept is not None and not is_adapted(kept.component):
+    if copy is not None and kept is not None and not is_environment(kept.component):
         place = copy.place(kept).relative_to(folder).as_posix()
-        values["simulation"] = f"{place}:{kept.component.rpartition(':')[2]}"
+        values["simulation"] = SimulationName.parse(kept.component).in_file(place)
     return values
 
 

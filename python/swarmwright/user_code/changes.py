@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.core.environment_names import is_adapted
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName, is_environment
 from swarmwright.user_code.copying import Copy, Kept, beside
 from swarmwright.user_code.parts import SECTIONS, Part, Source, of_plug_in, of_simulation
 
@@ -28,7 +28,7 @@ def present(copy: Copy, kept: Kept) -> Part | None:
             return of_plug_in(kept.name, kept.component)
         except InputError:
             return None  # not installed; reported where it is used
-    if is_adapted(kept.component):
+    if is_environment(kept.component):
         return of_simulation(kept.component)
     if kept.module is not None:
         part = Part.of_module(kept.name, kept.component, kept.module)
@@ -76,7 +76,7 @@ def files_of(simulation: str) -> dict[str, str]:
 
     Classes without source and those of a run's copy have none. Raises InputError.
     """
-    place = simulation.rpartition(":")[0]
+    place = SimulationName.parse(simulation).place
     if not place or Copy.holding(Path(place)) is not None:
         return {}
     part = of_simulation(simulation)
@@ -102,7 +102,7 @@ def summary(kept: Kept, part: Part) -> str:
     now = part.digests
     edited = [place for place in kept.digests if place in now and kept.digests[place] != now[place]]
     words = [f"{near(part.files[place].origin)} was edited" for place in edited]
-    before, after = (one.component.rpartition(":")[2] for one in (kept, part))
+    before, after = (SimulationName.parse(one.component).label for one in (kept, part))
     if before != after:
         words.append(f"class {after} instead of {before}")
     words += [f"{place} is not imported any more" for place in kept.digests if place not in now]

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.parts import Part
 
 FOLDER = "code"
@@ -168,17 +169,17 @@ def digest_of(parts: Mapping[str, Mapping[str, str]]) -> str:
 
 def shown(simulation: str) -> str:
     """Return a simulation's name for people; of a class that a run has a copy of, what it was called."""
-    place, colon, wanted = simulation.rpartition(":")
-    if not colon or not place.endswith(".py"):
+    parsed = SimulationName.parse(simulation)
+    if parsed.file is None:
         return simulation
     try:
-        held = Copy.holding(Path(place))
+        held = Copy.holding(parsed.file)
     except InputError:
         held = None
     if held is None:
         return simulation
     _, kept = held
-    return f"{kept.module or kept.main}:{wanted}"
+    return parsed.in_file(kept.module or kept.main)
 
 
 def remove(run: Path) -> None:

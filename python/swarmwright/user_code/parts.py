@@ -7,8 +7,8 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.core.environment_names import is_adapted, split
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
 SECTIONS = ("controller", "method", "ranking")
@@ -85,16 +85,15 @@ def of_simulation(name: str) -> Part | None:
 
     That is so for built-in ones and for classes of a notebook. Raises InputError when a file cannot be read.
     """
-    if is_adapted(name):
-        library, environment, _ = split(name)
-        module = environment.rpartition(":")[0] if library == "gymnasium" else environment
+    parsed = SimulationName.parse(name)
+    module = parsed.module
+    if parsed.is_environment:
         return Part.of_module("simulation", name, module, installed=False) if _importable(module) else None
-    place, _, wanted = name.rpartition(":")
-    if place.endswith(".py"):
-        return Part.of_file("simulation", f"{Path(place).name}:{wanted}", Path(place))
-    if place.partition(".")[0] in {"__main__", "swarmwright"} or not place:
+    if parsed.file is not None:
+        return Part.of_file("simulation", parsed.in_file(parsed.file.name), parsed.file)
+    if module.partition(".")[0] in {"__main__", "swarmwright"} or not module:
         return None
-    return Part.of_module("simulation", name, place)
+    return Part.of_module("simulation", name, module)
 
 
 def _importable(module: str) -> bool:

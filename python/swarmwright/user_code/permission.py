@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-from swarmwright.core.environment_names import is_adapted, split
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code import trust
 from swarmwright.user_code.changes import Choice
 from swarmwright.user_code.copying import Copy, Kept
@@ -41,16 +41,13 @@ def require_named(simulation: str) -> None:
 
 def _files(simulation: str) -> Mapping[str, Path]:
     """Return the files of a class or environment that are not installed; none if it does not exist."""
-    place, _, _ = simulation.rpartition(":")
-    if is_adapted(simulation):
-        library, environment, _ = split(simulation)
-        place = environment.rpartition(":")[0] if library == "gymnasium" else environment
+    parsed = SimulationName.parse(simulation)
     try:
-        if place.endswith(".py") and not is_adapted(simulation):
-            return Walk.of_file(Path(place).resolve()).files
-        if not place or place == "__main__":
+        if parsed.file is not None:
+            return Walk.of_file(parsed.file.resolve()).files
+        if parsed.module in {"", "__main__"}:
             return {}
-        found = Walk.of_module(place).files
+        found = Walk.of_module(parsed.module).files
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
     return {name: path for name, path in found.items() if not _is_installed(path)}

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, Parameter, Simulation
+from swarmwright.core.simulation_names import is_python
 from swarmwright.simulations.description import describe
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.names import absolute, is_python, name_of
+from swarmwright.simulations.names import absolute, name_of
 from swarmwright.simulations.parameters import declared, filled_in
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk
@@ -25,6 +26,8 @@ def test_what_is_announced() -> None:
         "max_agents": None,
         "sensors": 2,
         "actuators": 1,
+        "sensor_names": [],
+        "actuator_names": [],
         "parameters": {"steps": steps, "trouble": trouble},
         "metrics": {"steps": {"unit": "", "description": "Steps done."}},
         "determinism": None,
@@ -49,6 +52,9 @@ def test_properties_serve_as_well_and_the_class_gives_the_title() -> None:
         ("sensors", 0, "Walk.sensors: 0 found, expected an integer from 1"),
         ("sensors", 2.0, "Walk.sensors: 2.0 found"),
         ("actuators", None, "Walk.actuators: None found"),
+        ("sensor_names", ["x"], "Walk.sensor_names: 1 names found, expected 2"),
+        ("sensor_names", "xy", "Walk.sensor_names: 'xy' found, expected a list of 2 names"),
+        ("actuator_names", [1], r"Walk.actuator_names: \[1\] found, expected text only"),
         (
             "determinism",
             "exact",

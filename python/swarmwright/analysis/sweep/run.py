@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from swarmwright.analysis.sweep.file import Sweep, Variant
 from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Progress, Servers
 from swarmwright.evaluation.local_servers import LocalServers
@@ -80,9 +81,9 @@ def _same(experiment: Experiment) -> str:
         key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
     }
     values["simulation"] = shown(experiment.simulation)
-    place, colon, wanted = values["simulation"].rpartition(":")
-    if place.endswith(".py"):  # the same file, wherever it is: `changed_code` compares what it holds
-        values["simulation"] = f"{Path(place).name}{colon}{wanted}"
+    parsed = SimulationName.parse(values["simulation"])
+    if parsed.file is not None:  # the same file in any folder: `changed_code` compares its content
+        values["simulation"] = parsed.in_file(parsed.file.name)
     return json.dumps(values, sort_keys=True, default=str)
 
 
