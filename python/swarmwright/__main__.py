@@ -22,7 +22,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _terminated)
     # Imported objects live until the end: collect less often, so that they are not scanned repeatedly.
     gc.set_threshold(100_000, 50, 50)
-    # pydantic would look through all installed packages for plug-ins of its own.
+    # pydantic would look through all installed packages for plug-ins of pydantic.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         from swarmwright.cli import run  # noqa: PLC0415 - after the signals are set

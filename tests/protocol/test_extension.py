@@ -1,4 +1,4 @@
-"""The vectors of the extension messages: a reader of its own and the schemas say what the vectors say."""
+"""The vectors of the extension messages: a separate reader and the schemas say what the vectors say."""
 
 import base64
 import json
@@ -45,7 +45,7 @@ DEFAULTS: dict[str, Json] = {
 
 
 class RefusedError(Exception):
-    """The payload is no message."""
+    """The payload is not a valid message."""
 
 
 def plain(value: Any) -> Any:
@@ -66,7 +66,7 @@ def demand(condition: object, reason: str) -> None:
 
 def array(key: str, value: bytes) -> "np.ndarray[Any, Any]":
     kind = np.dtype(ARRAYS.get(key, "<f8"))
-    demand(len(value) % kind.itemsize == 0, f"{key}: no whole number of numbers")
+    demand(len(value) % kind.itemsize == 0, f"{key}: not a whole number of numbers")
     return np.frombuffer(value, kind)
 
 

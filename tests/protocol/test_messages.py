@@ -1,4 +1,4 @@
-"""The message vectors: a small reader of their own and the schemas must say what the vectors say."""
+"""The message vectors: a small separate reader and the schemas must say what the vectors say."""
 
 import base64
 import json
@@ -31,7 +31,7 @@ PRESENCE = ("server", "state", "simulations", "capabilities", "tool", "since")
 
 
 class RefusedError(Exception):
-    """The payload is no message."""
+    """The payload is not a valid message."""
 
 
 def payload(message: Json, protocol: Path) -> bytes:

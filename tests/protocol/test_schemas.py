@@ -1,4 +1,4 @@
-"""The schemas: valid, stable to the byte, and nothing that fits a printed one is lost on the mended one."""
+"""The schemas: valid, stable to the byte, and nothing that fits a printed one is lost on the fixed one."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -53,7 +53,7 @@ def test_every_property_is_described(path: Path) -> None:
     assert [key for key, value in found if len(value.get("description", "")) < 10] == []
 
 
-def test_printed_example_fits_the_mended_schema(topic: str, validators: Validators) -> None:
+def test_printed_example_fits_the_fixed_schema(topic: str, validators: Validators) -> None:
     validators(topic).validate(example(topic))
 
 
@@ -95,7 +95,7 @@ def instances(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
 
 
 @given(data=st.data())
-def test_what_fits_the_printed_schema_fits_the_mended_one(data: st.DataObject) -> None:
+def test_what_fits_the_printed_schema_fits_the_fixed_one(data: st.DataObject) -> None:
     path = data.draw(st.sampled_from(sorted((PROTOCOL / "schemas" / "published").iterdir())))
     value = data.draw(instances(load(path)))
     Draft202012Validator(load(path)).validate(value)

@@ -1,4 +1,4 @@
-"""The vectors of the status message: a reader of its own and the schema say what the vectors say."""
+"""The vectors of the status message: a separate reader and the schema say what the vectors say."""
 
 import json
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Environments of other libraries as simulations: `gymnasium:CartPole-v1`, `pettingzoo:mpe2.simple_v3`.
 
-An adapter's name stands where a simulation's title or class does, in experiments and in `swarmwright serve`:
+An adapter's name is used like a simulation's title or class, in experiments and in `swarmwright serve`:
 the library, a colon, the environment as that library names it, and then, as in a web address, options that
 its constructor gets: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
 """
@@ -21,7 +21,7 @@ __all__ = ["simulation"]
 
 @cache
 def simulation(name: str) -> "type[Simulation | BatchSimulation]":
-    """Return the class of simulations that an adapter's name stands for.
+    """Return the class of simulations with an adapter's name.
 
     Raises InputError: the library is not installed, or has no such environment.
     """

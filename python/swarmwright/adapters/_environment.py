@@ -43,7 +43,7 @@ class Environment(Simulation):
         self.sensors, self.actuators = self._sizes()
 
     @abstractmethod
-    def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - libraries' own types
+    def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - types of libraries
         """Return a new environment. Raises any exception when there is none with these options."""
 
     @classmethod
@@ -136,7 +136,7 @@ class Environment(Simulation):
             )
 
 
-def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - libraries' own types
+def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries
     """Return the ways in which an environment says that it renders."""
     modes = (getattr(env, "metadata", None) or {}).get("render_modes") or []
     return [str(mode) for mode in modes]

@@ -40,7 +40,7 @@ def _library() -> Any:  # noqa: ANN401 - it has no types
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
         raise InputError(
             f"Enki is there for Debian's Python, not for this one, {version}; serve the simulation from an "
-            "environment of its own: /usr/bin/python3 -m venv enki"
+            "separate environment: /usr/bin/python3 -m venv enki"
             if others
             else "Enki is not installed; apt install python3-enki2"
         )
@@ -65,7 +65,7 @@ class Robots(Simulation):
     how much they differ, S the reading of the sensor that reads most, each from 0 to 1. Floreano, Mondada,
     Automatic creation of an autonomous agent: genetic evolution of a neural-network driven robot, SAB 1994.
 
-    Wheels and sensors are noisy. The seed sets where everything stands, and the noise; but Enki steps objects
+    Wheels and sensors are noisy. The seed sets all positions and the noise; but Enki steps objects
     in the order of their addresses in memory, so that two runs may differ.
     """
 
@@ -177,12 +177,16 @@ class Thymios(Robots):
 
 
 def _free(
-    random: np.random.Generator, taken: list[tuple[float, float, float]], size: float, room: float, name: str
+    random: np.random.Generator,
+    taken: list[tuple[float, float, float]],
+    size: float,
+    clearance: float,
+    name: str,
 ) -> tuple[float, float]:
-    """Return a place in the arena with room around it, and take it. InputError where there is none."""
+    """Return a place in the arena with clearance around it, and take it. InputError where there is none."""
     for _ in range(_TRIES):
-        x, y = random.uniform(room, size - room, 2).tolist()
-        if all((x - a) ** 2 + (y - b) ** 2 > (room + r) ** 2 for a, b, r in taken):
-            taken.append((x, y, room))
+        x, y = random.uniform(clearance, size - clearance, 2).tolist()
+        if all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken):
+            taken.append((x, y, clearance))
             return x, y
-    raise InputError(f"{name}: there is no room for them in the arena")
+    raise InputError(f"{name}: the arena is too small for them")

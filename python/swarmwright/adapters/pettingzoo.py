@@ -82,7 +82,7 @@ class PettingZoo(Environment):
         strangers = [name for name in (*seen, *self.env.agents) if name not in self._agents]
         if strangers:
             raise SimulationError(
-                f"{self.environment}: agent {strangers[0]!r} is none of its possible_agents, "
+                f"{self.environment}: agent {strangers[0]!r} is not among its possible_agents, "
                 f"{', '.join(self._agents)}; a swarm has the same agents all the time"
             )
         rows = np.zeros((len(self._agents), self.sensors))

@@ -52,7 +52,7 @@ class Vmas(BatchSimulation):
                     f"as {self.environment}?{next(iter(parameters))}=.."
                 )
         for index, seed in enumerate(seeds.tolist()):
-            # Each episode has its own random numbers, independent of the others; VMAS keeps one generator.
+            # The random numbers of an episode are independent of the others; VMAS keeps one generator.
             self._env.seed(environment_seed(seed))
             self._env.reset_at(index, return_observations=False)
         self._rewards = np.zeros(len(seeds))
@@ -82,7 +82,7 @@ class Vmas(BatchSimulation):
         """Return the mean over agents of the sum of rewards."""
         return self._rewards
 
-    def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - VMAS's own
+    def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - a type of VMAS
         given = {"max_steps": 100, **self.options, **parameters}
         try:
             with warnings.catch_warnings():
@@ -99,7 +99,7 @@ class Vmas(BatchSimulation):
             where = f"{', '.join(parameters)}: " if parameters else ""
             raise InputError(f"{where}Vmas {self.environment}: {explained(error)}") from error
 
-    def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - VMAS's own
+    def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of VMAS
         seen = {space.shape for space in env.observation_space}
         acts = {space.shape for space in env.action_space}
         if None in seen:

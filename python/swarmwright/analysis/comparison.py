@@ -185,7 +185,7 @@ def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
     longest = max(one.evaluations[1] for one in groups)
     if at is None and len(groups) > 1 and longest > 1.1 * shortest:
         found.append(
-            f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its own end; "
+            f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; "
             f"--at {shortest} compares all after as many"
         )
     simulations = {shown(one.runs[0].experiment.simulation) for one in groups}

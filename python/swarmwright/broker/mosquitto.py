@@ -1,11 +1,11 @@
-"""A ready-made Mosquitto configuration: TLS with its own certificate authority, and an account for each role.
+"""A ready-made Mosquitto configuration: TLS with a new certificate authority, and an account for each role.
 
 Roles:
     tool     asks for servers, configures and steers them, reads what they answer
     server   answers; reads what tools send, and publishes none of it
     watcher  reads everything, publishes nothing
 
-Each topic prefix has accounts of its own, which reach no other. docs/reference/protocol.md has the topics.
+Each topic prefix has separate accounts, which reach no other one. docs/reference/protocol.md has the topics.
 """
 
 import ipaddress
@@ -121,9 +121,7 @@ def hosts(given: Sequence[str]) -> list[str]:
     for host in found:
         if _is_address(host):
             if ipaddress.ip_address(host).is_unspecified:
-                raise InputError(
-                    f"{host} stands for every address; name those by which clients reach the broker"
-                )
+                raise InputError(f"{host} means every address; name those by which clients reach the broker")
         elif not re.fullmatch(r"(?!-)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*", host):
             raise InputError(f"{host!r} is neither a host name nor an IP address")
     return list(dict.fromkeys([*found, "localhost", "127.0.0.1", "::1"]))

@@ -11,7 +11,7 @@ from swarmwright.core.files import read_bytes
 
 
 def check_user(name: str) -> str:
-    """The name, if it can stand in a password file and an access file; else InputError."""
+    """The name, if password files and access files can contain it; else InputError."""
     if (
         not name
         or name.startswith("#")

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status.
 
-    arguments: without the program's name; the process's own when not given.
+    arguments: without the program's name; by default those of the process.
     """
     from swarmwright.cli._main import run
 

@@ -33,7 +33,7 @@ COMMANDS = (
 class Command(click.Command):
     """A command whose help ends with an example."""
 
-    def __init__(self, *args: Any, example: str, **kwargs: Any) -> None:  # noqa: ANN401 - click's own signature
+    def __init__(self, *args: Any, example: str, **kwargs: Any) -> None:  # noqa: ANN401 - click's signature
         super().__init__(*args, **kwargs)
         self.example = example
 

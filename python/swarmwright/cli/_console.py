@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class EscapingConsole(Console):
-    """Escapes every text that is rendered; rich's own control codes come as such and are left alone."""
+    """Escapes every text that is rendered; control codes of rich come as such and are not changed."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Render as rich does."""

@@ -129,7 +129,7 @@ def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | 
 
 
 class Reader:
-    """Whoever reads the output; once gone (`| head`), the run ends with its results kept."""
+    """The reader of the output; once gone (`| head`), the run ends with its results kept."""
 
     def __init__(self) -> None:
         self.gone = False
@@ -141,7 +141,7 @@ class Reader:
         return not self.gone
 
     def evaluating(self, progress: Progress, done: int, total: int, waiting_for: str) -> None:
-        """Show how far a generation is; when nobody reads any more, the run ends after it."""
+        """Show how far a generation is; when the output is closed, the run ends after it."""
         self._write(lambda: progress.evaluating(done, total, waiting_for))
 
     def _write(self, show: Callable[[], None]) -> None:

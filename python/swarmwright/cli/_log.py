@@ -56,7 +56,7 @@ class Log:
         level: the lowest that is written.
         size: MiB; before the file grows beyond it, it is moved to FILE.1. None: it may.
 
-    The engine's own events, mainly of the embedded broker, are among the lines; the engine writes all of
+    Events of the engine, mainly of the embedded broker, are among the lines; the engine writes all of
     them.
     """
 

@@ -20,7 +20,7 @@ FAILED = 1
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status.
 
-    arguments: without the program's name; the process's own when not given.
+    arguments: without the program's name; by default those of the process.
     """
     for stream in (sys.stdout, sys.stderr):
         # A terminal that cannot show a character shows a question mark rather than an error.
@@ -65,7 +65,7 @@ def _status(arguments: Sequence[str] | None) -> int:
 
 
 def _ask(question: str) -> bool:
-    """Ask a person at a terminal; elsewhere the answer is no."""
+    """Ask a person at a terminal; without a terminal, the answer is no."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     first, *rest = untrusted.lines(question)
@@ -75,7 +75,7 @@ def _ask(question: str) -> bool:
 def _interrupted(error: BaseException) -> bool:
     """Whether an error was caused by Ctrl-C: while a class is made, Python wraps exceptions.
 
-    A disk that fails while Ctrl-C is handled is an error of its own.
+    A disk that fails while Ctrl-C is handled is a separate error.
     """
     seen: list[BaseException] = []  # a chain may lead back into itself
     cause: BaseException | None = error

@@ -49,7 +49,7 @@ def show_warnings() -> None:
 def complain(message: str, *, hint: str = "") -> None:
     """Print a message on standard error; its further lines are indented.
 
-    hint: a line of its own behind it.
+    hint: a separate line after it.
     """
     first, *rest = untrusted.lines(message)
     _print([f"swarmwright: {first}", *(f"  {line}" for line in rest), *([hint] if hint else [])], errors=True)

@@ -12,7 +12,7 @@ the input is wrong, 130 interrupted with results kept. With `--json` a command p
 and nothing else; numbers that JSON does not know (NaN, infinities) are null. `NO_COLOR` turns colours off.
 SWARMWRIGHT_DEBUG=1 shows Python's traceback of an internal error.
 
-Credentials never stand on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
+Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
 SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the
 certificate authority of the broker. SWARMWRIGHT_BROKER is the address of the broker where none is given.
 """

@@ -20,7 +20,7 @@ EVERY = 30.0
 _NAMED = 4
 """Runs that a plain line names."""
 _SHOWN = 8
-"""Runs that have a bar of their own."""
+"""Runs that have a progress bar."""
 
 
 class PlainStatus:

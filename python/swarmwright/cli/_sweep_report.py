@@ -92,11 +92,13 @@ class Report(Status):
 
     def _ended(self, task: Task, run: Run, how: str) -> None:
         best, unseen = run.history[-1].best_so_far, run.unseen
-        worth = ""
+        held_out = ""
         if unseen is not None:
-            worth = f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on held-out seeds)"
+            held_out = (
+                f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on held-out seeds)"
+            )
         self._output.text(
-            f"{self._where(task)}: best fitness {best + 0.0:.6g}{worth}, {run.evaluations:,} evaluations, "
+            f"{self._where(task)}: best fitness {best + 0.0:.6g}{held_out}, {run.evaluations:,} evaluations, "
             f"{how}"
         )
         self._output.json(

@@ -1,4 +1,4 @@
-"""`swarmwright broker`: the embedded MQTT broker on its own, and files for this and other brokers."""
+"""`swarmwright broker`: the embedded MQTT broker as a program, and files for this and other brokers."""
 
 import ipaddress
 import logging
@@ -48,7 +48,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     multiple=True,
     metavar="URL",
     help="A web page of this origin, such as https://dash.example.org, may connect by websocket; may be "
-    "repeated; * for all. Pages of the broker's own host may always.",
+    "repeated; * for all. Pages of the broker's host are always allowed.",
 )
 @click.option(
     "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users may connect."
@@ -84,7 +84,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     type=Prefix(),
     multiple=True,
     metavar="P",
-    help="With --init: topic prefix that gets accounts of its own. May be repeated.",
+    help="With --init: topic prefix that gets separate accounts. May be repeated.",
 )
 @click.option(
     "--iterations",
@@ -286,7 +286,7 @@ def _init(
     output.text(
         f"{folder}: a Mosquitto configuration with the users {', '.join(account.user for account in made)}"
     )
-    output.text("Now, each in a terminal of its own:")
+    output.text("Now, each in another terminal:")
     output.text(f"  mosquitto -c {shlex.quote(str(folder / 'mosquitto.conf'))}")
     output.text(f"  {variables('server')} && swarmwright serve minisim{prefix}")
     output.text(f"  {variables('tool')} && swarmwright optimize EXPERIMENT.yaml")

@@ -154,8 +154,8 @@ def server_command(
 ) -> int:
     """Try every rule on a simulation server.
 
-    In COMMAND {broker}, {id} and {prefix} stand for the broker's address, the server's id and the prefix.
-    Without --exec start the server yourself, with the address that is printed.
+    In COMMAND {broker}, {id} and {prefix} are replaced by the broker's address, the server's id and the
+    prefix. Without --exec start the server yourself, with the address that is printed.
 
     The exit status is 0 when no rule that was tried is broken, 1 when one is, 2 when the input is wrong.
     """
@@ -248,8 +248,8 @@ def optimizer_command(
 ) -> int:
     """Try every rule on an optimization tool; the kit plays the simulation servers.
 
-    In COMMAND {broker} and {prefix} stand for the broker's address and the prefix, {experiment} for an
-    experiment file that the kit writes, {folder} for an empty folder. The tool is started anew for each
+    In COMMAND {broker} and {prefix} are replaced by the broker's address and the prefix, {experiment} by an
+    experiment file that the kit writes, {folder} by an empty folder. The tool is started anew for each
     scene: servers that behave, that send junk, fall silent, are taken by others. Without --exec start it
     once, with the address that is printed; what needs another run is skipped.
 

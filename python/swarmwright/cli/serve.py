@@ -93,7 +93,7 @@ def command(
     package.module:Class, which derives from swarmwright.Simulation, or an environment of another library, as
     gymnasium:CartPole-v1 or pettingzoo:mpe2.simple_spread_v3?N=5.
 
-    Every server is a process of its own and serves one optimization tool at a time.
+    Every server is a separate process and serves one optimization tool at a time.
     """
     title = _title(simulation)
     if first is None:

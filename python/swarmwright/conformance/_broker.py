@@ -12,7 +12,7 @@ def open_broker(
 ) -> tuple[str, str | None, Door | None]:
     """Address for the kit, that of the embedded broker if there is one, and the door for the peer.
 
-    stranger: the peer is started by another party, who knows the broker's own address.
+    stranger: the peer is started by another party, who knows the address of the broker.
     """
     if broker is None:
         embedded = _engine.Broker()

@@ -35,7 +35,7 @@ def check_optimizer(
 
     Args:
         command: what starts it, with {broker}, {prefix}, {experiment} (a file that the kit writes for
-            Swarmwright's own tools) and {folder} (an empty one) in it; None when it is started by others.
+            the tools of Swarmwright) and {folder} (an empty one) in it; None when it is started by others.
         broker: address; None starts an embedded broker.
         prefix: what topics begin with.
         simulation: the only title that is offered; None offers whatever is asked for.

@@ -39,7 +39,7 @@ def shown(payload: bytes | str) -> str:
 
 
 def _refuse(word: str) -> float:
-    raise ValueError(f"{word} is no JSON")
+    raise ValueError(f"{word} is not valid JSON")
 
 
 @dataclass(frozen=True)

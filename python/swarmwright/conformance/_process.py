@@ -15,7 +15,7 @@ GRACE = 10.0
 
 
 class Process:
-    """A command with placeholders such as {broker}; started in a group of its own.
+    """A command with placeholders such as {broker}; started in a new process group.
 
     Args:
         command: as typed in a shell; no shell is involved.

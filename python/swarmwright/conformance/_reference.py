@@ -11,10 +11,10 @@ INTRODUCTION = """\
 
 What `swarmwright conformance` tries, and what to do about a rule that is broken;
 [how to use it](../how-to/conformance.md). A rule is D6.1's, with the section that demands it, and
-`--profile d6.1` tries it; or it is Swarmwright's own. All are described in [the protocol](protocol.md), its
+`--profile d6.1` tries it; or it is Swarmwright's. All are described in [the protocol](protocol.md), its
 [schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
 [003](../decisions/003-mqtt-connection.md) on connections. [What D6.1 leaves open](d6.1.md), and what we
-chose, is a page of its own. A rule is not tried when one that it needs is broken.
+chose, is described on another page. A rule is not tried when one that it needs is broken.
 """
 TITLES = {"server": "Simulation servers", "optimizer": "Optimization tools"}
 SIDES = (SERVER, OPTIMIZER)

@@ -47,7 +47,7 @@ class Rule:
     """One rule. `check` gets the peer, returns a note or None, raises Failure or Skip.
 
     id: group and number, such as S2.4. where: the place in docs/reference/protocol.md or a decision. d61: the
-    section of D6.1 that demands it, empty for a rule that is Swarmwright's own. needs: rules without which
+    section of D6.1 that demands it, empty for a rule of Swarmwright's extensions. needs: rules without which
     this one cannot be tried. seconds: for which it may last, episodes not counted.
     """
 
@@ -148,7 +148,7 @@ class Rules:
         found = [rule for rule in named if profile == "all" or rule.d61]
         if named and not found:
             raise InputError(
-                f"--profile {profile}: {', '.join(rule.id for rule in named)} are Swarmwright's own; "
-                "--list shows whose each rule is"
+                f"--profile {profile}: {', '.join(rule.id for rule in named)} are not rules of D6.1; "
+                "--list shows the source of each rule"
             )
         return found

@@ -64,7 +64,7 @@ class ServerPeer(Server):
         return self.gone()
 
     def _is_free(self, seconds: float) -> bool:
-        """Any answer with its ID will do: that the hash is echoed is a rule of its own."""
+        """Any answer with its ID will do: that the hash is echoed is another rule."""
 
         def heard(message: Message) -> bool:
             for episode in self.episodes:

@@ -153,7 +153,7 @@ class Server:
     # Discovery.
 
     def discovery(self, **changes: Any) -> Json:  # noqa: ANN401 - JSON
-        """A discovery that the server should answer, with a hash of its own."""
+        """A discovery that the server should answer, with a new hash."""
         return {
             "simulation": self.settings.title,
             "simulation_hash": new_hash(),

@@ -51,7 +51,7 @@ class Always:
 
 
 class Steer:
-    """A controller for each agent, in Swarmwright's own arithmetic.
+    """A controller for each agent, in Swarmwright's arithmetic.
 
     specification: with weights, see protocol/schemas/controller.schema.json.
     """

@@ -74,7 +74,7 @@ def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a 
 
 
 def problems_of(error: ValidationError, model: type[BaseModel], at: Path_ = ()) -> list[tuple[Path_, str]]:
-    """Return (path, message) for everything pydantic found wrong with a section that stands at `at`."""
+    """Return (path, message) for everything pydantic found wrong with a section at `at`."""
     return [((*at, *found["loc"]), _message(dict(found), model)) for found in error.errors(include_url=False)]
 
 

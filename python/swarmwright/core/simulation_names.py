@@ -37,7 +37,7 @@ class SimulationName:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Take a name apart; any text that is no class and no environment is a title."""
+        """Take a name apart; any text that is neither a class nor an environment is a title."""
         match = _ENVIRONMENT.fullmatch(text)
         if match is not None:
             return cls(text, match[1], match[2], "", match[3] or "")

@@ -17,7 +17,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 
 Path_ = tuple[str | int, ...]
-"""Where a value stands: keys and list indices from the top."""
+"""The place of a value: keys and list indices from the top."""
 
 LARGEST_FILE = 1 << 26
 """Bytes."""
@@ -46,7 +46,7 @@ class Source:
     def place(self, path: Path_) -> str:
         """Return "file:line: a.b.c: " for the value at `path`, or "--set a.b.c=5: " for one set by an option.
 
-        Without a line of its own, it has that of the nearest thing above it.
+        A value without a line has that of the nearest value above it.
         """
         above = self._nearest(path)
         dotted = dotted_path(path)
@@ -226,7 +226,7 @@ def _number(text: str) -> float:
 
 def dump(values: Mapping[str, Any]) -> str:
     """Return a mapping of plain values as YAML: keys in the order given, a line each, lists in brackets."""
-    # By hand: ruamel needs 12 ms for the experiment of a field, as long as the run of ten generations.
+    # ruamel.yaml takes 16 ms for a large experiment, longer than a short run: docs/decisions/013.
     return "".join(f"{line}\n" for line in _mapping_lines(values, "")) or "{}\n"
 
 

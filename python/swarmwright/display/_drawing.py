@@ -36,7 +36,7 @@ STATUS = 2.6
 """Inches beside the title that step and fitness need."""
 LONGEST_MESSAGE = 100
 LEGEND_ROW, LEGEND_LETTER, LEGEND_MARK = 0.22, 0.088, 0.45
-"""Inches of the legend: a row, a letter, a marker with the room around it; about."""
+"""Inches of the legend: a row, a letter, a marker with its margin; about."""
 
 
 class Picture:
@@ -122,8 +122,8 @@ class Picture:
             0, 1.0, message, transform=self._axes.transAxes, ha="left", va="bottom", fontsize=13, color=INK,
             parse_math=False,
         )  # fmt: skip
-        room = (WIDTH - LEFT - RIGHT - STATUS) * self.figure.dpi
-        while title.get_window_extent(self._canvas.get_renderer()).width > room:  # type: ignore[no-untyped-call]
+        available = (WIDTH - LEFT - RIGHT - STATUS) * self.figure.dpi
+        while title.get_window_extent(self._canvas.get_renderer()).width > available:  # type: ignore[no-untyped-call]
             message = message[:-1]
             title.set_text(f"{message.rstrip()}…")
 

@@ -15,7 +15,7 @@ def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -
     Args:
         scenes: scenes of the episode, its first one included.
         step_seconds: how long a step is shown.
-        frame_seconds: how long a frame stands, about.
+        frame_seconds: how long a frame is shown, about.
         most: frames.
     """
     steps = max(scenes - 1, 1)

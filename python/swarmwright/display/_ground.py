@@ -54,7 +54,7 @@ def _number_cells(axes: "Axes", scene: Scene, field: "Rectangle") -> None:
 
 
 def cell_step(cells: int) -> int:
-    """Every how many cells a number stands: 1, 2, 5, 10, 20, ..."""
+    """The distance of numbers in cells: 1, 2, 5, 10, 20, ..."""
     power = 1
     while True:
         for factor in (1, 2, 5):

@@ -10,7 +10,7 @@ from swarmwright.display._frames import in_between, pace
 from swarmwright.display._look import palette
 
 FRAME_SECONDS = 0.06
-"""Seconds that a frame stands, about; viewers show nothing faster than 0.02."""
+"""Seconds that a frame is shown, about; viewers show nothing faster than 0.02."""
 
 MOST_FRAMES = 400
 LAST_FRAME_SECONDS = 2.0

@@ -22,7 +22,7 @@ def save(recording: Recording, path: Path, *, caption: Caption | None = None, sp
     Args:
         recording: the episode.
         path: is written over.
-        caption: what stands on the page, and as the title of a film; pictures have the simulation's message.
+        caption: the text on the page, and the title of a film; pictures have the simulation's message.
         speed: how many times faster than the simulation's step size it runs, for a page at first.
 
     Raises:

@@ -21,7 +21,7 @@ Drawn = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]
 _LABEL = 34
 """Characters in a line of the legend."""
 _NAME = 18
-"""Characters in a line of a name below a box; the parts of a name have lines of their own."""
+"""Characters in a line of a name below a box; the parts of a name are in separate lines."""
 _PARTS = re.compile(r", (?![^\[]*\])")  # not those within a list
 _SLANTED = 44
 """Characters of a name that is slanted, in one line."""
@@ -127,7 +127,7 @@ def _curve(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) ->
         places[sure], middle[sure], where="post", color=color, linestyle=dashes, linewidth=2.2, marker=marker,
         label=one.label,
     )  # fmt: skip
-    # Where runs have ended, their last values stand in for them.
+    # Where runs have ended, their last values are used.
     rest = places >= places[sure][-1]
     if np.count_nonzero(rest) > 1:
         axes.step(places[rest], middle[rest], where="post", color=color, linewidth=1.0, alpha=0.7)

@@ -20,7 +20,7 @@ class Cut:
     low: float
     """Where the axis begins."""
     high: float
-    """Where it ends, with some room above the greatest value."""
+    """Where it ends, with a margin above the greatest value."""
     least: float
     """The least value, below the axis."""
 
@@ -33,7 +33,7 @@ class Cut:
 def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:
     """Return where an axis begins so that first values do not dominate it; None: nothing needs to be cut.
 
-    That is so where all values need more than 1.5 times the room of those after a curve's first tenth.
+    That is so if all values span more than 1.5 times the range of those after a curve's first tenth.
 
     curves: of each x, ascending, and the least and the greatest value there, (points,) each.
     """
@@ -49,8 +49,8 @@ def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:
     if not lows:
         return None
     low, high, least = min(lows), max(highs), min(leasts)
-    room = high / _SQUASHED - low / _SQUASHED  # neither overflows
-    if room <= 0 or (high / _SQUASHED - least / _SQUASHED) <= _SQUASHED * room:
+    span = high / _SQUASHED - low / _SQUASHED  # neither overflows
+    if span <= 0 or (high / _SQUASHED - least / _SQUASHED) <= _SQUASHED * span:
         return None
-    spare = 0.1 * _SQUASHED * room
+    spare = 0.1 * _SQUASHED * span
     return Cut(low - spare, high + spare, least)

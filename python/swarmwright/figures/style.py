@@ -30,14 +30,14 @@ def look(index: int) -> tuple[str, str]:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Return a figure of inches, with a canvas of its own: no global state, no display."""
+    """Return a figure of inches, with a separate canvas: no global state, no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = _shown()(figsize=(width, height), dpi=120, facecolor=PAPER, layout="constrained")
     FigureCanvasAgg(figure)
     engine = figure.get_layout_engine()
     assert engine is not None
-    engine.set(h_pad=0.09, w_pad=0.09)  # type: ignore[call-arg] # inches; every engine has its own options
+    engine.set(h_pad=0.09, w_pad=0.09)  # type: ignore[call-arg] # inches; options differ between engines
     return figure
 
 

@@ -15,7 +15,7 @@ SECTIONS = ("problem", "method", "representation", "ranking")
 
 
 _TO_FILL_IN = re.compile("-[A-Z_]+-")
-"""What stands for a value in the templates of FREVO's evaluation scripts."""
+"""The placeholder of a value in the templates of FREVO's evaluation scripts."""
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Section:
         return self.element.attribute("class")
 
     def shown(self, key: str, default: str = "") -> str:
-        """Return an entry's value as it stands in the file; a template's place to fill in is left out."""
+        """Return an entry's value as it is in the file; a template's place to fill in is left out."""
         self.taken.add(key)
         if key not in self.entries:
             return default

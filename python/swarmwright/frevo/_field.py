@@ -60,7 +60,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def as_yaml(value: dict[str, Any]) -> list[str]:
-    """Return a field as lines of YAML, to stand under its key."""
+    """Return a field as lines of YAML, to be put under its key."""
     lines: list[str] = []
     for key, part in value.items():
         if not isinstance(part, list):

@@ -109,7 +109,7 @@ def _yaml(session: Session, mapped: Mapped, folder: Path) -> str:
     problem, method, representation, ranking = (getattr(session, name) for name in SECTIONS)
     lines = [
         f"# Made of FREVO's session {one_line(session.path.name)} by `swarmwright import`.",
-        "# Behind each line stands FREVO's name of the entry.",
+        "# After each line, FREVO's name of the entry.",
         "",
         f"simulation: {_named(mapped.simulation, folder)}  # {one_line(problem.class_name)}",
         "",
@@ -134,7 +134,7 @@ def _kind(kind: str, section: Section) -> list[str]:
 
 
 def _named(simulation: str, folder: Path) -> str:
-    """Return a simulation's name as it stands in an experiment file in this folder."""
+    """Return a simulation's name as it is written in an experiment file in this folder."""
     parsed = SimulationName.parse(simulation)
     if parsed.file is not None:
         simulation = parsed.in_file(_relative(parsed.file, folder))

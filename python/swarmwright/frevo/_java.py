@@ -1,7 +1,7 @@
 """Reads a field that FREVO's field editor saved: a serialized Java object.
 
 Grammar: Java Object Serialization Specification, version 6.0, chapter 6. Only what such a file consists of is
-known: objects of two classes without methods of their own, arrays of them, null and references. Nothing is
+known: objects of two classes without serialization methods, arrays of them, null and references. Nothing is
 executed.
 """
 
@@ -81,7 +81,7 @@ class _Stream:
         self.take(">q")
         self._handles.append(made)
         if self.take(">B") != _SERIALIZABLE:
-            raise _UnreadableError(f"the class {made.name} writes itself in a way of its own")
+            raise _UnreadableError(f"the class {made.name} has a custom serialization")
         for _ in range(self.take(">H")):
             code = chr(self.take(">B"))
             made.fields.append((code, self.text()))

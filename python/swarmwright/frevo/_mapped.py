@@ -47,7 +47,7 @@ class Mapped:
 
 
 def one_line(text: str) -> str:
-    """Return text from a file such that it can stand in a comment."""
+    """Return text from a file in a form that can be part of a comment."""
     line = " ".join(text.split())[:80]
     return "".join(letter if letter.isprintable() else "?" for letter in line)
 

@@ -81,7 +81,7 @@ def _map_config(config: Section, mapped: Mapped) -> None:
     if runs > 1:
         mapped.notes.append(f"sessionconfig.{reason}")
     if "CurrentSeed" in config.entries:
-        mapped.not_config.append(f"CurrentSeed = {one_line(config.shown('CurrentSeed'))}: FREVO's own state")
+        mapped.not_config.append(f"CurrentSeed = {one_line(config.shown('CurrentSeed'))}: state of FREVO")
 
 
 def _map_simulation(session: Session, field_file: Path | None, instead: str | None, mapped: Mapped) -> None:

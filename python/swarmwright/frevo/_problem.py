@@ -71,7 +71,7 @@ def map_problem(session: Session, field_file: Path | None, mapped: Mapped) -> No
             mapped.not_parameters.append(f"Filename = {unused}: not used by FREVO with RANDOM_FIELD")
     else:
         mapped.not_parameters.append("fieldsource = FIELD_FROM_FILE: the parameter field says so")
-        mapped.not_parameters.append("width, height: the field has its own")
+        mapped.not_parameters.append("width, height: those of the field are used")
         for key in _RANDOM_ONLY:
             if key in problem.entries:
                 unused = one_line(problem.shown(key))

@@ -111,7 +111,7 @@ def leave_mutation_out(mapped: Mapped) -> None:
     """Say that the way in which FREVO's method mutates networks is not taken over."""
     if mapped.mutation is not None and mapped.mutation.comment.startswith("mutationMethod"):
         mapped.not_method.append(
-            f"{mapped.mutation.comment}: {mapped.controller_kind} mutates in its own way"
+            f"{mapped.mutation.comment}: {mapped.controller_kind} mutates in a different way"
         )
 
 

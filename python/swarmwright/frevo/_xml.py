@@ -1,7 +1,7 @@
 """XML with line numbers, read without external access and with bounded memory.
 
-The files name a DTD; it is not fetched. What a DTD of a file's own can declare is refused, nothing else needs
-it: entities, which stand for text of any length, and attributes with defaults, which every element then has.
+The files name a DTD; it is not fetched. Declarations of an internal DTD are refused, nothing else needs
+it: entities, which expand to text of any length, and attributes with defaults, which every element then has.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ _DEEPEST = 50
 
 @dataclass
 class Element:
-    """An element: its name, attributes, text, elements inside, and where it stands."""
+    """An element: its name, attributes, text, elements inside, and its position."""
 
     file: str
     line: int

@@ -239,7 +239,7 @@ class Method(SteadyState):
     def initials(self, candidates: Sequence[int]) -> Genomes:
         """Return random genomes to start from; the same for every method, by generation and candidate.
 
-        In the first generation those of `start` stand in the first places.
+        In the first generation those of `start` have the first places.
         """
         genomes = self.representation.initials(self.streams("initial", candidates))
         if self.generation == 0 and len(self.start):

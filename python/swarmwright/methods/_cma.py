@@ -55,7 +55,7 @@ class Cma(Method):
         """Genomes in each generation of the first start."""
         self.starts = 0
         """How often the search has begun, the first time included."""
-        # The library's own generator is NumPy's global one. This is the same one, of our own.
+        # The library uses NumPy's global generator. This is the same kind of generator, but not shared.
         self._generator = np.random.RandomState(seed if seed < 1 << 32 else [seed & 0xFFFFFFFF, seed >> 32])
         self._fitness: Fitness = np.empty(0)
         self._points: list[NDArray[np.float64]] = []

@@ -82,7 +82,7 @@ def normals(streams: Streams, count: int) -> _Numbers:
 
     The inverse of the distribution function at uniform numbers: algorithm AS 241, PPND16 (Wichura, Applied
     Statistics 37, 1988; relative error about 1e-16), in single operations of +, -, *, / and square roots,
-    with its own logarithm, because those of C libraries differ.
+    with a logarithm of this package, because those of C libraries differ.
     """
     return _inverse(streams.units(count) + 2.0**-54)
 

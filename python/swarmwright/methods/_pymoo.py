@@ -21,7 +21,7 @@ class PymooOptions(MethodOptions):
 
 
 class Pymoo(Method):
-    """The library works in its own way; this gives it a box, a first generation and costs.
+    """The library proposes candidates; this gives it a box, a first generation and costs.
 
     The box is made of the genes' bounds and, where there are none, of their initial range times `reach`. The
     first generation are random genomes of the representation, as with every method here, not points of the
@@ -102,7 +102,7 @@ class Pymoo(Method):
             member.set("F", np.array([cost]))
             member.set("fitness", value)
 
-    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the library has its own
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the library keeps them
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 

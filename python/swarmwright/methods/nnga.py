@@ -303,7 +303,7 @@ class Nnga(Method):
 
 @dataclass(frozen=True)
 class _Parents:
-    """The survivors of all populations in one array; first and count: where each population's stand."""
+    """The survivors of all populations in one array; first and count: where those of each population are."""
 
     genomes: Genomes
     first: NDArray[np.int64]

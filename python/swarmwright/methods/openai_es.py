@@ -13,7 +13,7 @@ from swarmwright.methods._numbers import DISCRETE, center_and_reach, rounded
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genomes
 
-_FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8  # Adam's own defaults
+_FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8  # the defaults of Adam
 _BATCH = 1 << 18  # random numbers that are made at once
 
 
@@ -115,7 +115,7 @@ class OpenaiEs(Method):
             return
         ranks = centered_ranks(fitness)
         gradient = np.zeros_like(self._center)
-        # One after another: a sum over pairs in an order of the library's own would differ between machines.
+        # One after another: libraries choose the order of a sum over pairs, which differs between machines.
         for pair, weight in enumerate((ranks[::2] - ranks[1::2]).tolist()):
             if weight:
                 gradient += weight * self._directions[pair]

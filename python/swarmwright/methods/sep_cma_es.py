@@ -1,4 +1,4 @@
-"""Separable CMA-ES: a step size of its own for each gene."""
+"""Separable CMA-ES: a step size for each gene."""
 
 from typing import ClassVar, Literal
 

@@ -20,7 +20,7 @@ LONGEST = 10.0
 
 
 class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
-    """Serves the figures of a registry in threads of its own.
+    """Serves the figures of a registry in background threads.
 
     host: name or address to listen on. port: 0 for any free one.
 

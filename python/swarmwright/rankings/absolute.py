@@ -1,4 +1,4 @@
-"""Absolute ranking: a candidate's fitness depends on its own episodes only."""
+"""Absolute ranking: a candidate's fitness depends on its episodes only."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -51,7 +51,7 @@ def _row_sums(episodes: NDArray[np.float64]) -> Fitness:
 
 
 class AbsoluteOptions(RankingOptions):
-    """A candidate's fitness is an aggregate of its own episodes."""
+    """A candidate's fitness is an aggregate of its episodes."""
 
     kind: Literal["absolute"] = "absolute"
     aggregate: Literal["mean", "sum", "median", "worst", "quantile", "cvar"] = "mean"

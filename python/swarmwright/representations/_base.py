@@ -12,7 +12,7 @@ from swarmwright.typing import Genome, Genomes, Limits
 
 
 class Representation(ABC):
-    """A genome is a flat row of float32 numbers; a representation knows what controller it stands for.
+    """A genome is a flat row of float32 numbers; a representation decodes it to a controller.
 
     It gives genomes their meaning (`architecture` and `weights`, what the engine and every simulation server
     understand) and its genetic operators: where evolution starts (`initial`), how a genome varies (`mutate`),
@@ -79,7 +79,7 @@ class Representation(ABC):
         """
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
-        """Return the weights of the controllers that genomes stand for.
+        """Return the weights of the controllers that genomes encode.
 
         Args:
             genomes: (candidates, genome_size).

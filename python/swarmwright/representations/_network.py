@@ -29,7 +29,7 @@ class NetworkOptions(Options):
     """Options that all networks have; those of the genetic operators are after FREVO's FullyMeshedNet."""
 
     output_range: list[float] | None = Field(default=None, min_length=2, max_length=2)
-    """Outputs of the network that stand for the actuators -1 and 1; what is beyond is limited. By default as
+    """Outputs of the network that are mapped to the actuators -1 and 1; other ones are clamped. By default as
     the activation says: 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
 
     weight_range: float = Field(default=2.0, gt=0, le=1e6)
@@ -37,7 +37,7 @@ class NetworkOptions(Options):
     bias_range: float = Field(default=2.0, gt=0, le=1e6)
     """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
     mutation: Literal["uniform", "proportional"] = "uniform"
-    """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its own
+    """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
     size (at least 0.1), whatever the severity."""
 
     @field_validator("output_range")
@@ -49,7 +49,7 @@ class NetworkOptions(Options):
 
     @property
     def outputs(self) -> list[float]:
-        """Outputs of the network that stand for the actuators -1 and 1."""
+        """Outputs of the network that are mapped to the actuators -1 and 1."""
         activation: str = self.activation  # type: ignore[attr-defined] # every network's options have it
         return list(self.output_range or OUTPUT_RANGE[activation])
 
@@ -139,7 +139,7 @@ class NodeNetwork(Representation):
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        # accumulate adds strictly one after another; sum() would add in an order of NumPy's own.
+        # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
         differences = np.abs(one.astype(np.float64) - others)
         sums: NDArray[np.float64] = np.add.accumulate(differences, axis=1)[:, -1]
         return sums

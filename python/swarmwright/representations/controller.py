@@ -21,7 +21,7 @@ class Controller:
 
     Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
     float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every
-    simulation server. Each agent (row) keeps a state of its own between calls, where the representation has
+    simulation server. Each agent (row) keeps its state between calls, where the representation has
     one; `reset` begins a new episode. A parameter set steers no agents: it has `parameters` and cannot be
     called.
 

@@ -19,7 +19,7 @@ from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_LEVELS = 1000
 _LARGEST_TABLE = 1_000_000
-"""Numbers in a table, at most; the engine's own limit."""
+"""The largest number of numbers in a table, as in the engine."""
 
 
 def _level(value: Any) -> int | list[float]:  # noqa: ANN401 - whatever the file says
@@ -168,7 +168,7 @@ class MealyFsm(Representation):
         }
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
-        """Return the tables that genomes stand for, see the class."""
+        """Return the tables that genomes encode, see the class."""
         tables = self._tables(genomes)
         states, outputs = tables[..., :1], tables[..., 1:]
         np.clip(np.floor(states), 0, self.options.states - 1, out=states)
@@ -229,7 +229,7 @@ class MealyFsm(Representation):
         differences = np.abs(self._tables(self.weights(others)) - self._tables(self.weights(one)))
         differences[..., 0] = differences[..., 0] > 0
         differences[..., 1:] *= 0.5
-        # accumulate adds strictly one after another; sum() would add in an order of NumPy's own.
+        # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
         rows = differences.reshape(others.shape)
         sums: NDArray[np.float64] = np.add.accumulate(rows, axis=1)[:, -1]
         return sums

@@ -18,7 +18,7 @@ _LARGEST_INTEGER = 1 << 24
 """Up to here every integer is a float32."""
 _LARGEST_REAL = float(np.finfo(np.float32).max)
 _RESERVED = frozenset({"server", "simulation", "simulation_hash", "seed"})
-"""What stands beside parameters in a message, or is replaced for every episode."""
+"""Keys beside the parameters in a message, or is replaced for every episode."""
 _LN_2 = 0.6931471805599453
 
 Numbers = NDArray[np.float64]
@@ -164,7 +164,7 @@ class ParameterSet(Representation):
         )
 
     def architecture(self) -> dict[str, Any]:
-        """Return names and types of the parameters, and the choices that indices stand for."""
+        """Return names and types of the parameters, and the choices that indices select."""
         parameters: list[dict[str, Any]] = []
         for name, one in self.options.parameters.items():
             described: dict[str, Any] = {"name": name, "type": one.type}

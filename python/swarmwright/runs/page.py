@@ -37,7 +37,7 @@ class ReplayPage:
         write_text(path, self.html)
 
     def _repr_html_(self) -> str:
-        """Return a frame that holds the page, apart from the notebook's own scripts and styles."""
+        """Return a frame that holds the page, apart from the scripts and styles of the notebook."""
         return (
             f'<iframe title="{html.escape(self.title)}" srcdoc="{html.escape(self.html)}" '
             'sandbox="allow-scripts" width="100%" height="620" style="border: 0"></iframe>'

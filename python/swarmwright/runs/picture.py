@@ -52,7 +52,7 @@ def _start() -> None:
         return
     command = [sys.executable, "-P", "-m", __spec__.name, *map(str, _waiting)]
     _waiting.clear()
-    # A session of its own, so that Ctrl-C, which ends the tool, does not interrupt it.
+    # A new session, so that Ctrl-C, which ends the tool, does not interrupt it.
     _process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True
     )

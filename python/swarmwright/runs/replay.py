@@ -172,7 +172,7 @@ class Replay:
         }
 
     def caption(self) -> Caption:
-        """Return the title and the facts of the experiment that stand beside a picture."""
+        """Return the title and the facts of the experiment that are beside a picture."""
         experiment = self.run.experiment
         facts = [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
         if self.choice is not None:

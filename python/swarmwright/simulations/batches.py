@@ -33,7 +33,7 @@ class BatchSimulation(Described):
             def fitness(self):
                 return -np.abs(self.x).mean(axis=(1, 2))
 
-    All episodes have the same parameters and as many agents; each has its own seed and its own controllers.
+    All episodes have the same parameters and as many agents; each has a seed and controllers.
     Wherever a `Simulation` can be used, this can be, too. A controller that travels to the server is
     evaluated with up to `lanes` others at once, and a batch has up to `lanes` or 256 episodes; in the mode
     stepwise, and for parameter sets that travel, there is one episode in the arrays. For the same result in

@@ -125,7 +125,7 @@ def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - what
         if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "fitness":
             raise InputError(
                 f"{where}.metrics: {name!r} found, "
-                "expected a letter or _, then letters, digits and _; fitness is the simulation's own"
+                "expected a letter or _, then letters, digits and _; fitness has a name already"
             )
         if not isinstance(text, str):
             raise InputError(f"{where}.metrics[{name!r}]: {text!r} found, expected a description")

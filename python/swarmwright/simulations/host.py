@@ -73,7 +73,7 @@ class Host:
         self._agents = 0
 
     def another(self) -> "Host":
-        """Return a host with an object of its own, which is made when it is reset."""
+        """Return a host with another object, which is made when it is reset."""
         other = Host(self._kind, self._report, self.description)
         other._reported = self._reported
         return other

@@ -87,8 +87,8 @@ class Apart:
     def _import(
         self,
         name: str,
-        globals: Mapping[str, Any] | None = None,  # noqa: A002 - as Python's own
-        locals: Mapping[str, Any] | None = None,  # noqa: A002 - as Python's own
+        globals: Mapping[str, Any] | None = None,  # noqa: A002 - as in Python
+        locals: Mapping[str, Any] | None = None,  # noqa: A002 - as in Python
         fromlist: Sequence[str] = (),
         level: int = 0,
     ) -> ModuleType:

@@ -32,8 +32,8 @@ serving = False
 def load(name: str, folder: Path | None = None) -> type[Simulation] | type[BatchSimulation]:
     """Import the module and return the class.
 
-    A file that is a run's copy stands for the class of that run: what it was copied from is used where that
-    has not changed, else the copy.
+    A file that is a run's copy means the class of that run: the original file is used if it has not changed,
+    else the copy.
 
     Args:
         name: see above. Modules are looked for where Python looks for them, then in the working folder.

@@ -79,7 +79,7 @@ def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON value
 def declared(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:
     """Return a class's `parameters` as Parameter objects.
 
-    Raises InputError, beginning with `where`, for a default that its own declaration refuses.
+    Raises InputError, beginning with `where`, for a default that does not fit its declaration.
     """
     if not isinstance(parameters, Mapping):
         raise InputError(

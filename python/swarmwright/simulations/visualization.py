@@ -40,7 +40,7 @@ def drawing(kind: type[Simulation]) -> type[Simulation]:
 
 
 def _defines(kind: type[Described], method: str) -> bool:
-    """Return whether a class has a method of its own."""
+    """Return whether a class overrides a method."""
     found = getattr(kind, method, None)
     return found is not None and all(
         found is not getattr(base, method, None) for base in (Simulation, BatchSimulation)

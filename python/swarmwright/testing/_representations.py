@@ -103,7 +103,7 @@ def _check_specification(subject: Representation) -> None:
     text = json.dumps(specification, allow_nan=False)
     own = np.array(specification["weights"], dtype=np.float32)
     weights = subject.weights(genome[np.newaxis])[0]
-    assert own.tobytes() == weights.tobytes(), "specification must hold the genome's own weights"
+    assert own.tobytes() == weights.tobytes(), "specification must hold the weights of the genome"
     controller = _engine.Controller(text)
     if not subject.steers:
         assert controller.sensors == 0, "steers is False, but the controllers take sensors"

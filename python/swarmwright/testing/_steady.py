@@ -95,7 +95,7 @@ def _check_window(method: Method) -> None:
     assert asked == method.options.in_flight, f"{asked} in flight, not {method.options.in_flight}"
     _refused(method.ask_next, "asking beyond in_flight must raise InputError")
     method.tell_next(1.0)
-    assert method.can_ask, "a result makes room for the next candidate"
+    assert method.can_ask, "after a result, the next candidate can be asked for"
 
 
 def _check_turns(method: Method) -> None:

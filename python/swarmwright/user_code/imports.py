@@ -42,7 +42,7 @@ class Walk:
     def of_module(cls, name: str, *, installed: bool = True) -> "Walk":
         """Begin at a module that is imported by its name; no files when there is none, or none in Python.
 
-        installed: whether to follow the modules of its own package if that is an installed one.
+        installed: whether to follow modules of the same package if that is an installed one.
         Raises OSError when a file cannot be read.
         """
         walk = cls()

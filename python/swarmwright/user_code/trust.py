@@ -1,6 +1,6 @@
-"""Which code of run folders this user trusts: that of the user's own runs, and what was allowed.
+"""Which code of run folders this user trusts: that of runs that this user made, and what was allowed.
 
-Kept by its SHA-256 in a folder of the user's own, outside of all run folders: the author of a run folder
+Kept by its SHA-256 in a folder of the user, outside of all run folders: the author of a run folder
 controls everything in it.
 """
 

@@ -54,5 +54,5 @@ def test_no_room() -> None:
     one = Experiment.from_mapping(
         {"simulation": "swarmwright.adapters.enki:Thymios", "parameters": {"agents": 200}}
     )
-    with pytest.raises(InputError, match="agents: there is no room"):
+    with pytest.raises(InputError, match="agents: the arena is too small"):
         simulate(one, servers="in-process")

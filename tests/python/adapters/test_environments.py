@@ -166,7 +166,7 @@ def test_parameters_that_change_the_agents() -> None:
         ),
         (
             "pettingzoo:broken?trouble=more",
-            "PettingZoo.step: SimulationError: broken: agent 'c' is none of its possible_agents, a, b",
+            "PettingZoo.step: SimulationError: broken: agent 'c' is not among its possible_agents, a, b",
         ),
         ("pettingzoo:broken?trouble=shape", r"PettingZoo.step: ValueError: .*\(3,\)"),
         ("gymnasium:broken:Failing-v0", r"LinAlgError: Singular matrix \(.*broken.py:\d+\)"),

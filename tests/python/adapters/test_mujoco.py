@@ -154,9 +154,9 @@ def test_places_are_free_and_follow_from_the_seed() -> None:
         ({"arena": {"widht": 3}}, "arena: 'widht' found, expected depth, height, pillars, width"),
         ({"arena": {"width": 0}}, "arena: width: 0 found, expected metres, from 0.5 to 100"),
         ({"arena": {"pillars": [[1, 1]]}}, r"arena: pillars: \[1, 1\] found, expected \[x, y, radius\]"),
-        ({"arena": {"pillars": [[9, 1, 1]]}}, r"arena: pillars: \[9, 1, 1\] stands outside"),
-        ({"arena": {"width": 1, "depth": 1}}, "agents: there is no room for 6 of them in the arena"),
-        ({"pillars": 100, "arena": {"width": 2}}, "pillars: there is no room for 100 of them"),
+        ({"arena": {"pillars": [[9, 1, 1]]}}, r"arena: pillars: \[9, 1, 1\] is outside"),
+        ({"arena": {"width": 1, "depth": 1}}, "agents: the arena is too small for 6 of them"),
+        ({"pillars": 100, "arena": {"width": 2}}, "pillars: the arena is too small for 100 of them"),
     ],
 )
 def test_arenas_that_cannot_be(parameters: dict[str, Any], words: str) -> None:

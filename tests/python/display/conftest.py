@@ -1,4 +1,4 @@
-"""An episode whose course is known: the agent crosses the map in a straight line and arrives."""
+"""An episode whose trajectory is known: the agent crosses the map in a straight line and arrives."""
 
 import pytest
 

@@ -17,9 +17,9 @@ def test_pace_keeps_the_duration_and_the_number_of_frames(scenes: int, seconds: 
 
 @given(scenes=st.integers(1, 3000), seconds=st.floats(0.02, 3))
 def test_frames_go_from_the_first_scene_to_the_last(scenes: int, seconds: float) -> None:
-    course = tuple(Scene(10, 10, step, "", ()) for step in range(scenes))
+    trajectory = tuple(Scene(10, 10, step, "", ()) for step in range(scenes))
     per_step, _ = pace(scenes, seconds, frame_seconds=0.06, most=MOST)
-    frames = list(in_between(course, per_step))
+    frames = list(in_between(trajectory, per_step))
     times = [time for _, time in frames]
     assert times == sorted(times)
     assert (times[0], times[-1]) == (0, scenes - 1)

@@ -152,16 +152,16 @@ def test_scrubber_curve_and_legend_follow_each_other(opened: Chrome) -> None:
     scrub.send_keys(Keys.ARROW_RIGHT)
     assert text(opened, "now") == "step 2 of 12"
     assert scrub.get_attribute("aria-valuetext") == "step 2 of 12"
-    marker = pixels(opened, "course", "accent")
-    course = opened.find_element(By.ID, "course")
+    marker = pixels(opened, "curve", "accent")
+    curve = opened.find_element(By.ID, "curve")
     ActionChains(opened).move_to_element_with_offset(
-        course, int(course.size["width"] * 0.3), 0
+        curve, int(curve.size["width"] * 0.3), 0
     ).click().perform()
     step = int(re.findall(r"\d+", text(opened, "now"))[0])
     assert 7 <= step <= 11
     assert scrub.get_attribute("value") == str(step)
     assert text(opened, "fitness") == f"−{12 - step}"
-    assert pixels(opened, "course", "accent")[1] > marker[1] + 20
+    assert pixels(opened, "curve", "accent")[1] > marker[1] + 20
     legend = text(opened, "legend").split("\n")
     assert legend == ["goal", "1", "defender", "1", "agent, free", "1", "agent, arrived", "0"]
     said = opened.find_element(By.ID, "world").get_attribute("aria-label")
@@ -263,7 +263,7 @@ def test_the_last_numbers_of_the_axes_are_not_cut(browser: Chrome, tmp_path: Pat
         delete context.fillText;
         return [Math.min(...starts), canvas.clientWidth - Math.max(...ends), starts.length];
     """
-    for canvas in ("course", "world"):
+    for canvas in ("curve", "world"):
         before, behind, count = browser.execute_script(script, canvas)
         assert count > 5
         assert before >= 0, canvas

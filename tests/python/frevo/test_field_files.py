@@ -38,7 +38,7 @@ def test_frevos_field_file(tmp_path: Path) -> None:
         (b"", "ends in the middle"),
         (b"PK\x03\x04....", "does not begin like a serialized Java object"),
         (SER[:-1], "ends in the middle"),
-        (LIST, "the class java.util.ArrayList writes itself in a way of its own"),
+        (LIST, "the class java.util.ArrayList has a custom serialization"),
         (SER.replace(b"emergencyexit.Field", b"emergencyexit.Other"), "it holds emergencyexit.Other"),
         (SER.replace(b"java.awt.Point\xb6", b"java.awt.Paint\xb6"), "an object that is not a point"),
     ],

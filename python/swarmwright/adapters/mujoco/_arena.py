@@ -25,7 +25,7 @@ _TRIES = 10_000
 class Arena:
     """A rectangle with round pillars in it.
 
-    width, depth, height: in x, y and z. pillars: (x, y, radius) of each that stands always at the same place.
+    width, depth, height: in x, y and z. pillars: (x, y, radius) of each that is always at the same place.
     """
 
     width: float
@@ -85,28 +85,28 @@ class Arena:
             radius: of these.
             robots: how many.
             size: free radius around the middle of each robot.
-            spread: robots stand within this share of the arena's sides, around the middle.
+            spread: robots are placed within this share of the arena's sides, around the middle.
 
         Raises InputError where there is not enough space.
         """
         taken = [(x, y, r) for x, y, r in self.pillars]
         half = np.array([self.width, self.depth]) / 2
 
-        def found(count: int, room: float, share: float, name: str) -> Points:
+        def found(count: int, clearance: float, share: float, name: str) -> Points:
             places: list[tuple[float, float]] = []
             for _ in range(_TRIES):
                 if len(places) == count:
                     break
-                x, y = random.uniform(-1, 1, 2) * (half * share - room)
-                if all((x - a) ** 2 + (y - b) ** 2 > (room + r) ** 2 for a, b, r in taken):
+                x, y = random.uniform(-1, 1, 2) * (half * share - clearance)
+                if all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken):
                     places.append((x, y))
-                    taken.append((x, y, room))
+                    taken.append((x, y, clearance))
             if len(places) < count:
-                raise InputError(f"{name}: there is no room for {count} of them in the arena")
+                raise InputError(f"{name}: the arena is too small for {count} of them")
             return np.array(places).reshape(count, 2)
 
         if min(half) * spread <= size:
-            raise InputError("arena: there is no room for robots")
+            raise InputError("arena: too small for robots")
         pillars = found(more, radius, 1.0, "pillars")
         robots_at = found(robots, size, spread, "agents")
         fixed = np.array([(x, y) for x, y, _ in self.pillars]).reshape(-1, 2)
@@ -125,5 +125,5 @@ def _pillar(raw: Any, sizes: tuple[float, float]) -> tuple[float, float, float]:
         raise InputError(f"arena: pillars: {raw!r} found, expected [x, y, radius] in metres")
     x, y, radius = (float(v) for v in raw)
     if abs(x) > sizes[0] / 2 or abs(y) > sizes[1] / 2:
-        raise InputError(f"arena: pillars: {raw!r} stands outside; (0, 0) is the middle of the arena")
+        raise InputError(f"arena: pillars: {raw!r} is outside; (0, 0) is the middle of the arena")
     return x, y, radius

@@ -62,7 +62,7 @@ class Quadrotors(Robots):
         "closest": "The least distance that there was between two quadrotors that flew, metres.",
     }
     physics_step, physics_steps = 0.01, 10
-    radius, room = 0.18, 0.3
+    radius, clearance = 0.18, 0.3
     spread = 0.5
     clear = 0.25
 
@@ -128,7 +128,7 @@ class Quadrotors(Robots):
 
     @property
     def message(self) -> str:
-        """What stands above a picture."""
+        """The line above a picture."""
         return f"{100 * self._covered():.0f} % of the floor is seen"
 
     def fitness(self) -> float:
@@ -155,7 +155,7 @@ class Quadrotors(Robots):
         thrust = _MASS * (pull * up).sum(axis=1)
         lean = np.cross(up, pull / np.linalg.norm(pull, axis=1, keepdims=True))
         lean[:, 2] -= np.arctan2(axes[:, 1, 0], axes[:, 0, 0])  # look towards x
-        turn = (axes * lean[:, :, None]).sum(axis=1)  # in the robot's own axes
+        turn = (axes * lean[:, :, None]).sum(axis=1)  # in the axes of the robot
         torque = _INERTIA * (120.0 * turn - 20.0 * motion[:, 3:])
         forces = (np.column_stack([thrust, torque])[:, :, None] * _MIXER.T[None]).sum(axis=1)
         self.data.ctrl[:] = np.where(self._flies[:, None], np.clip(forces, 0, _MOST), 0.0).ravel()

@@ -73,7 +73,7 @@ class Robots(Simulation):
     """Steps of the physics in a step of control."""
     radius: ClassVar[float]
     """Of a robot, metres."""
-    room: ClassVar[float]
+    clearance: ClassVar[float]
     """Distance from a robot's middle that is free at the start, metres."""
     spread: ClassVar[float] = 1.0
     """Share of the arena's sides in which robots begin."""
@@ -106,7 +106,7 @@ class Robots(Simulation):
         mujoco.mj_resetData(self.model, self.data)
         random = np.random.default_rng(seed)
         pillars, robots = self.arena.place(
-            random, parameters["pillars"], PILLAR, self.agents, self.room, self.spread
+            random, parameters["pillars"], PILLAR, self.agents, self.clearance, self.spread
         )
         self.data.mocap_pos[:, :2] = pillars
         self.data.mocap_pos[:, 2] = self.arena.height / 2
@@ -193,7 +193,7 @@ class Robots(Simulation):
     @property
     @abstractmethod
     def message(self) -> str:
-        """What stands above a picture."""
+        """The line above a picture."""
 
     def _make(self, parameters: dict[str, Any]) -> None:
         """Build the model."""

@@ -51,7 +51,7 @@ class Rovers(Robots):
     }
     physics_step, physics_steps = 0.01, 10
     clear = 0.25  # transparent walls do not hide robots
-    radius, room = 0.12, 0.2
+    radius, clearance = 0.12, 0.2
 
     def robot(self, number: int) -> str:
         """Return the body of a rover."""
@@ -95,7 +95,7 @@ class Rovers(Robots):
 
     @property
     def message(self) -> str:
-        """What stands above a picture."""
+        """The line above a picture."""
         return f"{self._distance():.2f} m from the middle"
 
     def fitness(self) -> float:

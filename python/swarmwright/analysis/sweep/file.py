@@ -34,7 +34,7 @@ class Variant:
     folder: str
     """The label as part of a file name, no other variant's."""
     experiment: Experiment
-    """With the seed of the file; each run has its own."""
+    """With the seed of the file; the seeds of runs differ."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) ->
     options = getattr(base, section)
     if not isinstance(kind, str) or kind == options.kind:
         return {}
-    # Defaults are not kept: another kind has its own.
+    # Defaults are not kept: another kind has other ones.
     old = options.model_dump(exclude_none=True, exclude_unset=True)
     known = registry.get(kind).options_model.model_fields
     return {

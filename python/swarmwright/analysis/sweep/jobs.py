@@ -28,7 +28,7 @@ def shares(
     Without `jobs`, there are as many as can work in parallel without sharing a resource:
 
     - evaluated in this process: a run for each processor;
-    - servers that are started: a run for each of them, with a broker of its own;
+    - servers that are started: a run for each of them, with a separate broker;
     - servers on a broker: as many runs as they can serve, where each takes as many as its generation has
       evaluations.
 

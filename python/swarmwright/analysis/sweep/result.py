@@ -123,7 +123,7 @@ def sweep(
         source: path of a sweep file, or a mapping with its keys: `experiment` (an `Experiment`, a mapping,
             or the path of a file), `grid` (a mapping from keys such as "method.population" to lists of
             values, or a list of such mappings), `seeds` (how many, or a list; default 5), `out`.
-        jobs: runs at a time, in processes of their own. Default: one for each processor with servers
+        jobs: runs at a time, in separate processes. Default: one for each processor with servers
             "local", one for each server that is started; on a broker as many as its servers can serve. The
             records do not depend on it. Simulations of a notebook are run one after the other.
         broker: as in `optimize`.

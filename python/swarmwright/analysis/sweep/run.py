@@ -140,7 +140,7 @@ class Executor:
             )
             if local is None:
                 self._broker = address
-                return  # the broker's own servers
+                return  # the servers of the broker
             self._started.append(local)
             self._broker = address
             started = wanted = local.count

@@ -49,7 +49,7 @@ class Worker:
         self._told = 0.0
 
     def listen(self) -> None:
-        """Take tasks from standard input, then end what is under way; for a thread of its own."""
+        """Take tasks from standard input, then end what is under way; for a separate thread."""
         for line in sys.stdin:
             self._lines.put(line)
         with self._changing:

@@ -68,7 +68,7 @@ class Tool:
             if interrupt and self.process is None:
                 raise Skip("the kit did not start the tool (--exec)")
             if cut and self.door is None:
-                raise Skip("the kit does not stand between tool and broker")
+                raise Skip("the kit is not between tool and broker")
             self._scenes[name] = self._played(actors, interrupt=interrupt, cut=cut)
         return self._scenes[name]
 

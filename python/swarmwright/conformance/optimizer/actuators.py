@@ -73,7 +73,7 @@ def in_range(tool: Tool) -> None:
 
 @rule(
     "O3.4",
-    "Every agent has a state of its own: agents that have sensed the same act the same.",
+    "Every agent has a separate state: agents that have sensed the same act the same.",
     where="protocol.md, Controllers; decision 002",
     fix="keep a controller with its state for each agent of an episode",
     needs=["O3.1"],

@@ -76,7 +76,7 @@ def _whole(value: object) -> bool:
     "O2.3",
     "Episodes that run at the same time have different hashes.",
     where="protocol.md, Hash",
-    fix="give every episode under way a hash of its own: put a number into what is hashed",
+    fix="give every episode under way a different hash: put a number into what is hashed",
     d61="6.2 Discovery message",
     needs=["O2.1"],
     seconds=600,
@@ -85,7 +85,7 @@ def hashes(tool: Tool) -> str:
     """Two servers at once."""
     record = tool.plain()
     if "same hash" in record.notes:
-        raise Failure(f"the hash {record.notes['same hash']}", "a hash of its own for each episode")
+        raise Failure(f"the hash {record.notes['same hash']}", "a different hash for each episode")
     if record.together < 2:
         raise Skip("the tool used one server at a time")
     return f"{record.together} episodes at a time"

@@ -108,7 +108,7 @@ def _seeds(server: Server) -> list[int]:
     "S10.1",
     "A batch gives each episode the fitness that it has stepwise, to the last bit.",
     where=f"{BATCHED}; decision 002",
-    fix="give each episode a simulation of its own; step all of them when the actuators are there",
+    fix="give each episode a separate simulation; step all of them when the actuators are there",
     needs=["S2.3", "S3.2"],
 )
 def equal(server: Server) -> str:

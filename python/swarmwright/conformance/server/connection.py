@@ -20,8 +20,7 @@ def door(server: Server) -> Door:
     """The proxy between server and broker; skips the rule where there is none."""
     if server.door is None:
         raise Skip(
-            "the kit does not stand between server and broker: let it bring its own, or start the "
-            "server (--exec)"
+            "the kit is not between server and broker: let it start a broker, or start the server (--exec)"
         )
     return server.door
 

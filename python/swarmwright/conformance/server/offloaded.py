@@ -171,7 +171,7 @@ def mealy_fsm(server: Server) -> str:
     needs=["S2.3"],
 )
 def parameter_set(server: Server) -> None:
-    """A set with one of the parameters of the episodes, or a name of its own."""
+    """A set with one of the parameters of the episodes, or another name."""
     server.announces(mode="offloaded")
     if "parameter_set" not in server.announced.get("controllers", []):
         raise Skip("not announced: capabilities.swarmwright.controllers lacks 'parameter_set'")
@@ -268,7 +268,7 @@ def in_order(server: Server) -> None:
     needs=["S9.1", "S2.9"],
 )
 def has_it(server: Server) -> None:
-    """After an evaluation: discoveries, another's request, our own, then run: false."""
+    """After an evaluation: discoveries, a request of another tool, one of this tool, then run: false."""
     controllers = some(server)
     evaluated(server, evaluation(server, controllers, [1]))
     must_be_taken(server, f"it is held for {TOOL}", "evaluate")
@@ -307,7 +307,7 @@ def not_while_running(server: Server) -> None:
     needs=["S9.1"],
 )
 def invalid(server: Server) -> None:
-    """Each field of evaluate, wrong in a way of its own."""
+    """Requests in which one field of evaluate is wrong."""
     controllers = some(server)
     architecture = controllers.architecture
     wrong: list[tuple[str, Json]] = [

@@ -143,7 +143,7 @@ def nothing_else(server: Server) -> None:
     """What a new subscriber gets from the seven topics, after an episode."""
     server.play()
     if server.own_broker is None:
-        raise Skip("others use this broker; let the kit bring its own")
+        raise Skip("other clients use this broker; let the kit start one")
     found = kept(server, list(TOPICS))
     if found:
         raise Failure(f"the broker keeps {found[0]}", "nothing retained")

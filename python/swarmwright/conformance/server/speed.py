@@ -16,7 +16,7 @@ def _measured(server: Server, mode: str) -> str:
     server.announces(mode=mode)
     steps = server.reference.messages / len(server.reference.readings)
     if server.own_broker is None:
-        raise Skip("others use this broker; let the kit bring its own")
+        raise Skip("other clients use this broker; let the kit start one")
     known = server.announced.get("controllers", ["layered"]) if mode == "offloaded" else ["layered"]
     if "layered" not in known:
         raise Skip("not announced: capabilities.swarmwright.controllers lacks 'layered'")

@@ -1,6 +1,6 @@
 """S9.14: networks against golden vectors, which an independent implementation has computed.
 
-A server's sensors cannot be chosen, so networks contain their own inputs: where all weights of a sensor are
+A server's sensors cannot be chosen, so networks contain their inputs: where all weights of a sensor are
 0, the first layer's outputs are those of its biases, the same in every step.
 
 - Points of tanh and sigmoid: the first layer computes f(x); the second one takes the golden f(x) from it,
@@ -209,7 +209,7 @@ def cases() -> Iterator[Case]:
     "S9.14",
     "Networks compute what the golden vectors say, to the last bit.",
     where="decision 002; protocol/vectors/controllers.json",
-    fix="replay the vector that is named in your own tests: the function or the network is another one; "
+    fix="replay the vector with this name in the tests of the server: the function or the network differs; "
     "subnormal numbers are kept, sums are not reordered, nothing is fused",
     needs=["S9.3"],
     seconds=60,

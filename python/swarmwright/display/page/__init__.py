@@ -15,7 +15,7 @@ from swarmwright.display.page._data import episode_data, picture_data
 if TYPE_CHECKING:
     from swarmwright.display.pictures import PictureRecording
 
-SCRIPTS = ("shapes.js", "world.js", "pictures.js", "course.js", "player.js")
+SCRIPTS = ("shapes.js", "world.js", "pictures.js", "curve.js", "player.js")
 """In this order they are one script."""
 
 

@@ -14,7 +14,7 @@ class Player {
       : new World(this.part.world, episode);
     // Without bodies there is nothing to count, and nothing leaves a trail.
     for (const id of ["bodies", "trails", "trails-key"]) this.part[id].hidden = !episode.bodies.length;
-    this.course = new Course(this.part.course, episode.fitness);
+    this.curve = new FitnessCurve(this.part.curve, episode.fitness);
     this.gliding = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.part.scrub.max = this.last;
     this.speeds(episode.speed);
@@ -62,12 +62,12 @@ class Player {
     part.scrub.addEventListener("input", () => this.go(Number(part.scrub.value)));
     part.trail.addEventListener("change", () => this.show());
     part.theme.addEventListener("click", () => this.turnTheme());
-    const scrub = (event) => event.buttons & 1 && this.go(this.course.step(event.offsetX));
-    part.course.addEventListener("pointerdown", (event) => {
-      part.course.setPointerCapture(event.pointerId);
+    const scrub = (event) => event.buttons & 1 && this.go(this.curve.step(event.offsetX));
+    part.curve.addEventListener("pointerdown", (event) => {
+      part.curve.setPointerCapture(event.pointerId);
       scrub(event);
     });
-    part.course.addEventListener("pointermove", scrub);
+    part.curve.addEventListener("pointermove", scrub);
     document.addEventListener("keydown", (event) => this.key(event));
     window.addEventListener("hashchange", () => this.fromAddress());
     new ResizeObserver(() => this.show()).observe(part.world.parentElement);
@@ -157,7 +157,7 @@ class Player {
     const scene = Math.floor(this.time);
     const { part } = this;
     this.world.draw(this.gliding ? this.time : scene, Number(part.trail.value));
-    this.course.draw(this.gliding ? this.time : scene);
+    this.curve.draw(this.gliding ? this.time : scene);
     if (this.shown === scene && this.playing) return;
     this.shown = scene;
     part.scrub.value = scene;
@@ -180,7 +180,7 @@ class Player {
     }
     const said = [...counts].map(([name, count]) => `${count} ${name}`).join("; ");
     this.part.world.setAttribute("aria-label", `Step ${scene} of ${this.last}: ${said}`);
-    this.part.course.setAttribute("aria-label", `Fitness so far at step ${scene}: ${words(this.episode.fitness[scene])}`);
+    this.part.curve.setAttribute("aria-label", `Fitness so far at step ${scene}: ${words(this.episode.fitness[scene])}`);
   }
 
   showButton() {

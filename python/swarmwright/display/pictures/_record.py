@@ -51,9 +51,9 @@ class PictureRecording:
             return opened.convert("RGB")
 
     def chosen(self, most: int, shortest: float, speed: float) -> tuple[list[int], float]:
-        """Return which pictures a film shows, and the seconds that each stands.
+        """Return which pictures a film shows, and the seconds that each is shown.
 
-        most: pictures. shortest: seconds that one stands at least. speed: how many times faster than real
+        most: pictures. shortest: the least seconds that one is shown. speed: how many times faster than real
         time.
         """
         seconds = max(self.step_size, 0.02) * (len(self.fitness_so_far) - 1) / speed

@@ -49,7 +49,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
     _lines(axes, found, places, unit)
     _nodes(axes, found, places, bias_unit)
     _labels(axes, places, names)
-    # As data and not as limits: the axes are as wide as the figure, their title stands below the figure's.
+    # As data and not as limits: the axes are as wide as the figure, their title is below the figure's.
     axes.update_datalim([(-1.6, -rows / 2 - 0.55), ((len(sizes) - 1) * _BETWEEN + 1.5, rows / 2 + 0.55)])
     axes.margins(0)
     axes.autoscale_view()
@@ -62,7 +62,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
 
 
 def _apart(size: int, largest_size: int) -> float:
-    """Return how far nodes of a column stand apart: few of them spread beside a long column."""
+    """Return the distance between the nodes of a column: few of them spread beside a long column."""
     return max(_APART, min(2.0, _APART * largest_size / (size + 0.5)))
 
 

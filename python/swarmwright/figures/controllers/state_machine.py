@@ -101,7 +101,7 @@ def _circle(axes: "Axes", found: list[Transition], states: int) -> None:
 
 
 def _arc(source: tuple[float, float], target: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
-    """Return a way that keeps to its right, the way back lies beside it, and where its label stands."""
+    """Return a way that keeps to its right, the way back lies beside it, and the position of its label."""
     from matplotlib.path import Path
 
     (x0, y0), (x1, y1) = source, target
@@ -124,7 +124,7 @@ def _towards(place: tuple[float, float], other: tuple[float, float]) -> tuple[fl
 
 
 def _loop(place: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
-    """Return a way from a state outwards and back, and where its label stands."""
+    """Return a way from a state outwards and back, and the position of its label."""
     from matplotlib.path import Path
 
     x, y = place

@@ -1,4 +1,4 @@
-"""A network's weights as arrays, and the colours that stand for them."""
+"""A network's weights as arrays, and their colours."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Layer:
     sources: tuple[tuple[int, int], ...]
     """What they see: (column, index) of each, column 0 holds the sensors."""
     column: int
-    """Where they stand themselves."""
+    """Their positions."""
     first: int
     """Index in their column of the first one."""
     bias: NDArray[np.float64]
@@ -31,7 +31,7 @@ class Layer:
 
 
 def columns(specification: Mapping[str, Any]) -> list[int]:
-    """Return how many nodes stand in each column: sensors, hidden ones, actuators."""
+    """Return how many nodes each column has: sensors, hidden ones, actuators."""
     hidden = specification["hidden"]
     between = list(hidden) if isinstance(hidden, list) else [hidden] if hidden else []
     return [specification["sensors"], *between, specification["actuators"]]

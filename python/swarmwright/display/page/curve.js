@@ -1,14 +1,14 @@
 // Fitness so far over the steps; what has been played is drawn strongly, the rest thinly.
 
-class Course {
+class FitnessCurve {
   constructor(canvas, fitness) {
     this.canvas = canvas;
     this.fitness = fitness;
     const finite = fitness.filter((value) => value !== null);
     this.known = finite.length > 0;
     let [low, high] = this.known ? [Math.min(...finite), Math.max(...finite)] : [0, 1];
-    const room = high > low ? 0.06 * (high - low) : Math.max(Math.abs(high) * 0.1, 0.5);
-    [this.low, this.high] = [low - room, high + room];
+    const margin = high > low ? 0.06 * (high - low) : Math.max(Math.abs(high) * 0.1, 0.5);
+    [this.low, this.high] = [low - margin, high + margin];
   }
 
   draw(time) {
