@@ -15,11 +15,11 @@ def as_text(drawn: NDArray[np.uint8], head: str, columns: int, rows: int, *, col
     from PIL import Image
 
     image = Image.fromarray(np.ascontiguousarray(drawn))
-    lines = max(rows - 1, 1)
+    available = max(rows - 1, 1)
     # A character is about twice as high as wide.
-    scale = min(columns / image.width, 2 * lines / image.height)
+    scale = min(columns / image.width, 2 * available / image.height)
     width, height = max(1, round(image.width * scale)), max(1, round(image.height * scale / 2))
-    width, height = min(width, columns), min(height, lines)
+    width, height = min(width, columns), min(height, available)
     small = np.asarray(image.resize((width, 2 * height), Image.Resampling.BOX))
     lines = _colored(small) if color else _shaded(small)
     return "\n".join([one_line(head)[:columns], *lines])
