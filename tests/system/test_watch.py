@@ -130,6 +130,6 @@ def test_a_run_goes_well_where_access_rules_know_no_status(
         assert tool.wait(60) == 0, tool.stderr
         if "lost the broker" in tool.stderr:
             assert kind == "mosquitto"
-            assert "so it does not any more" in tool.stderr
+            assert "so it no longer does" in tool.stderr
             assert "and 1 more alike: lost the broker" in tool.stderr
         server.stop()
