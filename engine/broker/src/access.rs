@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn rules_by_user_pattern_and_denial() {
         let access = Access::read(Path::new("tests/data/access")).unwrap();
-        let (ada, bob, nobody) = (
+        let (ada, bob, anonymous) = (
             subject(Some("ada"), "tool"),
             subject(Some("bob"), "tool"),
             subject(None, "x"),
@@ -147,8 +147,11 @@ mod tests {
         assert!(access.may_write(ada, "swarm/sensor") && access.may_read(ada, "swarm/sensor"));
         assert!(!access.may_read(ada, "swarm/secret"));
         assert!(access.may_read(bob, "swarm/sensor") && !access.may_write(bob, "swarm/sensor"));
-        assert!(access.may_read(nobody, "public/news") && !access.may_write(nobody, "public/news"));
-        assert!(!access.may_read(nobody, "swarm/sensor"));
+        assert!(
+            access.may_read(anonymous, "public/news")
+                && !access.may_write(anonymous, "public/news")
+        );
+        assert!(!access.may_read(anonymous, "swarm/sensor"));
         assert!(
             access.may_write(bob, "tools/bob/tool") && !access.may_write(bob, "tools/ada/tool")
         );

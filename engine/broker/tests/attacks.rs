@@ -117,7 +117,7 @@ fn acknowledgements_that_are_not_read() {
         let broker = broker();
         let mut other = honest(&broker);
         let mut rude = Client::join(&broker, &Hello::default());
-        let mut body = text("nobody");
+        let mut body = text("no/reader");
         body.extend([0, 1, 0]);
         let publishes = packet(0x32, &body).repeat(5000);
         let sent = flood(&mut rude.stream, &publishes, 400 * MIB);

@@ -75,11 +75,11 @@ fn a_refused_client_is_disconnected_and_cannot_publish() {
         let mut eve = Client::new(stream, true);
         let hello = Hello {
             user: Some(("bob", "guess")),
-            will: Some(("t", "will of a stranger")),
+            will: Some(("t", "will before CONNACK")),
             ..Hello::default()
         };
         let mut bytes = hello.bytes();
-        bytes.extend(eve.message("t", true, &[], b"message of a stranger"));
+        bytes.extend(eve.message("t", true, &[], b"message before CONNACK"));
         eve.send(&bytes);
         assert_eq!(eve.expect(CONNACK)[1], 0x86);
         assert_eq!(eve.next(), None);

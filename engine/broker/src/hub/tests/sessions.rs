@@ -50,9 +50,9 @@ fn silence_ends_a_connection_after_one_and_a_half_intervals() {
     let mut stage = Stage::new(Limits::default());
     let (link, _) = stage.join(&connect("ada", true, 10, 0, None));
     let (patient, _) = stage.join(&connect("bob", true, 0, 0, None));
-    let stranger = stage.hub.open("stranger".into(), stage.now).unwrap();
+    let silent = stage.hub.open("silent".into(), stage.now).unwrap();
     stage.pass(14);
-    assert!(!stage.hub.is_closing(link) && stage.hub.is_closing(stranger));
+    assert!(!stage.hub.is_closing(link) && stage.hub.is_closing(silent));
     stage.say(link, &[0xc0, 0]);
     assert_eq!(stage.heard(link), [(0xd0, vec![])]);
     stage.pass(15);
