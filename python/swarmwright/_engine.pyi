@@ -43,7 +43,7 @@ __all__ = [
     "describe",
     "distances",
     "evaluate",
-    "evaluate_own",
+    "evaluate_host",
     "genome_size",
     "hash_for_mosquitto",
     "hash_password",
@@ -300,7 +300,7 @@ def log_to(path: str | None, level: str = "info", most: int | None = None) -> No
 def log_line(line: str) -> None:
     """Write a line to where the engine's lines go, see `log_to`; without it nowhere."""
 
-def evaluate_own(
+def evaluate_host(
     simulation: Host,
     parameters: dict[str, Any],
     architecture: dict[str, Any],

@@ -19,11 +19,13 @@ pub struct Work {
 /// Work that cannot be done.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum WorkError {
-    /// No specification of a controller.
+    /// The specification of the controllers is wrong.
     #[error(transparent)]
     Specification(#[from] SpecificationError),
-    /// Genomes that are no whole number of controllers.
-    #[error("genomes: {numbers} numbers are no whole number of genomes of {weights}")]
+    /// Genomes that are not whole.
+    #[error(
+        "genomes: {numbers} numbers are not a multiple of {weights}, the weights of a controller"
+    )]
     Shape {
         /// Numbers given.
         numbers: usize,
@@ -90,7 +92,7 @@ impl Work {
     /// row-major. `seeds`: one per episode.
     ///
     /// # Errors
-    /// A specification that is none; numbers that are not finite or no whole number of genomes; no seed.
+    /// A specification that is wrong; numbers that are not finite or not whole genomes; no seed.
     pub fn new(architecture: &str, genomes: Vec<f32>, seeds: Vec<u64>) -> Result<Self, WorkError> {
         let read = Architecture::from_json(architecture)?;
         let specification = serde_json::from_str(architecture).unwrap_or_default();
@@ -162,7 +164,7 @@ impl Work {
     /// Adds candidates behind the others. `genomes`: (more candidates, weights), row-major.
     ///
     /// # Errors
-    /// Numbers that are not finite or no whole number of genomes.
+    /// Numbers that are not finite or not whole genomes.
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
         check_genomes(&self.architecture, genomes)?;
         self.genomes.extend_from_slice(genomes);

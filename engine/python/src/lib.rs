@@ -57,7 +57,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(worlds::steers_itself, module)?)?;
     module.add_function(wrap_pyfunction!(genomes::decimals, module)?)?;
     module.add_function(wrap_pyfunction!(local::evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(simulation::evaluate_own, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::evaluate_host, module)?)?;
     module.add_function(wrap_pyfunction!(local::levels, module)?)?;
     module.add_function(wrap_pyfunction!(server::serve, module)?)?;
     module.add_function(wrap_pyfunction!(watch::servers, module)?)?;

@@ -318,7 +318,7 @@ type EpisodeFailure = (usize, usize, String, Option<String>);
     clippy::too_many_arguments,
     reason = "pyo3 hands arguments over by value, keywords in Python"
 )]
-pub fn evaluate_own<'py>(
+pub fn evaluate_host<'py>(
     py: Python<'py>,
     simulation: Bound<'py, PyAny>,
     parameters: &Bound<'py, PyDict>,

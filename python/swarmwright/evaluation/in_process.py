@@ -105,7 +105,7 @@ class PythonBackend(InProcessBackend):
 
     def compute(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
         """Return the results, NaN where the code failed, and why it did. Raises the engine's errors."""
-        fitness, metrics, failures = _engine.evaluate_own(
+        fitness, metrics, failures = _engine.evaluate_host(
             self._host,
             self.parameters,
             controllers.architecture,

@@ -216,7 +216,7 @@ def test_parameters_arrive_as_they_are() -> None:
     controller = Experiment.from_mapping({"simulation": Walk}).representation()
     genomes = np.zeros((1, controller.genome_size), np.float32)
     weights = controller.weights(genomes)
-    _engine.evaluate_own(Recording(Walk), given, controller.architecture(), weights, [2**64 - 1])
+    _engine.evaluate_host(Recording(Walk), given, controller.architecture(), weights, [2**64 - 1])
     (found,) = seen
     expected = {
         **given,
@@ -245,3 +245,10 @@ def test_what_listens_gets_dicts(tmp_path: Any) -> None:
     assert all(fits(report, engine_types.Report) for report in told)
     with pytest.raises(InputError, match="broker"):
         evaluate(experiment, np.zeros((1, experiment.genome_size)), broker="nowhere://x")
+
+
+def test_a_server_waits_as_long_by_default_as_a_tool() -> None:
+    from swarmwright.cli.serve import command
+
+    (option,) = (one for one in command.params if one.name == "step_timeout")
+    assert option.default == _engine.TIMEOUTS["step"]

@@ -142,7 +142,7 @@ impl Batch {
         }
         if rows == 0 {
             return match self.episodes.iter().position(|one| one.prototype.is_some()) {
-                Some(open) => Err(format!("nobody acts, but episode {open} has not ended")),
+                Some(open) => Err(format!("no agent acts, but episode {open} has not ended")),
                 None => Ok(Some(progress)),
             };
         }
