@@ -7,13 +7,14 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use swarmwright_protocol::{State, Topic, Topics};
+use swarmwright_testing::Trail;
 use swarmwright_worlds::Means;
 use swarmwright_wrapper::{Action, Identity, Job, Machine};
 
 use crate::network::{Filter, Will};
 use crate::schedule;
 use crate::schedule::Time;
-use crate::trail::{TITLE, Trail};
+use crate::trail::TITLE;
 
 /// Steps that an episode has on average.
 const STEPS: u64 = 3;

@@ -5,9 +5,10 @@ mod common;
 
 use std::time::Duration;
 
-use common::{Crowd, STEP_TIMEOUT, Server, Walk, batch, bits, object};
+use common::{STEP_TIMEOUT, Server, Walk, batch, bits, object};
 use serde_json::json;
 use swarmwright_protocol::{BatchSensors, BatchStart, RefusalKind, ToServer, ToTool, Topic, U64s};
+use swarmwright_testing::JointWalks;
 use swarmwright_worlds::Simulation;
 
 /// Answers every agent with half its first sensor until the batch is over; the fitness by episode, and what failed.
@@ -71,7 +72,7 @@ fn episodes_are_stepped_side_by_side_and_each_ends_on_its_own() {
 
 #[test]
 fn a_simulation_steps_its_episodes_together() {
-    let mut server = Server::new(vec![Box::<Crowd>::default()]);
+    let mut server = Server::new(vec![Box::<JointWalks>::default()]);
     side_by_side(&mut server, &[1, 100, 7]);
     let mut message = batch(9);
     message.seeds = U64s((0..101).collect());
@@ -121,7 +122,7 @@ fn an_episode_that_fails_is_named_and_the_others_go_on() {
 
 #[test]
 fn an_episode_that_fails_amid_others_that_are_stepped_with_it_fails_alone() {
-    fails_alone(|| Server::new(vec![Box::<Crowd>::default()]));
+    fails_alone(|| Server::new(vec![Box::<JointWalks>::default()]));
 }
 
 fn fails_alone(made: fn() -> Server) {

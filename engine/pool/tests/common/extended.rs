@@ -12,7 +12,7 @@ use swarmwright_protocol::{
 };
 use swarmwright_worlds::{Simulation, measure, rollout};
 
-use super::{Line, METRICS};
+use super::{LINE_METRICS, Line};
 
 /// Answers discovery, evaluates blocks and steps batches of `Line`.
 pub struct Extended {
@@ -141,7 +141,7 @@ impl Extended {
             let answer = json!({"server": self.id, "simulation_hash": discovery.simulation_hash,
                 "simulations": ["line"], "capabilities": {"dimensions": 2, "swarmwright": {"version": 1,
                 "modes": self.modes, "controllers": self.controllers, "batch": self.batch, "determinism": "bitwise",
-                "metrics": METRICS.iter().map(|metric| metric.name.to_string()).collect::<Vec<_>>(), "instance": self.instance}}});
+                "metrics": LINE_METRICS.iter().map(|metric| metric.name.to_string()).collect::<Vec<_>>(), "instance": self.instance}}});
             let answer = answer.to_string().into_bytes();
             self.outgoing.push_back((now, "server".to_owned(), answer));
         } else if topic == Topics::default().to_server(self.id) {

@@ -10,7 +10,6 @@
 
 mod extended;
 mod fleets;
-mod line;
 mod narrow;
 mod tools;
 
@@ -27,7 +26,7 @@ pub use fleets::{
     CANDIDATES, SEEDS, batched, begin, begin_with, begin_without_copies, offloaded, party,
     undisturbed,
 };
-pub use line::{Line, METRICS};
+pub use swarmwright_testing::{LINE_METRICS, Line};
 pub use tools::{server, tool, tool_in_mode, tool_that_measures, tool_with, tool_with_faults};
 
 /// The specification of all controllers here: layered, without state.

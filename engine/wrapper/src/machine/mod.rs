@@ -6,10 +6,12 @@
 
 mod batched;
 mod early;
+mod offer;
 mod offloaded;
 mod presence;
 mod rival;
 mod stepwise;
+mod timers;
 mod turns;
 
 use std::collections::{HashSet, VecDeque};
@@ -20,24 +22,22 @@ use swarmwright_protocol::{
     Control, Discovery, Message, ParametersMessage, Refusal, RefusalKind, ServerMessage,
     State as PresenceState, ToServer, Topic, Topics,
 };
-use swarmwright_worlds::{Description, Parameters, Simulation};
+use swarmwright_worlds::{Parameters, Simulation};
 
 pub use crate::notice::{Action, Notice};
 
 use crate::Identity;
 use crate::batch::Batch;
-use crate::guard::guarded;
 use crate::job::Setup;
 use crate::run::Run;
 use early::Early;
+use offer::Offer;
 use offloaded::Work;
 use rival::{Leaving, Listening};
 use turns::{Tool, Turns};
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// After how long a missing actuator is worth a word.
-const TELL_AFTER: Duration = Duration::from_secs(5);
 /// A change of presence is published when it has lasted this long: runs of a few milliseconds are no news.
 const SETTLE: Duration = Duration::from_millis(150);
 /// Parameters messages kept for a control to come: of the tools that share the broker, few ask at once.
@@ -57,42 +57,6 @@ enum State {
     Stepping(Box<Batch>),
     Working(Work),
     Held { tool: Tool, until: Instant },
-}
-
-/// A simulation that is offered.
-struct Offer {
-    description: Description,
-    /// Most episodes of a batch.
-    batch: usize,
-    /// Whether the simulation steps the episodes of a batch by itself.
-    together: bool,
-    /// Episodes that are computed in about the time of one.
-    lanes: usize,
-    /// None while it is at work elsewhere: in a job, or in a batch.
-    simulation: Option<Box<dyn Simulation>>,
-    /// Duplicates from batches before, for the next one of the same tool.
-    spares: Vec<Box<dyn Simulation>>,
-}
-
-impl Offer {
-    fn new(mut simulation: Box<dyn Simulation>) -> Self {
-        let several = matches!(guarded(|| simulation.duplicate()), Ok(Some(_)));
-        let together = several && simulation.together().is_some();
-        let lanes = simulation.lanes();
-        let most = if together {
-            MAX_BATCH.min(lanes)
-        } else {
-            MAX_BATCH
-        };
-        Self {
-            description: simulation.description(),
-            batch: if several { most } else { 1 },
-            together,
-            lanes,
-            simulation: Some(simulation),
-            spares: Vec::new(),
-        }
-    }
 }
 
 /// The decisions of one server.
@@ -338,99 +302,6 @@ impl Machine {
                 "ignoring the end of a run that is not under way, from {}",
                 asker(control)
             ));
-        }
-    }
-
-    /// The next time at which `tick` is needed, if no message comes first.
-    #[must_use]
-    pub fn next_tick(&self) -> Option<Instant> {
-        let own = match &self.state {
-            State::Free | State::Working(_) => None,
-            State::Stepping(batch) if batch.goes_on => Some(batch.waiting_since),
-            State::Stepping(batch) => Some(self.deadline(batch.waiting_since, batch.told)),
-            State::Configured { until } | State::Held { until, .. } => Some(*until),
-            State::Running(run) => run
-                .resume_at
-                .or(Some(self.deadline(run.waiting_since, run.told))),
-        };
-        let settle = self
-            .changed_at
-            .filter(|_| !self.offline && self.listening.is_none())
-            .map(|at| at + SETTLE);
-        let listened = self.listening.as_ref().map(Listening::until);
-        [
-            own,
-            settle,
-            self.next_early(),
-            listened,
-            self.next_leaving(),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
-    }
-
-    /// When somebody is told that actuators are missing, or the run is given up.
-    fn deadline(&self, waiting_since: Instant, told: bool) -> Instant {
-        let patience = if told {
-            self.step_timeout
-        } else {
-            self.step_timeout.min(TELL_AFTER)
-        };
-        waiting_since + patience
-    }
-
-    /// Time has passed. `stamp` is now in RFC 3339, for presence.
-    pub fn tick(&mut self, now: Instant, stamp: impl FnOnce() -> String) {
-        self.refuse_early(now);
-        self.leave_to_rival(now);
-        if self.has_listened(now) {
-            self.publish_presence(stamp());
-            return self.catch_up(now);
-        }
-        match &mut self.state {
-            State::Configured { until } if *until <= now => {
-                self.warn(
-                    "parameters came, but no control message to start the run; free again"
-                        .to_owned(),
-                );
-                self.enter(State::Free, now);
-            }
-            State::Held { until, .. } if *until <= now => self.enter(State::Free, now),
-            State::Running(run) if run.resume_at.is_some_and(|at| at <= now) => {
-                run.resume_at = None;
-                self.sense(now);
-            }
-            State::Running(run) if run.waited(now) >= self.step_timeout => {
-                let words = run.waiting_for(now);
-                let (reply, hash) = (run.reply.clone(), run.hash.clone());
-                self.warn(format!(
-                    "{words}; the run is given up, the server is free again"
-                ));
-                self.report(reply, hash, words.into(), false);
-                self.enter(State::Free, now);
-            }
-            State::Stepping(batch) if batch.goes_on => self.sense_batch(now),
-            State::Stepping(batch) => {
-                let waited = now.saturating_duration_since(batch.waiting_since);
-                let words = batch.waiting_for(now);
-                if waited >= self.step_timeout {
-                    self.give_up_batch(words, now);
-                } else if !batch.told && waited >= TELL_AFTER {
-                    batch.told = true;
-                    self.warn(words);
-                }
-            }
-            State::Running(run) if !run.told && run.waited(now) >= TELL_AFTER => {
-                run.told = true;
-                let words = run.waiting_for(now);
-                self.warn(words);
-            }
-            _ => {}
-        }
-        let silent = self.offline || self.listening.is_some();
-        if !silent && self.changed_at.is_some_and(|at| at + SETTLE <= now) {
-            self.publish_presence(stamp());
         }
     }
 

@@ -1,6 +1,8 @@
 //! The server's shell: connection, clock, the machine's actions carried out.
 
-use std::collections::BTreeMap;
+mod rival;
+mod words;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
@@ -9,10 +11,7 @@ use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
     TooLarge, Will,
 };
-use swarmwright_protocol::{
-    BatchSensors, Evaluated, F32s, F64s, MEDIA_TYPE, Message, Refusal, RefusalKind, State, ToTool,
-    Topic, TopicError, Topics, U32s,
-};
+use swarmwright_protocol::{MEDIA_TYPE, State, Topic, TopicError, Topics};
 use swarmwright_worlds::{Scene, Simulation};
 
 use crate::evaluator::{Evaluator, SHORT};
@@ -21,11 +20,11 @@ use crate::machine::{Action, Machine, Notice};
 use crate::notice::Rival;
 use crate::progress::Progress;
 use crate::{Identity, identity};
+use rival::find_rival;
+use words::{lost, refusal};
 
 /// For how long the broker keeps the news that a server was lost.
 const LOST_EXPIRY: u32 = 3600;
-/// For how long a server that starts listens for another with its id.
-const LISTEN: Duration = Duration::from_millis(100);
 /// How often a server that runs asks whether it is to go on.
 const ASKED_EVERY: Duration = Duration::from_millis(100);
 
@@ -400,129 +399,9 @@ impl SimulationServer {
     }
 }
 
-/// Why the connection ended, with what was sent last where that may be the cause.
-fn lost(reason: String, unread: usize) -> String {
-    match unread {
-        0 => reason,
-        bytes => format!(
-            "{reason}, right after a packet of {bytes} bytes was sent; perhaps the broker takes none of that size"
-        ),
-    }
-}
-
-/// What is said in the place of an answer that the broker does not take.
-fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
-    let error = Some(Refusal {
-        kind: RefusalKind::Failed,
-        reason,
-    });
-    match ToTool::decode(answer) {
-        Ok(ToTool::Evaluated(answer)) => ToTool::Evaluated(Evaluated {
-            fitness: F64s::default(),
-            metrics: BTreeMap::new(),
-            failed: Vec::new(),
-            error,
-            ..answer
-        })
-        .encode(),
-        Ok(ToTool::Sensors(answer)) => ToTool::Sensors(BatchSensors {
-            episodes: U32s::default(),
-            agents: U32s::default(),
-            sensors: F32s::default(),
-            ended: U32s::default(),
-            fitness: F64s::default(),
-            metrics: BTreeMap::new(),
-            failed: Vec::new(),
-            error,
-            ..answer
-        })
-        .encode(),
-        // A reason is short: only a broker that takes next to nothing refuses it.
-        Ok(ToTool::Failed(_)) | Err(_) => Vec::new(),
-    }
-}
-
 fn stamp() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
-/// Listens for a moment for the presence of a living server with the same id; returns what else came meanwhile.
-fn find_rival(
-    connection: &mut Connection,
-    topics: &Topics,
-    identity: &Identity,
-) -> Result<Vec<Event>, ServeError> {
-    let deadline = Instant::now() + LISTEN;
-    let mut events = Vec::new();
-    let mut early = Vec::new();
-    while Instant::now() < deadline {
-        connection.poll(deadline, &mut events);
-        for event in events.drain(..) {
-            let Event::Message(message) = event else {
-                continue;
-            };
-            if topics.parse(message.topic()) != Some(Topic::Presence) {
-                early.push(Event::Message(message));
-                continue;
-            }
-            let Ok(Message::Presence(presence)) =
-                Message::decode(Topic::Presence, message.payload())
-            else {
-                continue;
-            };
-            let other = presence.capabilities.swarmwright.unwrap_or_default();
-            let gone = identity::is_dead(other.host.as_deref(), other.pid);
-            let host = other.host.unwrap_or_else(|| "an unknown host".to_owned());
-            let pid = other.pid.unwrap_or_default();
-            if presence.server == identity.id && presence.state != State::Lost && !gone {
-                return Err(ServeError::IdTaken {
-                    id: identity.id,
-                    host,
-                    pid,
-                    topic: topics.presence(identity.id),
-                });
-            }
-        }
-    }
-    Ok(early)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_large_packet_before_the_end_of_a_connection_is_named() {
-        assert_eq!(lost("closed".to_owned(), 0), "closed");
-        let told = lost("closed".to_owned(), 9000);
-        assert!(
-            told.starts_with("closed, right after a packet of 9000 bytes"),
-            "{told}"
-        );
-    }
-
-    #[test]
-    fn an_answer_that_is_too_large_becomes_an_error() {
-        let answer = ToTool::Evaluated(Evaluated {
-            version: 1,
-            request: 7,
-            server: 3,
-            fitness: F64s(vec![1.0; 1000]),
-            metrics: BTreeMap::from([("steps".to_owned(), F64s(vec![2.0; 1000]))]),
-            failed: Vec::new(),
-            error: None,
-            seconds: 0.5,
-        });
-        let instead = refusal(&answer.encode(), "too large".to_owned());
-        assert!(instead.len() < 300);
-        let Ok(ToTool::Evaluated(instead)) = ToTool::decode(&instead) else {
-            panic!("another kind of answer");
-        };
-        assert_eq!((instead.request, instead.server), (7, 3));
-        let error = instead.error.unwrap();
-        assert_eq!(
-            (error.kind, error.reason.as_str()),
-            (RefusalKind::Failed, "too large")
-        );
-    }
-}
+mod tests;

@@ -1,5 +1,7 @@
 //! Episodes stepped side by side: all agents that act next, of all episodes, in one message.
 
+mod view;
+
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -7,25 +9,18 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, F64s, Failure, MAX_BLOCK,
     Refusal, U32s,
 };
-use swarmwright_worlds::{
-    Description, Failure as Cause, Parameters, Simulation, Together, measure,
-};
+use swarmwright_worlds::{Description, Failure as Cause, Parameters, Simulation};
 
 use crate::group::Group;
-use crate::guard::{all_finite, guarded};
+use crate::guard::guarded;
 use crate::job::{add_failure, invalid, metrics_wanted};
+use view::View;
 
 struct Episode {
     /// Its own; none where it has ended, or is stepped by a group.
     simulation: Option<Box<dyn Simulation>>,
     /// How many of the rows are its agents; none once it has ended.
     rows: Option<usize>,
-}
-
-/// An episode as it is looked at: alone, or as one of a group.
-enum View<'a> {
-    Alone(&'a dyn Simulation),
-    Member(&'a dyn Together, usize),
 }
 
 /// A batch that is being stepped.
@@ -356,65 +351,6 @@ impl Episode {
             simulation.step(&[]);
         }
         alone
-    }
-}
-
-impl<'a> View<'a> {
-    fn of(
-        own: Option<&'a dyn Simulation>,
-        group: Option<&'a mut Group>,
-        index: usize,
-    ) -> Option<Self> {
-        match own {
-            Some(simulation) => Some(Self::Alone(simulation)),
-            None => Some(Self::Member(group?.episodes()?, index)),
-        }
-    }
-
-    /// The fitness and the metrics that are wanted.
-    fn end(&self, wanted: &[usize], names: &[String]) -> Result<Vec<f64>, Cause> {
-        let results = guarded(|| match self {
-            Self::Alone(simulation) => {
-                let mut results = vec![simulation.fitness(); 1 + wanted.len()];
-                measure(*simulation, wanted, &mut results[1..]);
-                results
-            }
-            Self::Member(group, index) => group.results(*index).to_vec(),
-        })?;
-        all_finite(&results, names)?;
-        Ok(results)
-    }
-
-    fn read(&self, agent: u32, sensors: &mut [f32]) {
-        match self {
-            Self::Alone(simulation) => simulation.sense(agent, sensors),
-            Self::Member(group, index) => group.sense(*index, agent, sensors),
-        }
-    }
-
-    /// Appends agents and sensors; how many rows, none when the episode has ended.
-    fn sense(&self, sensors: usize, message: &mut BatchSensors) -> Result<Option<usize>, Cause> {
-        let (acting, done) = match self {
-            Self::Alone(simulation) => (simulation.acting(), simulation.acting().is_empty()),
-            Self::Member(group, index) => (group.acting(*index), group.done(*index)),
-        };
-        if done {
-            return Ok(None);
-        }
-        for &agent in acting {
-            let start = message.sensors.0.len();
-            message.sensors.0.resize(start + sensors, 0.0);
-            let row = &mut message.sensors.0[start..];
-            self.read(agent, row);
-            if let Some(index) = row.iter().position(|value| !value.is_finite()) {
-                let value = row[index];
-                let reason =
-                    format!("sensor {index} of agent {agent} is {value}, not a finite number");
-                return Err(reason.into());
-            }
-            message.agents.0.push(agent);
-        }
-        Ok(Some(acting.len()))
     }
 }
 

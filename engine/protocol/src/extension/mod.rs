@@ -3,14 +3,16 @@
 //! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown keys
 //! are ignored. Shapes are checked where a message is read, so that whoever holds one need not.
 
-use std::collections::BTreeMap;
-use std::fmt;
+mod codec;
+mod numbers;
 
-use serde::de::DeserializeOwned;
+pub use numbers::{F32s, F64s, U32s, U64s};
+
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::DecodeError;
 use crate::values::bounded;
 
 /// Version of all extension messages.
@@ -19,71 +21,6 @@ pub const EXTENSION_VERSION: u64 = 1;
 pub const MEDIA_TYPE: &str = "application/msgpack";
 /// Larger extension payloads are refused unread.
 pub const MAX_BLOCK: usize = 64 << 20;
-
-/// Numbers as little-endian bytes on the wire.
-macro_rules! numbers {
-    ($(#[$doc:meta])* $name:ident, $number:ty) => {
-        $(#[$doc])*
-        #[derive(Debug, Clone, PartialEq, Default)]
-        pub struct $name(pub Vec<$number>);
-
-        impl Serialize for $name {
-            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-                let mut bytes = vec![0; size_of_val(&self.0[..])];
-                let (rows, _) = bytes.as_chunks_mut::<{ size_of::<$number>() }>();
-                for (row, number) in rows.iter_mut().zip(&self.0) {
-                    *row = number.to_le_bytes();
-                }
-                serializer.serialize_bytes(&bytes)
-            }
-        }
-
-        impl<'de> Deserialize<'de> for $name {
-            fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                struct Numbers;
-
-                impl serde::de::Visitor<'_> for Numbers {
-                    type Value = $name;
-
-                    fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
-                        formatter.write_str("binary")
-                    }
-
-                    fn visit_bytes<E: serde::de::Error>(self, bytes: &[u8]) -> Result<$name, E> {
-                        const SIZE: usize = size_of::<$number>();
-                        let (numbers, rest) = bytes.as_chunks::<SIZE>();
-                        if !rest.is_empty() {
-                            return Err(E::custom(format_args!(
-                                "{} bytes are no whole number of {SIZE}-byte numbers",
-                                bytes.len()
-                            )));
-                        }
-                        Ok($name(numbers.iter().map(|number| <$number>::from_le_bytes(*number)).collect()))
-                    }
-                }
-
-                deserializer.deserialize_bytes(Numbers)
-            }
-        }
-    };
-}
-
-numbers!(
-    /// binary32 numbers.
-    F32s, f32
-);
-numbers!(
-    /// binary64 numbers.
-    F64s, f64
-);
-numbers!(
-    /// Unsigned 32-bit integers.
-    U32s, u32
-);
-numbers!(
-    /// Unsigned 64-bit integers.
-    U64s, u64
-);
 
 /// Request for offloaded evaluation: every candidate in every episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -314,66 +251,6 @@ pub fn shortened(mut text: String, most: usize) -> String {
     text
 }
 
-fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
-    if payload.len() > MAX_BLOCK {
-        return Err(DecodeError::value(format!(
-            "{} bytes are more than the {MAX_BLOCK} that a block may have",
-            payload.len()
-        )));
-    }
-    rmp_serde::from_slice(payload)
-        .map_err(|error| DecodeError::value(format!("no message of this extension: {error}")))
-}
-
-/// The kind alone: the rest is then read once, straight into its place.
-#[derive(Deserialize)]
-struct Kind {
-    kind: String,
-}
-
-fn unknown(kind: &str, expected: &str) -> DecodeError {
-    DecodeError::value(format!("\"kind\" is {kind:?}, expected {expected}"))
-}
-
-/// `numbers`: bytes that the message's arrays will take, so that a block is not moved about while it is written.
-fn encode<T: Serialize>(message: &T, numbers: usize) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(numbers + 1024);
-    // Maps, texts and numbers cannot fail to serialize into memory.
-    match rmp_serde::encode::write_named(&mut bytes, message) {
-        Ok(()) => bytes,
-        Err(_) => Vec::new(),
-    }
-}
-
-fn check(version: u64) -> Result<(), DecodeError> {
-    if version == EXTENSION_VERSION {
-        Ok(())
-    } else {
-        Err(DecodeError::value(format!(
-            "\"version\" is {version}, expected {EXTENSION_VERSION}"
-        )))
-    }
-}
-
-fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
-    if found == expected {
-        Ok(())
-    } else {
-        Err(DecodeError::value(format!(
-            "\"{what}\" has {found} numbers, expected {expected}"
-        )))
-    }
-}
-
-fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
-    match numbers.iter().position(|number| !number.is_finite()) {
-        Some(index) => Err(DecodeError::value(format!(
-            "\"{what}\"[{index}] is NaN or infinite"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// What a request says of itself, read where the whole cannot be: so that it can be refused with a reason.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct Envelope {
@@ -383,123 +260,4 @@ pub struct Envelope {
     pub request: u64,
     /// Topic for the answer, without prefix.
     pub reply: String,
-}
-
-impl Envelope {
-    /// Reads a payload; none if it does not even say this.
-    #[must_use]
-    pub fn decode(payload: &[u8]) -> Option<Self> {
-        decode(payload).ok()
-    }
-}
-
-impl ToServer {
-    /// Reads a payload.
-    ///
-    /// # Errors
-    /// No MessagePack map of a known kind and version, numbers that are not finite, no seed, too large.
-    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let Kind { kind } = decode(payload)?;
-        let message = match kind.as_str() {
-            "evaluate" => Self::Evaluate(decode(payload)?),
-            "start" => Self::Start(decode(payload)?),
-            "actuators" => Self::Actuators(decode(payload)?),
-            _ => return Err(unknown(&kind, "evaluate, start or actuators")),
-        };
-        match &message {
-            Self::Evaluate(m) => {
-                check(m.version)?;
-                finite("genomes", &m.genomes.0)?;
-                if m.seeds.0.is_empty() || !m.lease.is_finite() {
-                    return Err(DecodeError::value(
-                        "\"seeds\" is empty or \"lease\" is no number".to_owned(),
-                    ));
-                }
-            }
-            Self::Start(m) => {
-                check(m.version)?;
-                if m.seeds.0.is_empty() {
-                    return Err(DecodeError::value("\"seeds\" is empty".to_owned()));
-                }
-            }
-            Self::Actuators(m) => {
-                check(m.version)?;
-                finite("actuators", &m.actuators.0)?;
-            }
-        }
-        Ok(message)
-    }
-
-    /// The payload.
-    #[must_use]
-    pub fn encode(&self) -> Vec<u8> {
-        let numbers = match self {
-            Self::Evaluate(m) => size_of_val(&m.genomes.0[..]) + size_of_val(&m.seeds.0[..]),
-            Self::Start(m) => size_of_val(&m.seeds.0[..]),
-            Self::Actuators(m) => size_of_val(&m.actuators.0[..]),
-        };
-        encode(self, numbers)
-    }
-}
-
-impl ToTool {
-    /// Reads a payload.
-    ///
-    /// # Errors
-    /// No MessagePack map of a known kind and version, arrays that do not fit each other, a fitness that is not finite
-    /// though nothing says that it failed, too large.
-    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let Kind { kind } = decode(payload)?;
-        let message = match kind.as_str() {
-            "evaluated" => Self::Evaluated(decode(payload)?),
-            "sensors" => Self::Sensors(decode(payload)?),
-            "failed" => Self::Failed(decode(payload)?),
-            _ => return Err(unknown(&kind, "evaluated, sensors or failed")),
-        };
-        match &message {
-            Self::Evaluated(m) => {
-                check(m.version)?;
-                for (name, values) in &m.metrics {
-                    shape(name, values.0.len(), m.fitness.0.len())?;
-                }
-                let bad = m
-                    .fitness
-                    .0
-                    .iter()
-                    .filter(|fitness| !fitness.is_finite())
-                    .count();
-                if bad != m.failed.len() {
-                    return Err(DecodeError::value(format!(
-                        "{bad} fitness values are not finite, {} failed",
-                        m.failed.len()
-                    )));
-                }
-            }
-            Self::Sensors(m) => {
-                check(m.version)?;
-                shape("agents", m.agents.0.len(), m.episodes.0.len())?;
-                shape("fitness", m.fitness.0.len(), m.ended.0.len())?;
-                for (name, values) in &m.metrics {
-                    shape(name, values.0.len(), m.ended.0.len())?;
-                }
-                finite("sensors", &m.sensors.0)?;
-                if m.fitness.0.iter().any(|fitness| !fitness.is_finite()) {
-                    return Err(DecodeError::value("\"fitness\" is not finite".to_owned()));
-                }
-            }
-            Self::Failed(m) => check(m.version)?,
-        }
-        Ok(message)
-    }
-
-    /// The payload.
-    #[must_use]
-    pub fn encode(&self) -> Vec<u8> {
-        let numbers = match self {
-            Self::Evaluated(m) => size_of_val(&m.fitness.0[..]) * (1 + m.metrics.len()),
-            Self::Sensors(m) => size_of_val(&m.sensors.0[..]) + 8 * m.agents.0.len(),
-            Self::Failed(_) => 0,
-        };
-        encode(self, numbers)
-    }
 }

@@ -5,8 +5,8 @@ use swarmwright_worlds::{
     Description, Determinism, MetricInfo, ParameterError, Parameters, Simulation,
 };
 
-/// What the line measures.
-pub const METRICS: &[MetricInfo] = &[
+/// Metrics of [`Line`].
+pub const LINE_METRICS: &[MetricInfo] = &[
     MetricInfo::new("steps", "steps", "Steps made."),
     MetricInfo::new("half", "", "Half the fitness."),
 ];
@@ -22,10 +22,19 @@ pub struct Line {
     seed: f32,
     /// The way of a step, where agents steer themselves.
     speed: Option<f32>,
+    /// Sensors of an agent, at least 2.
     pub sensors: usize,
 }
 
+impl Default for Line {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Line {
+    /// A line whose agents have 2 sensors.
+    #[must_use]
     pub fn new() -> Self {
         Self {
             places: Vec::new(),
@@ -46,7 +55,7 @@ impl Simulation for Line {
             max_agents: Some(100),
             sensors: self.sensors,
             actuators: 1,
-            metrics: METRICS.into(),
+            metrics: LINE_METRICS.into(),
             determinism: Determinism::Bitwise,
         }
     }

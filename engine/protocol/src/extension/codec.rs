@@ -1,0 +1,186 @@
+//! Reading and writing of these messages.
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::{EXTENSION_VERSION, Envelope, MAX_BLOCK, ToServer, ToTool};
+use crate::DecodeError;
+
+fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
+    if payload.len() > MAX_BLOCK {
+        return Err(DecodeError::value(format!(
+            "{} bytes are more than the {MAX_BLOCK} that a block may have",
+            payload.len()
+        )));
+    }
+    rmp_serde::from_slice(payload)
+        .map_err(|error| DecodeError::value(format!("no message of this extension: {error}")))
+}
+
+/// The kind alone: the rest is then read once, straight into its place.
+#[derive(Deserialize)]
+struct Kind {
+    kind: String,
+}
+
+fn unknown(kind: &str, expected: &str) -> DecodeError {
+    DecodeError::value(format!("\"kind\" is {kind:?}, expected {expected}"))
+}
+
+/// `numbers`: bytes that the message's arrays will take, so that a block is not moved about while it is written.
+fn encode<T: Serialize>(message: &T, numbers: usize) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(numbers + 1024);
+    // Maps, texts and numbers cannot fail to serialize into memory.
+    match rmp_serde::encode::write_named(&mut bytes, message) {
+        Ok(()) => bytes,
+        Err(_) => Vec::new(),
+    }
+}
+
+fn check(version: u64) -> Result<(), DecodeError> {
+    if version == EXTENSION_VERSION {
+        Ok(())
+    } else {
+        Err(DecodeError::value(format!(
+            "\"version\" is {version}, expected {EXTENSION_VERSION}"
+        )))
+    }
+}
+
+fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(DecodeError::value(format!(
+            "\"{what}\" has {found} numbers, expected {expected}"
+        )))
+    }
+}
+
+fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
+    match numbers.iter().position(|number| !number.is_finite()) {
+        Some(index) => Err(DecodeError::value(format!(
+            "\"{what}\"[{index}] is NaN or infinite"
+        ))),
+        None => Ok(()),
+    }
+}
+
+impl Envelope {
+    /// Reads a payload; none if it does not even say this.
+    #[must_use]
+    pub fn decode(payload: &[u8]) -> Option<Self> {
+        decode(payload).ok()
+    }
+}
+
+impl ToServer {
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// No MessagePack map of a known kind and version, numbers that are not finite, no seed, too large.
+    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let Kind { kind } = decode(payload)?;
+        let message = match kind.as_str() {
+            "evaluate" => Self::Evaluate(decode(payload)?),
+            "start" => Self::Start(decode(payload)?),
+            "actuators" => Self::Actuators(decode(payload)?),
+            _ => return Err(unknown(&kind, "evaluate, start or actuators")),
+        };
+        match &message {
+            Self::Evaluate(m) => {
+                check(m.version)?;
+                finite("genomes", &m.genomes.0)?;
+                if m.seeds.0.is_empty() || !m.lease.is_finite() {
+                    return Err(DecodeError::value(
+                        "\"seeds\" is empty or \"lease\" is no number".to_owned(),
+                    ));
+                }
+            }
+            Self::Start(m) => {
+                check(m.version)?;
+                if m.seeds.0.is_empty() {
+                    return Err(DecodeError::value("\"seeds\" is empty".to_owned()));
+                }
+            }
+            Self::Actuators(m) => {
+                check(m.version)?;
+                finite("actuators", &m.actuators.0)?;
+            }
+        }
+        Ok(message)
+    }
+
+    /// The payload.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let numbers = match self {
+            Self::Evaluate(m) => size_of_val(&m.genomes.0[..]) + size_of_val(&m.seeds.0[..]),
+            Self::Start(m) => size_of_val(&m.seeds.0[..]),
+            Self::Actuators(m) => size_of_val(&m.actuators.0[..]),
+        };
+        encode(self, numbers)
+    }
+}
+
+impl ToTool {
+    /// Reads a payload.
+    ///
+    /// # Errors
+    /// No MessagePack map of a known kind and version, arrays that do not fit each other, a fitness that is not finite
+    /// though nothing says that it failed, too large.
+    pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
+        let Kind { kind } = decode(payload)?;
+        let message = match kind.as_str() {
+            "evaluated" => Self::Evaluated(decode(payload)?),
+            "sensors" => Self::Sensors(decode(payload)?),
+            "failed" => Self::Failed(decode(payload)?),
+            _ => return Err(unknown(&kind, "evaluated, sensors or failed")),
+        };
+        match &message {
+            Self::Evaluated(m) => {
+                check(m.version)?;
+                for (name, values) in &m.metrics {
+                    shape(name, values.0.len(), m.fitness.0.len())?;
+                }
+                let bad = m
+                    .fitness
+                    .0
+                    .iter()
+                    .filter(|fitness| !fitness.is_finite())
+                    .count();
+                if bad != m.failed.len() {
+                    return Err(DecodeError::value(format!(
+                        "{bad} fitness values are not finite, {} failed",
+                        m.failed.len()
+                    )));
+                }
+            }
+            Self::Sensors(m) => {
+                check(m.version)?;
+                shape("agents", m.agents.0.len(), m.episodes.0.len())?;
+                shape("fitness", m.fitness.0.len(), m.ended.0.len())?;
+                for (name, values) in &m.metrics {
+                    shape(name, values.0.len(), m.ended.0.len())?;
+                }
+                finite("sensors", &m.sensors.0)?;
+                if m.fitness.0.iter().any(|fitness| !fitness.is_finite()) {
+                    return Err(DecodeError::value("\"fitness\" is not finite".to_owned()));
+                }
+            }
+            Self::Failed(m) => check(m.version)?,
+        }
+        Ok(message)
+    }
+
+    /// The payload.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8> {
+        let numbers = match self {
+            Self::Evaluated(m) => size_of_val(&m.fitness.0[..]) * (1 + m.metrics.len()),
+            Self::Sensors(m) => size_of_val(&m.sensors.0[..]) + 8 * m.agents.0.len(),
+            Self::Failed(_) => 0,
+        };
+        encode(self, numbers)
+    }
+}

@@ -1,0 +1,53 @@
+//! Another server with the same id.
+
+use std::time::{Duration, Instant};
+
+use swarmwright_mqtt::{Connection, Event};
+use swarmwright_protocol::{Message, State, Topic, Topics};
+
+use super::ServeError;
+use crate::{Identity, identity};
+
+/// For how long a server that starts listens for another with its id.
+const LISTEN: Duration = Duration::from_millis(100);
+
+/// Listens for a moment for the presence of a living server with the same id; returns what else came meanwhile.
+pub(super) fn find_rival(
+    connection: &mut Connection,
+    topics: &Topics,
+    identity: &Identity,
+) -> Result<Vec<Event>, ServeError> {
+    let deadline = Instant::now() + LISTEN;
+    let mut events = Vec::new();
+    let mut early = Vec::new();
+    while Instant::now() < deadline {
+        connection.poll(deadline, &mut events);
+        for event in events.drain(..) {
+            let Event::Message(message) = event else {
+                continue;
+            };
+            if topics.parse(message.topic()) != Some(Topic::Presence) {
+                early.push(Event::Message(message));
+                continue;
+            }
+            let Ok(Message::Presence(presence)) =
+                Message::decode(Topic::Presence, message.payload())
+            else {
+                continue;
+            };
+            let other = presence.capabilities.swarmwright.unwrap_or_default();
+            let gone = identity::is_dead(other.host.as_deref(), other.pid);
+            let host = other.host.unwrap_or_else(|| "an unknown host".to_owned());
+            let pid = other.pid.unwrap_or_default();
+            if presence.server == identity.id && presence.state != State::Lost && !gone {
+                return Err(ServeError::IdTaken {
+                    id: identity.id,
+                    host,
+                    pid,
+                    topic: topics.presence(identity.id),
+                });
+            }
+        }
+    }
+    Ok(early)
+}

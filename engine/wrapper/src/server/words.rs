@@ -1,0 +1,49 @@
+//! What is said in place of what cannot be: reasons of lost connections, refusals for answers that are too large.
+
+use std::collections::BTreeMap;
+
+use swarmwright_protocol::{
+    BatchSensors, Evaluated, F32s, F64s, Refusal, RefusalKind, ToTool, U32s,
+};
+
+/// Why the connection ended, with what was sent last where that may be the cause.
+pub(super) fn lost(reason: String, unread: usize) -> String {
+    match unread {
+        0 => reason,
+        bytes => format!(
+            "{reason}, right after a packet of {bytes} bytes was sent; perhaps the broker takes none of that size"
+        ),
+    }
+}
+
+/// What is said in the place of an answer that the broker does not take.
+pub(super) fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
+    let error = Some(Refusal {
+        kind: RefusalKind::Failed,
+        reason,
+    });
+    match ToTool::decode(answer) {
+        Ok(ToTool::Evaluated(answer)) => ToTool::Evaluated(Evaluated {
+            fitness: F64s::default(),
+            metrics: BTreeMap::new(),
+            failed: Vec::new(),
+            error,
+            ..answer
+        })
+        .encode(),
+        Ok(ToTool::Sensors(answer)) => ToTool::Sensors(BatchSensors {
+            episodes: U32s::default(),
+            agents: U32s::default(),
+            sensors: F32s::default(),
+            ended: U32s::default(),
+            fitness: F64s::default(),
+            metrics: BTreeMap::new(),
+            failed: Vec::new(),
+            error,
+            ..answer
+        })
+        .encode(),
+        // A reason is short: only a broker that takes next to nothing refuses it.
+        Ok(ToTool::Failed(_)) | Err(_) => Vec::new(),
+    }
+}
