@@ -182,6 +182,12 @@ class Streams:
     def __iter__(self) -> Iterator[Stream]: ...
     def units(self, count: int) -> NDArray[np.float64]:
         """(streams, count): `count` multiples of 2**-53 of each stream, uniform in [0, 1)."""
+    def normals(self, count: int) -> NDArray[np.float64]:
+        """(streams, count): `count` numbers of the standard normal distribution of each stream, |z| <= 8.3.
+
+        The inverse of the distribution function at uniform numbers: algorithm AS 241, PPND16 (Wichura, Applied Statistics 37,
+        1988; relative error about 1e-16), in single operations of +, -, *, / and square roots.
+        """
     def integers(self, below: int | Sequence[int] | NDArray[np.int64], count: int) -> NDArray[np.int64]:
         """(streams, count): `count` integers of each stream, uniform in 0 .. below - 1, without bias.
 
@@ -218,6 +224,28 @@ class NodeNetwork:
     def crossovers(
         self, mothers: NDArray[np.float32], fathers: NDArray[np.float32], streams: Streams
     ) -> NDArray[np.float32]: ...
+
+def mirrored(
+    directions: NDArray[np.float64],
+    center: NDArray[np.float64],
+    noise: float,
+    *,
+    middle: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Return (2 n, genes) genomes, two for each direction: `center` plus and minus `noise` times it, in turn.
+
+    directions: (n, genes). The others: (genes,). A genome is middle + reach * point, limited to lower .. upper, rounded to
+    binary32. Raises InputError for shapes that do not fit.
+    """
+
+def weighted_sum(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (genes,): each of (n, genes) rows times its weight, added one after another; weights of 0 are left out.
+
+    Raises InputError unless there is a weight for each row.
+    """
 
 def distances(
     genomes: NDArray[np.float32], ones: NDArray[np.int64], others: NDArray[np.int64]

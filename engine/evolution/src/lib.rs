@@ -16,10 +16,14 @@
 
 mod distance;
 mod network;
+mod normal;
 mod philox;
+mod sampling;
 mod stream;
 
 pub use distance::{distance, distances};
 pub use network::{Mutation, NodeNetwork};
+pub use normal::normal_at;
 pub use philox::philox;
+pub use sampling::{Scale, add_weighted, mirrored};
 pub use stream::{Stream, purpose_key};

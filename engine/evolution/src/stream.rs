@@ -2,6 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
+use crate::normal::of_unit;
 use crate::philox::philox;
 
 const WORDS: usize = 4;
@@ -99,6 +100,12 @@ impl Stream {
     #[inline]
     pub fn uniform(&mut self, border: f64) -> f64 {
         uniform(self.word(), border)
+    }
+
+    /// The next number of the standard normal distribution, |z| <= 8.3; see [`normal_at`](crate::normal_at).
+    #[inline]
+    pub fn normal(&mut self) -> f64 {
+        of_unit(self.unit())
     }
 
     /// An integer, uniform in 0 .. below, without bias; words that would favour some are drawn in vain.

@@ -10,6 +10,7 @@ mod local;
 mod log;
 mod pool;
 mod results;
+mod sampling;
 mod server;
 mod simulation;
 mod streams;
@@ -50,6 +51,8 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<streams::PyStreams>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
     module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::mirrored, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::weighted_sum, module)?)?;
     module.add_function(wrap_pyfunction!(controller::genome_size, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::simulations, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::describe, module)?)?;

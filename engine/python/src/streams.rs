@@ -107,12 +107,15 @@ impl PyStreams {
     }
 
     fn units<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let streams = self.0.len();
-        let mut drawn = Vec::with_capacity(streams * count);
-        for stream in &mut self.0 {
-            drawn.extend((0..count).map(|_| stream.unit()));
-        }
-        PyArray1::from_vec(py, drawn).reshape([streams, count])
+        self.drawn(py, count, evolution::Stream::unit)
+    }
+
+    fn normals<'py>(
+        &mut self,
+        py: Python<'py>,
+        count: usize,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.drawn(py, count, evolution::Stream::normal)
     }
 
     fn integers<'py>(
@@ -142,6 +145,26 @@ impl PyStreams {
             let below = below.cast_unsigned();
             drawn.extend((0..count).map(|_| stream.integer(below).cast_signed()));
         }
+        PyArray1::from_vec(py, drawn).reshape([streams, count])
+    }
+}
+
+impl PyStreams {
+    /// (streams, count) numbers, made by `draw`.
+    fn drawn<'py>(
+        &mut self,
+        py: Python<'py>,
+        count: usize,
+        draw: fn(&mut evolution::Stream) -> f64,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let streams = self.0.len();
+        let drawn = py.detach(|| {
+            let mut drawn = Vec::with_capacity(streams * count);
+            for stream in &mut self.0 {
+                drawn.extend((0..count).map(|_| draw(stream)));
+            }
+            drawn
+        });
         PyArray1::from_vec(py, drawn).reshape([streams, count])
     }
 }

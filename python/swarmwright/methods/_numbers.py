@@ -47,10 +47,14 @@ def costs_near(fitness: Fitness) -> NDArray[np.float64]:
 
 def rounded(points: NDArray[np.float64], representation: Representation) -> Genomes:
     """Return (n, genome_size) points as genomes: within bounds, finite, rounded to binary32."""
-    lower, upper = representation.bounds
     # Bounds are binary32 numbers, so rounding does not leave them.
-    inside = np.clip(points, np.maximum(lower, -_LARGEST_GENE), np.minimum(upper, _LARGEST_GENE))
-    return inside.astype(np.float32)
+    return np.clip(points, *limits(representation)).astype(np.float32)
+
+
+def limits(representation: Representation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest value of each gene, (genome_size,) each, finite."""
+    lower, upper = representation.bounds
+    return np.maximum(lower, -_LARGEST_GENE), np.minimum(upper, _LARGEST_GENE)
 
 
 def center_and_reach(representation: Representation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from swarmwright import _engine
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.methods._normal import normals
-from swarmwright.methods._numbers import DISCRETE, center_and_reach, rounded
+from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genomes
 
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8  # the defaults of Adam
-_BATCH = 1 << 18  # random numbers that are made at once
 
 
 class OpenaiEsOptions(MethodOptions):
@@ -93,32 +92,28 @@ class OpenaiEs(Method):
 
     def _draw(self) -> NDArray[np.float64]:
         """Return the direction of each pair, (pairs, genome_size)."""
-        pairs, genes = self.options.population // 2, len(self._center)
-        directions = np.empty((pairs, genes))
-        batch = max(1, _BATCH // genes)
-        for first in range(0, pairs, batch):
-            some = range(first, min(first + batch, pairs))
-            directions[first : first + batch] = normals(self.streams("openai_es.direction", some), genes)
-        return directions
+        pairs = range(self.options.population // 2)
+        return self.streams("openai_es.direction", pairs).normals(len(self._center))
 
     def _ask(self) -> Genomes:
         self._directions = self._draw()
-        genomes = np.empty((self.options.population, len(self._center)), dtype=np.float32)
-        for side, sign in enumerate((1, -1)):
-            points = self._center + sign * self.options.noise * self._directions
-            genomes[side::2] = rounded(self._middle + self._reach * points, self.representation)
-        return genomes
+        lower, upper = limits(self.representation)
+        return _engine.mirrored(
+            self._directions,
+            self._center,
+            self.options.noise,
+            middle=self._middle,
+            reach=self._reach,
+            lower=lower,
+            upper=upper,
+        )
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         self._fitness = fitness
         if np.isnan(fitness).all():
             return
         ranks = centered_ranks(fitness)
-        gradient = np.zeros_like(self._center)
-        # One after another: libraries choose the order of a sum over pairs, which differs between machines.
-        for pair, weight in enumerate((ranks[::2] - ranks[1::2]).tolist()):
-            if weight:
-                gradient += weight * self._directions[pair]
+        gradient = _engine.weighted_sum(self._directions, ranks[::2] - ranks[1::2])
         self._climb(gradient / len(genomes) - self.options.decay * self._center)
         lower, upper = ((limit - self._middle) / self._reach for limit in self.representation.bounds)
         self._center = np.clip(self._center, lower, upper)

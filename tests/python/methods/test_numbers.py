@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.special import ndtri
 
 from swarmwright.core.random_numbers import Streams
-from swarmwright.methods._normal import _inverse, normals
 from swarmwright.methods._numbers import FAILED, costs, costs_near, rounded
 from swarmwright.testing._samples import BoundedGenes
 
@@ -59,14 +58,14 @@ def test_points_become_genomes_within_bounds() -> None:
 
 
 def test_normal_numbers_are_normal() -> None:
-    shares = np.concatenate([np.linspace(1e-6, 1 - 1e-6, 10_001), 10.0 ** -np.arange(1, 16)])
-    assert _inverse(shares) == pytest.approx(ndtri(shares), rel=1e-13, abs=1e-14)
-    drawn = normals(Streams(1, "x", 0, [0, 1]), 100_000)
+    shares = Streams(1, "x", 0, [0, 1]).units(100_000) + 2.0**-54
+    drawn = Streams(1, "x", 0, [0, 1]).normals(100_000)
+    assert drawn == pytest.approx(ndtri(shares), rel=1e-13, abs=1e-14)
     assert drawn.mean() == pytest.approx(0, abs=0.01)
     assert drawn.std() == pytest.approx(1, abs=0.01)
 
 
 def test_normal_numbers_are_the_same_bits_everywhere() -> None:
     # Written down once; no function of a C library is in between.
-    found = [value.hex() for value in normals(Streams(7, "golden", 0, [0]), 4)[0].tolist()]
+    found = [value.hex() for value in Streams(7, "golden", 0, [0]).normals(4)[0].tolist()]
     assert found == GOLDEN
