@@ -1,7 +1,7 @@
 """Swarmwright evolves controllers for swarms of robots on many simulation servers.
 
 You describe an experiment: a simulation, what a controller looks like, which method searches for it, how many
-episodes count. The method proposes genomes, each stands for a controller, simulations say how good it is, and
+episodes count. The method proposes genomes, each encodes a controller, simulations say how good it is, and
 the best ones lead to the next generation. The simulations run in this process, on servers that are started
 here, or on servers anywhere that an MQTT broker connects; the results are bit-identical.
 

@@ -88,8 +88,8 @@ class Environment(Simulation):
         trial.env.close()
         if drawn is None:
             raise InputError(
-                f"{label}: cannot be rendered: it was made without render_mode={_ARRAY!r}; a make() of your "
-                "own must pass its options to the environment"
+                f"{label}: cannot be rendered: it was made without render_mode={_ARRAY!r}; an "
+                "overridden make() must pass its options to the environment"
             )
         return made
 

@@ -220,7 +220,7 @@ def program() -> str:
     """How this program is called from where the person is."""
     if shutil.which("swarmwright"):
         return "swarmwright"
-    own = Path(sys.argv[0])
-    if own.name != "swarmwright":
+    script = Path(sys.argv[0])
+    if script.name != "swarmwright":
         return f"{shlex.quote(sys.executable)} -m swarmwright"
-    return shlex.quote(str(own.relative_to(Path.cwd()) if own.is_relative_to(Path.cwd()) else own))
+    return shlex.quote(str(script.relative_to(Path.cwd()) if script.is_relative_to(Path.cwd()) else script))

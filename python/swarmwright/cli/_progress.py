@@ -44,7 +44,7 @@ class Stall:
             self._done, self._since, self._said = (done, total), now, 0.0
         return now - self._since
 
-    def worth_a_line(self, done: int, total: int) -> float | None:
+    def line_due(self, done: int, total: int) -> float | None:
         """The seconds, after PATIENCE and at every doubling of it; else None."""
         seconds = self.seconds(done, total)
         if seconds < max(PATIENCE, 2 * self._said):
@@ -86,7 +86,7 @@ class PlainProgress:
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
         """Print a line when it takes long."""
-        seconds = self._stall.worth_a_line(done, total)
+        seconds = self._stall.line_due(done, total)
         if seconds is not None:
             self._output.text(f"{done} of {total} episodes; {_reason(waiting_for, seconds)}")
 

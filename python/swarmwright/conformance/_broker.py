@@ -17,13 +17,13 @@ def open_broker(
     if broker is None:
         embedded = _engine.Broker()
         stack.callback(embedded.stop)
-        address, own = embedded.url, embedded.url
+        address, direct = embedded.url, embedded.url
     else:
-        address, own = broker, None
+        address, direct = broker, None
     parts = urlsplit(address)
     if parts.scheme != "mqtt" or (broker is not None and stranger):
-        return address, own, None
+        return address, direct, None
     assert parts.hostname is not None
     door = Door(parts.hostname, parts.port or 1883)
     stack.callback(door.close)
-    return address, own, door
+    return address, direct, door

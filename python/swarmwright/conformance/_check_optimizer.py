@@ -53,12 +53,12 @@ def check_optimizer(
 
     """
     chosen = RULES.chosen(rules, profile)
-    own = command is not None and "{experiment}" in command
+    starts_tool = command is not None and "{experiment}" in command
     settings = ToolSettings(
         title=simulation,
         sensors=sensors,
         actuators=actuators,
-        episodes=2 if own and episodes is None else episodes,
+        episodes=2 if starts_tool and episodes is None else episodes,
         lasts=lasts,
         wait=wait,
     )

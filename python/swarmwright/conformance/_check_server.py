@@ -69,7 +69,7 @@ def check_server(
     chosen = RULES.chosen(rules, profile)
     tell, say = tell or _nothing, say or _nothing
     with ExitStack() as stack:
-        address, own, door = open_broker(broker, stack, stranger=command is None and start is None)
+        address, direct, door = open_broker(broker, stack, stranger=command is None and start is None)
         process = None
         if command is not None:
             values = {"broker": door.url if door else address, "id": server, "prefix": prefix}
@@ -87,7 +87,7 @@ def check_server(
             step_timeout=step_timeout,
         )
         client = stack.enter_context(_connected(address, prefix, own_presence))
-        peer = ServerPeer(client, probe, door=door, process=process, own_broker=own, prefix=prefix)
+        peer = ServerPeer(client, probe, door=door, process=process, own_broker=direct, prefix=prefix)
         client.close()
         client = stack.enter_context(_connected(address, prefix, own_presence, peer.token))
         peer.client = client

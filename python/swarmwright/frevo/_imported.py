@@ -81,7 +81,7 @@ def load(
     )
     text = _yaml(session, mapped, Path(folder))
     try:
-        # The name stands for the folder that the field's path is relative to.
+        # The name replaces the folder that the field's path is relative to.
         experiment = Experiment(**check(parse(text, str(Path(folder) / "imported.yaml"))))
     except InputError as error:
         raise InputError(f"{path}: does not make a valid experiment:\n{error}") from error

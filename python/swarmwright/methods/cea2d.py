@@ -207,17 +207,17 @@ class Cea2d(Method):
         children = np.empty((len(cells), self.representation.genome_size), dtype=np.float32)
         for way in {way for way, _ in chosen}:
             rows = [row for row, (found, _) in enumerate(chosen) if found == way]
-            own, partners = [cells[row] for row in rows], [chosen[row][1] for row in rows]
+            members, partners = [cells[row] for row in rows], [chosen[row][1] for row in rows]
             if way == "renew":
-                children[rows] = self.representation.initials(streams("initial", own))
+                children[rows] = self.representation.initials(streams("initial", members))
             elif way == "crossover":
                 children[rows] = self.representation.crossovers(
-                    self._genomes[own], self._genomes[partners], streams("cea2d.crossover", own)
+                    self._genomes[members], self._genomes[partners], streams("cea2d.crossover", members)
                 )
             else:
                 children[rows] = self.representation.mutations(
                     self._genomes[partners],
-                    streams("cea2d.mutate", own),
+                    streams("cea2d.mutate", members),
                     severity=self.options.severity,
                     probability=self.options.probability,
                 )

@@ -105,8 +105,8 @@ class ParameterSetOptions(Options):
     parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
     """What is evolved, by the parameter's name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]}
     or {type: categorical, choices: [a, b]}. A real or integer has a scale: linear (default), or log for a
-    range above 0 whose orders of magnitude count. The simulation's other parameters stand under the
-    experiment's key parameters; none stands in both."""
+    range above 0 whose orders of magnitude count. The simulation's other parameters are under the
+    experiment's key parameters; none is in both."""
 
     @model_validator(mode="after")
     def _names(self) -> "ParameterSetOptions":

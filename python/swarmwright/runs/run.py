@@ -193,7 +193,7 @@ class Run:
                 without a generation, the number of the evaluation in the whole run, from 0.
             generation: from 0. Without both, the best of the run is returned.
 
-        Raises InputError when there is none of that number, RunError when there is nothing at all.
+        Raises InputError when there is no such evaluation, RunError when there is nothing at all.
         """
         return self.store.evaluation(candidate, generation)
 

@@ -295,11 +295,11 @@ class Host:
         What came from an environment of another library is reported with the last line of user code.
         """
         frames = traceback.extract_tb(error.__traceback__)[1:]
-        own = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
+        file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
         if self._kind.__module__.startswith("swarmwright.adapters."):
             mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
         else:
-            mine = [frame for frame in frames if frame.filename == own] or frames
+            mine = [frame for frame in frames if frame.filename == file] or frames
         where = f" ({shown(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
         words = str(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
@@ -338,9 +338,9 @@ def _short(value: Any) -> str:  # noqa: ANN401 - any object
 
 def _traceback(error: BaseException) -> str:
     """The traceback from the user's code on, without the lines of this folder."""
-    own = os.path.dirname(os.path.abspath(__file__))  # noqa: PTH100, PTH120 - as in frames
+    folder = os.path.dirname(os.path.abspath(__file__))  # noqa: PTH100, PTH120 - as in frames
     trace = error.__traceback__
-    while trace is not None and os.path.dirname(os.path.abspath(trace.tb_frame.f_code.co_filename)) == own:  # noqa: PTH100, PTH120
+    while trace is not None and os.path.dirname(os.path.abspath(trace.tb_frame.f_code.co_filename)) == folder:  # noqa: PTH100, PTH120
         trace = trace.tb_next
     text = "".join(traceback.format_exception(type(error), error, trace)).rstrip()
     return text if len(text) <= _STACK else f"...{text[3 - _STACK :]}"

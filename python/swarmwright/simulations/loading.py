@@ -89,8 +89,10 @@ def _kept(copy: Copy, kept: Kept) -> ModuleType:
         return _file(part.origin) if part.module is None else _module(part.module)
     if choice.instead is not None and not serving:
         copy_is_used(copy, kept, choice.instead)
-    own = [one for one in kept.digests if kept.module is not None or one != kept.main]
-    apart = isolation.Apart(copy.folder / kept.name, {one.partition("/")[0].partition(".")[0] for one in own})
+    places = [one for one in kept.digests if kept.module is not None or one != kept.main]
+    apart = isolation.Apart(
+        copy.folder / kept.name, {one.partition("/")[0].partition(".")[0] for one in places}
+    )
     if kept.module is not None and "." in kept.module:
         with apart.entered():
             files[place] = _module(kept.module)

@@ -101,9 +101,9 @@ def _check_specification(subject: Representation) -> None:
     genome = _genomes(subject, 1)[0]
     specification = subject.specification(genome)
     text = json.dumps(specification, allow_nan=False)
-    own = np.array(specification["weights"], dtype=np.float32)
+    held = np.array(specification["weights"], dtype=np.float32)
     weights = subject.weights(genome[np.newaxis])[0]
-    assert own.tobytes() == weights.tobytes(), "specification must hold the weights of the genome"
+    assert held.tobytes() == weights.tobytes(), "specification must hold the weights of the genome"
     controller = _engine.Controller(text)
     if not subject.steers:
         assert controller.sensors == 0, "steers is False, but the controllers take sensors"
@@ -186,9 +186,9 @@ def _check_many(subject: Representation) -> None:
     used.integers(5, 1)
     later = []
     for index, genome in enumerate(genomes):
-        own = stream(index)
-        own.integer(5)
-        later.append(subject.mutate(genome, own, **options))
+        other = stream(index)
+        other.integer(5)
+        later.append(subject.mutate(genome, other, **options))
     equal(subject.mutations(genomes, used, **options), later, "mutations with streams drawn from before")
 
     ones, rows = np.array([2, 0]), np.array([[0, 1, 2, 6, 5], [3, 3, 4, 0, 1]])

@@ -66,13 +66,13 @@ def test_a_stall_is_told_after_two_seconds_and_then_ever_more_rarely(monkeypatch
     told = []
     for tenth in range(400):
         now = tenth / 10
-        if stall.worth_a_line(3, 10) is not None:
+        if stall.line_due(3, 10) is not None:
             told.append(round(now, 1))
     assert told == [2.0, 4.0, 8.0, 16.0, 32.0]
-    assert stall.worth_a_line(4, 10) is None, "something came"
+    assert stall.line_due(4, 10) is None, "something came"
     for _ in range(5):  # quick generations: only their ends are seen
         now += 10
-        assert stall.worth_a_line(10, 10) is None
+        assert stall.line_due(10, 10) is None
 
 
 def test_a_server_that_says_little_still_has_a_row() -> None:

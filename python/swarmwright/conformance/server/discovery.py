@@ -102,16 +102,16 @@ def other_title(server: Server) -> None:
 )
 def other_dimensions(server: Server) -> None:
     """One dimension more, one less, half a dimension more."""
-    own = server.settings.dimensions
+    dimensions = server.settings.dimensions
     answer = server.must_answer("an answer")
-    if answer.get("capabilities", {}).get("dimensions") != own:
+    if answer.get("capabilities", {}).get("dimensions") != dimensions:
         raise Failure(
             f"server {shown(json.dumps(answer))} came",
-            f'"dimensions" is {own:g}, as the discovery required',
-            f'discovery with "requirements": {{"dimensions": {own:g}}}',
+            f'"dimensions" is {dimensions:g}, as the discovery required',
+            f'discovery with "requirements": {{"dimensions": {dimensions:g}}}',
         )
-    others = [server.discovery(requirements={"dimensions": own + more}) for more in (1, -1, 0.5)]
-    server.must_not_answer(others, f"it has {own:g} dimensions")
+    others = [server.discovery(requirements={"dimensions": dimensions + more}) for more in (1, -1, 0.5)]
+    server.must_not_answer(others, f"it has {dimensions:g} dimensions")
 
 
 @rule(

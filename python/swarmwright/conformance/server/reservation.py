@@ -109,11 +109,11 @@ def first_control_wins(server: Server) -> None:
     second.configure()
     sent = f"{first.start()}, then {second.start()}"
     second.over = True
-    own = server.client.drain(server.quiet)
-    strays = [message for message in own if message.maybe.get("simulation_hash") == second.hash]
+    received = server.client.drain(server.quiet)
+    strays = [message for message in received if message.maybe.get("simulation_hash") == second.hash]
     if strays:
         raise Failure(f"{strays[0]} came", "no message for the tool whose control came second", sent)
-    server.client.waiting.extend(own)
+    server.client.waiting.extend(received)
     first.play()
 
 

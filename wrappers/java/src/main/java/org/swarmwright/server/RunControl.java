@@ -40,7 +40,7 @@ final class RunControl {
 
   private String newestHash;
 
-  /** The last runs of tools that say where to reply, which give every run a hash of its own. */
+  /** The last runs of tools that say where to reply, which use a new hash for every run. */
   private final Set<String> started = new LinkedHashSet<>();
 
   RunControl(

@@ -55,10 +55,10 @@ class ControllersTest {
     JsonObject specification = vector.getAsJsonObject("specification");
     Architecture architecture = Architecture.read(specification);
     // Behind other weights, as in a block of genomes.
-    float[] own = Vectors.weights(specification);
-    float[] weights = new float[own.length + 3];
-    System.arraycopy(own, 0, weights, 2, own.length);
-    assertEquals(own.length, architecture.weightCount());
+    float[] weightsOfVector = Vectors.weights(specification);
+    float[] weights = new float[weightsOfVector.length + 3];
+    System.arraycopy(weightsOfVector, 0, weights, 2, weightsOfVector.length);
+    assertEquals(weightsOfVector.length, architecture.weightCount());
     Controller controller = new Controller(architecture, weights, 2);
     float[] actuators = new float[architecture.actuators()];
     for (JsonObject step : Vectors.objects(vector.get("steps"))) {

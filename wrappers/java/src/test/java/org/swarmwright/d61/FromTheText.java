@@ -9,7 +9,7 @@ import org.swarmwright.messages.Server;
 
 /**
  * The implementing simulation server of D6.1, written from its sections 7.2.2 and 7.2.3 alone:
- * every name and parameter below stands in the text, the misprint too.
+ * every name and parameter below is in the text, the misprint too.
  */
 @SuppressWarnings("deprecation")
 public class FromTheText extends SimulationWrapper {

@@ -42,7 +42,7 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
-  void nobodyElsesControlEndsAnEpisode() {
+  void anotherToolsControlDoesNotEndAnEpisode() {
     String mine = "'server': 7, 'simulation_hash': 'e'";
     String end = mine + ", 'run': false";
     say("parameters", mine);
@@ -59,7 +59,7 @@ class MachineTest extends MachineFixture {
     say("parameters", mine);
     assertTrue(!isFree(""));
     say("control", end + ", 'tool': 'ada'");
-    // A tool without a name ends its own.
+    // A tool without a name ends its episode.
     say("parameters", mine);
     say("control", mine);
     say("control", end + ", 'tool': 'eve'");
@@ -313,7 +313,7 @@ class MachineTest extends MachineFixture {
     machine.disconnected("gone", now);
     assertEquals(null, machine.nextTick());
     machine.tick(now + SECOND, "2026-01-31T12:00:01Z");
-    assertEquals(List.of(), out.published, "nobody would hear it");
+    assertEquals(List.of(), out.published, "a message would be lost");
     machine.connected("2026-01-31T12:00:02Z");
     assertEquals(List.of("presence"), out.published, "in the place of the last will");
   }
