@@ -168,6 +168,8 @@ def _settle(connection: sqlite3.Connection) -> None:
     # Survives the end of the process at any moment; a power cut may take the last commits, never the rest.
     connection.execute("PRAGMA synchronous = NORMAL")
     connection.execute("PRAGMA busy_timeout = 10000")
+    # Each checkpoint waits for the disk; of 64 MiB of log instead of 4, large generations have few.
+    connection.execute("PRAGMA wal_autocheckpoint = 16384")
 
 
 @contextmanager
