@@ -78,7 +78,7 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/t
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	# Many tests wait for other processes: three at a time keep two processors busy.
-	$(BIN)/python -m pytest -n 3 --dist worksteal
+	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=25 --durations-min=10
 
 brokers: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -128,9 +128,10 @@ lint-python: $(VENV)/.engine $(VENV)/.dev
 lint-protocol: protocol/node_modules/.package-lock.json
 	node protocol/validate.mjs
 
-# Licences, bans and sources of crates: two minutes to compile, once. The registries of Python and npm have it not, or an old version.
+# Licences, bans and sources of crates. Compiled once, without optimization: it checks within a second all the same, and compiling takes a third of the
+# time. The registries of Python and npm lack it or have an old version.
 $(VENV)/bin/cargo-deny: $(VENV)/.created
-	$(CARGO) install --locked --quiet --version '^0.20' --root $(VENV) cargo-deny
+	CARGO_PROFILE_DEV_DEBUG=0 $(CARGO) install --locked --quiet --debug --version '^0.20' --root $(VENV) cargo-deny
 
 # Apart from lint: both query databases that no package registry mirrors.
 audit: $(VENV)/.engine $(VENV)/bin/cargo-deny
