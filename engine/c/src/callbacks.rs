@@ -170,7 +170,7 @@ impl Object {
         Ok(())
     }
 
-    /// Whether the episode has ended; none if that is when nobody acts.
+    /// Whether the episode has ended; none if that is when no agent acts.
     pub(crate) fn done(&mut self) -> Result<Option<bool>, Trouble> {
         let Some(call) = self.table.done else {
             return Ok(None);
@@ -232,7 +232,7 @@ impl Object {
 impl Drop for Object {
     fn drop(&mut self) {
         if let Some(destroy) = self.table.destroy {
-            // SAFETY: as said above; nobody has the object any more.
+            // SAFETY: as said above; no other reference to the object is left.
             inside(|| unsafe { destroy(self.pointer) });
         }
         self.table.live.remove();

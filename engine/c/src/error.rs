@@ -77,7 +77,7 @@ fn keep(trouble: &Trouble) {
             reason: c_text(&error.reason),
         },
     };
-    // A thread that is ending has no room for it any more, and nobody who would ask.
+    // A thread that is ending cannot store it any more, and will not ask for it.
     let _ = LAST.try_with(|last| last.replace(words));
 }
 

@@ -10,7 +10,7 @@ use swarmwright_wrapper::{Notice, Options};
 use crate::error::{Trouble, c_text};
 use crate::input::{self, Structure};
 
-/// Where the broker is when nobody says.
+/// Where the broker is by default.
 const BROKER: &str = "mqtt://localhost:1883";
 /// Longest time that a caller can wait for, seconds: what a clock can add up without overflow.
 const LONGEST: f64 = 1e9;

@@ -31,7 +31,7 @@ struct Task<'a> {
     architecture: Arc<Architecture>,
     /// By episode.
     parameters: Vec<Parameters>,
-    /// The next evaluation that nobody has begun.
+    /// The next evaluation that no thread has begun.
     next: AtomicUsize,
     failed: AtomicBool,
 }
@@ -74,7 +74,7 @@ impl Crew {
                     .spawn_scoped(scope, work)
                     .is_err()
                 {
-                    // The others do it, or nobody does and it is seen below.
+                    // Other threads do it, or none does and it is noticed below.
                     break;
                 }
             }
@@ -86,7 +86,7 @@ impl Crew {
 }
 
 impl Task<'_> {
-    /// Evaluates what nobody else does, until nothing is left or something fails; whether nothing failed.
+    /// Evaluates what no other thread does, until nothing is left or something fails; whether nothing failed.
     fn work(&self, simulation: &mut Foreign, places: &[Mutex<&mut [f64]>]) -> bool {
         let episodes = self.block.seeds.len();
         while !self.failed.load(Ordering::Relaxed) {
@@ -104,7 +104,7 @@ impl Task<'_> {
             let Some(fitness) = fitness else {
                 return false;
             };
-            // Nobody else has this index.
+            // No other thread has this index.
             let mut results = place.lock().unwrap_or_else(PoisonError::into_inner);
             results[0] = fitness;
             measure(simulation, self.block.metrics, &mut results[1..]);

@@ -92,7 +92,7 @@ pub unsafe extern "C" fn swarmwright_parameters_new(
 pub unsafe extern "C" fn swarmwright_parameters_free(given: *mut Given<'static>) {
     shield(|| {
         if !given.is_null() {
-            // SAFETY: both were leaked by the function above, and nobody uses them any more.
+            // SAFETY: both were leaked by the function above, and they are not used any more.
             unsafe {
                 let given = Box::from_raw(given);
                 let parameters: *const Parameters = given.parameters;

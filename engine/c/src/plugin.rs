@@ -87,7 +87,7 @@ impl Plugin {
             if let Err(error) = served {
                 let text = error.to_string();
                 let _ = leaves.set(text.clone());
-                // Whoever polls wakes up, and finds it.
+                // A polling simulator wakes up, and finds it.
                 shared.tell(&Notice::Warning(text));
             }
         };
@@ -342,7 +342,7 @@ pub unsafe extern "C" fn swarmwright_plugin_close(plugin: *mut Plugin) -> i32 {
             ));
         }
         if !plugin.is_null() {
-            // SAFETY: it was made by `swarmwright_plugin_open`, and nobody uses it any more.
+            // SAFETY: it was made by `swarmwright_plugin_open`, and it is not used any more.
             drop(unsafe { Box::from_raw(plugin) });
         }
         Ok(())

@@ -167,7 +167,7 @@ pub unsafe extern "C" fn swarmwright_server_close(server: *mut Server) -> i32 {
         }
         // SAFETY: as the caller promises.
         unsafe { input::object("the server", server)? }.leave()?;
-        // SAFETY: it was made by `swarmwright_server_open`, and nobody uses it any more.
+        // SAFETY: it was made by `swarmwright_server_open`, and it is not used any more.
         drop(unsafe { Box::from_raw(server) });
         Ok(())
     })

@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-/// The interval of network outputs that stands for actuators from -1 to 1.
+/// The interval of network outputs that becomes actuators from -1 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputRange {
     low: f32,

@@ -1,4 +1,4 @@
-//! Whatever stands in the place of a controller's specification: it is refused in words or read, without much memory, and
+//! Arbitrary text as a controller's specification: it is refused with a reason or read, without much memory, and
 //! what is read computes.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
@@ -14,8 +14,8 @@ use swarmwright_fuzzing::{Counting, config, mutated, noise, peak};
 static MEMORY: Counting = Counting;
 
 /// Bytes for each byte of text, and what a specification of a few bytes may need.
-const WORTH: usize = 200;
-const LEAST: usize = 1 << 16;
+const BYTES_PER_BYTE: usize = 200;
+const BYTES_AT_LEAST: usize = 1 << 16;
 
 /// All specifications in the golden vectors.
 fn golden() -> Vec<Vec<u8>> {
@@ -44,7 +44,7 @@ fn check(payload: &[u8]) {
     let Ok(text) = std::str::from_utf8(payload) else {
         return;
     };
-    let most = LEAST + WORTH * text.len();
+    let most = BYTES_AT_LEAST + BYTES_PER_BYTE * text.len();
     let (architecture, bytes) = peak(|| Architecture::from_json(text));
     assert!(bytes <= most, "{bytes} bytes for {} of text", text.len());
     match &architecture {

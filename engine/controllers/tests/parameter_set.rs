@@ -1,4 +1,4 @@
-//! Parameter sets: what weights stand for, and that nobody is steered by them.
+//! Parameter sets: what weights mean, and that they steer no agents.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use serde_json::{Value, json};

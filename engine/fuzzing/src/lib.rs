@@ -11,7 +11,7 @@ use proptest::test_runner::Config;
 pub use memory::{Counting, peak};
 pub use mutation::{mutated, noise};
 
-/// Inputs of each test when nobody says another number: some seconds for all decoders together.
+/// Inputs of each test by default: some seconds for all decoders together.
 const FEW: u32 = 2_000;
 
 /// How a fuzz test runs.

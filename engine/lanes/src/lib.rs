@@ -41,7 +41,7 @@ pub const MOST_LANES: usize = 4 * MOST_LANES_UNPAIRED;
 /// A vector of binary32, one number per lane, and its companions: integers and conditions.
 ///
 /// Implementations for instruction sets that not every processor has are to be used only inside [`Level::run`], which
-/// is why nobody can name them.
+/// is why no other crate can name them.
 pub trait Lanes: Copy {
     /// Number of lanes.
     const WIDTH: usize;

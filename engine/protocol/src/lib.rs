@@ -34,7 +34,7 @@ pub const MAX_PAYLOAD: usize = 1 << 20;
 /// Larger sensor messages are refused unread: what an agent sees may be a picture, or a map.
 pub const MAX_SENSOR: usize = MAX_BLOCK;
 
-/// Why a payload is no message of its topic.
+/// Why a payload is not a message of its topic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// Larger than [`MAX_PAYLOAD`], or [`MAX_SENSOR`].

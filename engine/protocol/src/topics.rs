@@ -166,7 +166,7 @@ impl Topics {
         format!("{}{STATUS}/+", self.prefix)
     }
 
-    /// A name that stands in a message, without prefix, as a topic.
+    /// A name in a message, without prefix, as a topic.
     #[must_use]
     pub fn under(&self, name: &str) -> String {
         format!("{}{name}", self.prefix)

@@ -11,7 +11,7 @@ pub const AGENTS: usize = 2;
 pub const EXTREME_SPEED: f32 = 1000.0;
 
 /// Agents on a line. They start at 0, each moves by its actuator or, steered by parameters, by `speed`, and stops after
-/// a number of steps of its own. The fitness weighs the places by agent.
+/// its own number of steps. The fitness weighs the places by agent.
 pub struct Trail {
     title: &'static str,
     seed: f32,

@@ -31,7 +31,7 @@ fn mismatch(name: &str, value: &Value, expected: &str) -> ParameterError {
     wrong(name, format!("{}, expected {expected}", found(value)))
 }
 
-/// A number as binary32, rounded from binary64; None if it is no number or out of range.
+/// A number as binary32, rounded from binary64; None if it is not a number or out of range.
 fn single(value: &Value) -> Option<f32> {
     value.as_f64().map(|n| n as f32).filter(|n| n.is_finite())
 }

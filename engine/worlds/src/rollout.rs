@@ -54,7 +54,7 @@ pub enum RolloutError {
     },
 }
 
-/// Controllers by agent, each with a state of its own, and room for a step.
+/// Controllers by agent, each with its own state, and buffers for a step.
 #[derive(Debug, Clone)]
 struct Crew {
     /// Never stepped, so that its clones are at the start of an episode.
@@ -138,7 +138,7 @@ impl Crew {
     }
 }
 
-/// Computes one episode and returns its fitness. `controller` gives the weights; every agent gets a state of its own.
+/// Computes one episode and returns its fitness. `controller` gives the weights; every agent has its own state.
 /// The values of a parameter set are put among the parameters.
 ///
 /// # Errors
@@ -204,7 +204,7 @@ impl Episode {
     /// One step, of all agents where they act in turn; nothing happens once the episode has ended.
     ///
     /// # Errors
-    /// A sensor reading that is no finite number.
+    /// A sensor reading that is not a finite number.
     pub fn step(&mut self) -> Result<(), RolloutError> {
         while !self.done() {
             self.crew.step(self.simulation.as_mut())?;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use crate::{Block, Means, RolloutError, Together};
 
-/// Problem-specific parameters, as they stand in a parameters message (D6.1, Schema 10).
+/// Problem-specific parameters, as in a parameters message (D6.1, Schema 10).
 pub type Parameters = Map<String, Value>;
 
 /// How far two evaluations of one episode with one controller agree, wherever they were made.
@@ -69,7 +69,7 @@ impl Description {
     /// The index of each of the named metrics.
     ///
     /// # Errors
-    /// A name that is none of this simulation's metrics.
+    /// A name that is not a metric of this simulation.
     pub fn metrics_named(&self, names: &[impl AsRef<str>]) -> Result<Vec<usize>, UnknownMetric> {
         let index = |name: &str| {
             let found = self.metrics.iter().position(|metric| metric.name == name);
@@ -177,7 +177,7 @@ pub trait Simulation: Send {
     /// all agents are steered by the simulation itself.
     fn acting(&self) -> &[u32];
 
-    /// Whether the episode has ended. While it has not and nobody acts, the simulation goes on by itself: it is stepped
+    /// Whether the episode has ended. While it has not and no agent acts, the simulation goes on by itself: it is stepped
     /// without actuators.
     fn done(&self) -> bool {
         self.acting().is_empty()
@@ -197,7 +197,7 @@ pub trait Simulation: Send {
     /// Fitness of the episode so far; larger is better.
     fn fitness(&self) -> f64;
 
-    /// The metrics of the episode so far, in the order of the description; asked for only where somebody wants them.
+    /// The metrics of the episode so far, in the order of the description; asked for only where they are wanted.
     fn metrics(&self) -> Vec<f64> {
         Vec::new()
     }

@@ -40,7 +40,7 @@ const FRAME_ROWS: usize = 4;
 const CELL_ASPECT: f64 = 2.0;
 
 /// The scene as lines of at most `style.columns` characters: a heading with message and step, the map with y
-/// pointing up (left out where there is no room for one), a legend that counts what is there.
+/// pointing up (left out where there is no space for one), a legend that counts what is there.
 pub fn render(scene: &Scene, style: TextStyle) -> Vec<String> {
     let mut lines = Vec::new();
     let looks = Looks::new(scene, style.unicode);

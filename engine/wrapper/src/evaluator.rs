@@ -1,4 +1,4 @@
-//! Who computes a job: this thread where it is a matter of microseconds, else a thread of its own, so that the MQTT
+//! Where a job is computed: in this thread if it takes microseconds, else in another one, so that the MQTT
 //! thread goes on answering.
 
 use std::sync::Arc;

@@ -51,7 +51,7 @@ impl Group {
         self.simulation.together()
     }
 
-    /// Whether some episode has not ended, and in all of these nobody acts.
+    /// Whether some episode has not ended, and no agent acts in any of these.
     pub fn goes_on(&mut self, running: &[bool]) -> bool {
         let Some(episodes) = self.simulation.together() else {
             return false;
@@ -84,7 +84,7 @@ impl Group {
                 log.extend_from_slice(own);
                 all.extend_from_slice(own);
             } else {
-                // Whether it has ended or failed, nobody asks for it again.
+                // Whether it has ended or failed, it is not asked for again.
                 log.clear();
                 all.resize(all.len() + count, 0.0);
             }

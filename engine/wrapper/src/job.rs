@@ -54,7 +54,7 @@ pub(crate) struct Request {
     pub seeds: Vec<u64>,
     /// Bytes that its setup takes, where no request before shares it.
     pub held: usize,
-    /// When the tool gives the work to somebody else.
+    /// When the tool gives the work to another server.
     pub expires: Option<Instant>,
 }
 
@@ -350,7 +350,7 @@ fn is_refusal(error: &RolloutError) -> bool {
 /// The indices of the metrics that a request names.
 ///
 /// # Errors
-/// A name that is none of the simulation's, or stands there twice.
+/// A name that the simulation does not have, or that is given twice.
 pub(crate) fn metrics_wanted(
     description: &Description,
     names: &[String],

@@ -1,4 +1,4 @@
-//! What a server is computing, written where whoever watches its process can read it, also after its end.
+//! What a server is computing, written where a supervising process can read it, also after the server's end.
 
 use std::fs::File;
 use std::io;
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Between two signs of life that are written: whoever watches looks a few times a second.
+/// Interval of heartbeats: a supervisor looks a few times a second.
 const BEAT: Duration = Duration::from_millis(20);
 /// Where the number of signs of life stands.
 const BEATS: u64 = 40;
@@ -24,7 +24,7 @@ pub struct Progress {
     beats: AtomicU64,
     start: Instant,
     /// Nanoseconds since the start at which the last sign of life was written.
-    beaten: AtomicU64,
+    last_heartbeat: AtomicU64,
 }
 
 impl Progress {
@@ -38,7 +38,7 @@ impl Progress {
             ended: AtomicU64::new(0),
             beats: AtomicU64::new(0),
             start: Instant::now(),
-            beaten: AtomicU64::new(0),
+            last_heartbeat: AtomicU64::new(0),
         })
     }
 
@@ -61,9 +61,9 @@ impl Progress {
     /// A sign of life: a step has been made.
     pub fn beat(&self) {
         let now = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        let last = self.beaten.load(Ordering::Relaxed);
+        let last = self.last_heartbeat.load(Ordering::Relaxed);
         if u128::from(now.saturating_sub(last)) >= BEAT.as_nanos() {
-            self.beaten.store(now, Ordering::Relaxed);
+            self.last_heartbeat.store(now, Ordering::Relaxed);
             let beats = self.beats.fetch_add(1, Ordering::Relaxed) + 1;
             // Without it the server would be taken for one that hangs, no more can be done.
             let _ = self.file.write_all_at(&beats.to_le_bytes(), BEATS);

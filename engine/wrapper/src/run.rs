@@ -27,9 +27,9 @@ pub(crate) struct Run {
     pub steps: u64,
     /// When the step under way began to wait for actuators.
     pub waiting_since: Instant,
-    /// Whether somebody was told of the waiting.
+    /// Whether the waiting was warned of.
     pub told: bool,
-    /// When the run goes on, if nobody's actuators are waited for: it is being shown, or the simulation steers itself.
+    /// When the run goes on, if it does not wait for actuators: it is being shown, or the simulation steers itself.
     pub resume_at: Option<Instant>,
     acting: Vec<u32>,
     arrived: Vec<bool>,

@@ -60,7 +60,7 @@ fn said(machine: &mut Machine) -> Vec<(String, Value)> {
                 }
                 other => panic!("{other:?}"),
             },
-            // Nobody asks for it.
+            // No client asks for it.
             action @ Action::Evaluate(_) => panic!("{action:?}"),
             Action::Notice(_) | Action::Frame(_) | Action::GiveWay(_) => None,
         })

@@ -80,7 +80,7 @@ impl Case {
             message.seeds = U64s(self.seeds.clone());
             server.ask(ToServer::Start(message));
             let mut fitness = vec![f64::NAN; self.seeds.len()];
-            let mut crew: HashMap<(u32, u32), Controller> = HashMap::new();
+            let mut controllers: HashMap<(u32, u32), Controller> = HashMap::new();
             loop {
                 let message = server.sensors().remove(0);
                 assert_eq!((message.error, message.failed), (None, vec![]));
@@ -97,7 +97,8 @@ impl Case {
                         &message.sensors.0[row * controller.sensors()..][..controller.sensors()];
                     let room =
                         &mut actuators[row * controller.actuators()..][..controller.actuators()];
-                    crew.entry((*episode, *agent))
+                    controllers
+                        .entry((*episode, *agent))
                         .or_insert_with(|| controller.clone())
                         .step(sensors, room)
                         .unwrap();
@@ -118,7 +119,7 @@ impl Case {
                 parameters.extend(object(address.clone()));
                 server.say(Topic::Parameters, &Value::Object(parameters));
                 server.say(Topic::Control, &address);
-                let mut crew: HashMap<u64, Controller> = HashMap::new();
+                let mut controllers: HashMap<u64, Controller> = HashMap::new();
                 let fitness = loop {
                     let mut ended = None;
                     let mut actuators = Vec::new();
@@ -126,7 +127,8 @@ impl Case {
                         match Message::decode(topic, &payload).unwrap() {
                             Message::Sensor(message) => {
                                 let mut row = vec![0.0; controller.actuators()];
-                                crew.entry(message.agent)
+                                controllers
+                                    .entry(message.agent)
                                     .or_insert_with(|| controller.clone())
                                     .step(&message.sensor, &mut row)
                                     .unwrap();

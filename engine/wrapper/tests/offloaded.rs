@@ -166,7 +166,7 @@ fn control_from_others_moves_nothing_and_from_the_holder_releases() {
     assert_eq!(server.jobs.len(), 1);
     assert!(!server.answers(Some("bob")));
     server.say(Topic::Control, &control(false, "ada"));
-    // What is being computed has to stop first, and nobody is told what came out. Who asks meanwhile comes next.
+    // What is being computed has to stop first, and its result is not sent. A request that comes meanwhile is next.
     assert!(!server.answers(None));
     let start = || ToServer::Start(batch(5));
     server.ask(start());
@@ -436,7 +436,7 @@ fn presence_waits_for_the_connection_to_come_back() {
     server.machine.disconnected("gone", server.now);
     assert_eq!(server.machine.next_tick(), None);
     server.pass(Duration::from_secs(1));
-    assert!(server.published.is_empty(), "nobody would hear it");
+    assert!(server.published.is_empty(), "it could not be sent");
     server
         .machine
         .connected("2026-01-31T12:00:01Z".to_owned(), server.now);

@@ -1,4 +1,4 @@
-//! Simulations that steer their agents themselves: nobody is asked, the fitness comes, and messages are read in between.
+//! Simulations that steer their agents themselves: no actuators are asked for, the fitness comes, messages are read in between.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 mod common;

@@ -225,7 +225,7 @@ typedef struct swarmwright_simulation {
   /** The agents whose actuators the next step needs, ascending from 0; the array stays until the next call. None: the
    * episode has ended, or `done` says that it has not and the simulation steers its agents itself. */
   swarmwright_status (*acting)(void* simulation, const uint32_t** agents, size_t* count);
-  /** Whether the episode has ended; null: when nobody acts. */
+  /** Whether the episode has ended; null: when no agent acts. */
   swarmwright_status (*done)(void* simulation, bool* done);
   /** Writes what an acting agent senses: as many finite numbers as the description says. */
   swarmwright_status (*sense)(void* simulation, uint32_t agent, float* sensors);
@@ -236,7 +236,7 @@ typedef struct swarmwright_simulation {
   swarmwright_status (*fitness)(void* simulation, double* fitness);
   /** The metrics of the episode so far, as many as the description has; null if it has none. */
   swarmwright_status (*metrics)(void* simulation, double* metrics);
-  /** Shows the episode as it is now, when somebody wants to see it, for so many milliseconds (250 if you write nothing,
+  /** Shows the episode as it is now, if it is to be shown, for so many milliseconds (250 if you write nothing,
    * 0 to go on at once); null if there is nothing to see. */
   swarmwright_status (*show)(void* simulation, uint32_t* milliseconds);
 } swarmwright_simulation;
@@ -274,7 +274,7 @@ typedef struct swarmwright_plugin swarmwright_plugin;
 #define SWARMWRIGHT_RESET 1
 /** Those that sensed are to do this; make a step. Answer with sense, finish or fail. */
 #define SWARMWRIGHT_STEP 2
-/** The episode was given up, nobody waits for it any more. */
+/** The episode was given up, no tool waits for it any more. */
 #define SWARMWRIGHT_ABANDONED 3
 
 typedef struct swarmwright_event {

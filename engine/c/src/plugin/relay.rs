@@ -101,7 +101,7 @@ impl Relay {
         if matches!(request, Request::Step(_)) && state.phase != Phase::Waiting {
             return Err("the episode was given up".to_owned());
         }
-        // An answer to somebody who did not wait for it is none to this.
+        // An answer that was not waited for does not answer this.
         state.answer = None;
         state.abandoned = false;
         state.request = Some(request);
@@ -160,7 +160,7 @@ impl Relay {
     /// The simulator answers.
     ///
     /// # Errors
-    /// Nobody asked.
+    /// It was not asked for.
     pub(crate) fn answer(&self, answer: Answer) -> Result<(), Trouble> {
         let mut state = self.lock();
         if state.phase != Phase::Due {

@@ -94,7 +94,7 @@ fn who_waits_in_an_episode_learns_that_it_was_given_up() {
     relay.answer(sensed(1.0)).unwrap();
     asking.join().unwrap().unwrap();
 
-    // The server is free: nobody waits for the agents any more.
+    // The server is free: no tool waits for the agents any more.
     relay.tell(&Notice::Ready);
     let (news, notices) = relay.look(Instant::now());
     assert!(matches!(news, News::Abandoned));

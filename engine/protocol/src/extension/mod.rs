@@ -1,7 +1,7 @@
 //! Extension messages that carry blocks of numbers: offloaded evaluation and batched stepwise (docs/reference/protocol.md).
 //!
 //! They are MessagePack maps with text keys; arrays of numbers are binary, little-endian, without a header. Unknown keys
-//! are ignored. Shapes are checked where a message is read, so that whoever holds one need not.
+//! are ignored. Shapes are checked where a message is read, so that code that has one need not.
 
 mod codec;
 mod numbers;
@@ -50,7 +50,7 @@ pub struct Evaluate {
     pub metrics: Vec<String>,
     /// 1 for the first try of this work.
     pub attempt: u32,
-    /// Seconds after which the tool gives the work to somebody else.
+    /// Seconds after which the tool gives the work to another server.
     pub lease: f64,
     /// Which start of the server is meant, as it announced it: another one with its id is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -112,13 +112,13 @@ impl Requirements {
     /// Reads a JSON object such as `{"dimensions": 2}`.
     ///
     /// # Errors
-    /// No JSON object, `dimensions` missing, a value that is no number.
+    /// Not a JSON object, `dimensions` missing, a value that is not a number.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         Self::from_object(Keys::read(payload)?.0)
     }
 }
 
-/// Whole numbers without a trailing `.0`, as the published examples write them; -0.0 is none.
+/// Whole numbers without a trailing `.0`, as the published examples write them; -0.0 is not one.
 fn number(value: f64) -> Value {
     #[expect(
         clippy::cast_possible_truncation,
@@ -178,7 +178,7 @@ impl Capabilities {
         })
     }
 
-    /// The JSON object as it stands in messages.
+    /// The JSON object in messages.
     #[must_use]
     pub fn to_value(&self) -> Value {
         let mut object = json!({"dimensions": number(self.dimensions)});

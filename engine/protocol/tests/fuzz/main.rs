@@ -102,12 +102,12 @@ fn encode(message: &Message) -> Vec<u8> {
 }
 
 /// Bytes for each byte of a payload: an object of one key, seven characters, is a node of a tree with room for eleven.
-const WORTH: usize = 200;
+const BYTES_PER_BYTE: usize = 200;
 
 /// Decodes; checks words and memory.
 fn read<T>(payload: &[u8], decode: impl FnOnce(&[u8]) -> Result<T, DecodeError>) -> Option<T> {
     let (decoded, bytes) = peak(|| decode(payload));
-    let most = 4096 + WORTH * payload.len();
+    let most = 4096 + BYTES_PER_BYTE * payload.len();
     assert!(
         bytes <= most,
         "{bytes} bytes for {} of payload",
@@ -130,7 +130,7 @@ fn there_and_back(topic: Topic, payload: &[u8]) {
     };
     let written = encode(&message);
     let again = read(&written, |payload| Message::decode(topic, payload));
-    let again = again.unwrap_or_else(|| panic!("{message:?} is written so that nobody reads it"));
+    let again = again.unwrap_or_else(|| panic!("{message:?} is written so that it cannot be read"));
     // By their bytes: NaN, which stands where an evaluation failed, differs from itself.
     assert_eq!(
         encode(&again),
@@ -159,7 +159,7 @@ proptest! {
             there_and_back(topic, &payload);
         }
         let (_, bytes) = peak(|| Envelope::decode(&payload));
-        prop_assert!(bytes <= 4096 + WORTH * payload.len());
+        prop_assert!(bytes <= 4096 + BYTES_PER_BYTE * payload.len());
         read(&payload, Requirements::decode);
     }
 

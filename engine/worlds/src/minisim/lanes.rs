@@ -23,7 +23,7 @@ const TOGETHER: usize = 32;
 /// The episodes of a block. They differ in the positions at the start alone.
 pub(crate) struct MinisimLanes {
     settings: Vec<Settings>,
-    /// Whether somebody wants to know how many steps there were.
+    /// Whether the number of steps is wanted.
     counts_steps: bool,
 }
 

@@ -13,7 +13,7 @@
 //! 4. Of those still free, every one with sqrt(q) <= captureRadius, q its smallest as in 2 (dx = defender.x - x,
 //!    dy = defender.y - y), is caught.
 //!
-//! With `steering: rule` agents steer themselves, and nobody asks for actuators. In place of 1, for every free agent,
+//! With `steering: rule` agents steer themselves, and no actuators are asked for. In place of 1, for every free agent,
 //! ascending: g = goal - agent, d = sqrt(g.x*g.x + g.y*g.y), w = (g.x / d, g.y / d), or 0, 0 where d is 0. With the closest
 //! defender (as in the sensors) e = defender - agent, r = sqrt(e.x*e.x + e.y*e.y): if 0 < r < avoidanceRadius,
 //! s = avoidance * (1 - r / avoidanceRadius), v = (-e.x, -e.y) for the evasion away, (-e.y, e.x) for left, (e.y, -e.x) for

@@ -32,7 +32,7 @@ pub(super) struct Settings {
     pub max_steps: u32,
     pub capture_radius: f32,
     pub goal_radius: f32,
-    /// Whether agents follow the rule and nobody asks for actuators.
+    /// Whether agents follow the rule and no actuators are asked for.
     pub steers_itself: bool,
     pub rule: Rule,
 }

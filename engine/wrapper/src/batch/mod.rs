@@ -32,9 +32,9 @@ pub(crate) struct Batch {
     pub simulation: usize,
     /// When the step under way began to wait for actuators.
     pub waiting_since: Instant,
-    /// Whether somebody was told of the waiting.
+    /// Whether the waiting was warned of.
     pub told: bool,
-    /// Whether an episode goes on by itself, so that nobody's actuators are waited for.
+    /// Whether an episode goes on by itself, so that the batch does not wait for actuators.
     pub goes_on: bool,
     step: u64,
     sensors: usize,
@@ -275,7 +275,7 @@ impl Batch {
     /// Another step, or the wrong number of actuators: the message is refused, the batch goes on waiting.
     pub fn actuate(&mut self, message: &BatchActuators) -> Result<(), String> {
         if self.goes_on {
-            return Err("nobody's actuators are waited for now".to_owned());
+            return Err("no actuators are expected now".to_owned());
         }
         if message.step != self.step {
             return Err(format!(
@@ -341,7 +341,7 @@ impl Batch {
 }
 
 impl Episode {
-    /// Steps a simulation that has not ended and asks for nobody's actuators.
+    /// Steps a simulation that has not ended and asks for no actuators.
     fn step_by_itself(&mut self) -> bool {
         let Some(simulation) = &mut self.simulation else {
             return false;

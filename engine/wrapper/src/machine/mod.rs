@@ -38,7 +38,7 @@ use turns::{Tool, Turns};
 
 /// How long parameters without control, or a holder without a new episode, keep the server taken.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// A change of presence is published when it has lasted this long: runs of a few milliseconds are no news.
+/// A change of presence is published when it has lasted this long: runs of a few milliseconds are not published.
 const SETTLE: Duration = Duration::from_millis(150);
 /// Parameters messages kept for a control to come: of the tools that share the broker, few ask at once.
 const KEPT: usize = 8;
@@ -76,7 +76,7 @@ pub struct Machine {
     early: VecDeque<Early>,
     /// Titles by the hash of the discovery that named them.
     discovered: VecDeque<(String, String)>,
-    /// The last runs of tools that say where to reply, which give every run a hash of its own.
+    /// The last runs of tools that say where to reply, which give every run its own hash.
     begun: VecDeque<String>,
     /// The run before, whose hash a control{run: false} may still name.
     last: Option<(String, Option<String>)>,
@@ -137,7 +137,7 @@ impl Machine {
         self.actions.drain(..)
     }
 
-    /// A message came in. Retained messages are leftovers of somebody's past, except presence.
+    /// A message came in. Retained messages are outdated, except presence.
     pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
         let name = topic;
         let Some(topic) = self.topics.parse(name) else {
@@ -150,7 +150,7 @@ impl Machine {
             return;
         }
         if topic == Topic::Presence && payload.is_empty() {
-            // Somebody has cleared what is known of this server: one that had its id, or its operator.
+            // The presence of this server was cleared: by one that had its id, or by an operator.
             if name == self.topics.presence(self.identity.id) {
                 self.published = None;
                 self.changed_at.get_or_insert(now);
@@ -257,7 +257,7 @@ impl Machine {
             State::Free | State::Configured { .. } => {
                 self.enter(State::Configured { until: patience }, now);
             }
-            // Nobody says whose they are: those of the tool that is waited for, as far as anybody knows.
+            // Parameters do not name their tool: presumably they are those of the tool that is waited for.
             State::Held { tool: None, until } => *until = patience,
             _ => {}
         }
@@ -343,11 +343,11 @@ impl Machine {
         }
         let active = !matches!(self.state, State::Held { .. } | State::Free);
         self.turns.held_by(self.occupant(), active, now);
-        // A change back before anybody was told is none; the comparison is made when it is to be published.
+        // A change back before it was published needs no message; they are compared when it is due.
         self.changed_at.get_or_insert(now);
     }
 
-    /// A change of presence that is no matter of milliseconds.
+    /// Publishes a change of presence without waiting until it settles.
     fn tell_at_once(&mut self, now: Instant) {
         self.changed_at = Some(now.checked_sub(SETTLE).unwrap_or(now));
     }
@@ -373,7 +373,7 @@ impl Machine {
         })
     }
 
-    /// Whether an answer can be sent to a topic: none but those of tools, so that nobody can make a server speak
+    /// Whether an answer can be sent to a topic: only to those of tools, so that no client can make a server publish
     /// elsewhere.
     fn can_reply(&mut self, reply: &str) -> bool {
         let token = reply

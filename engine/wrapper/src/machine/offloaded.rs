@@ -26,14 +26,14 @@ const LONGEST_LEASE: f64 = 1e6;
 
 /// The requests of the tool that has the server.
 pub(crate) struct Work {
-    /// None once the work was given up, until somebody asks again.
+    /// None once the work was given up, until the next request.
     tool: Option<String>,
     /// The request that is being computed.
     request: u64,
     abort: Arc<AtomicBool>,
     waiting: VecDeque<Request>,
     bytes: usize,
-    /// Nobody waits for what is being computed: it is being stopped.
+    /// No tool waits for what is being computed: it is being stopped.
     given_up: bool,
 }
 

@@ -33,7 +33,7 @@ impl Machine {
             .capabilities(&offer.description, offer.batch, offer.lanes)
     }
 
-    /// Whether nobody has the server.
+    /// Whether no tool holds the server.
     #[must_use]
     pub fn is_free(&self) -> bool {
         matches!(self.state, State::Free)

@@ -52,7 +52,7 @@ impl Listening {
 }
 
 impl Machine {
-    /// No other server can have this id: nobody is listened for.
+    /// No other server can have this id: it need not listen for one.
     pub fn set_alone(&mut self) {
         self.alone = true;
     }
@@ -135,7 +135,7 @@ impl Machine {
                 .leaving
                 .take()
                 .filter(|leaving| leaving.instance != instance.cloned());
-            // Another server with this id is gone, and with its last will stands in the place of what is true.
+            // Another server with this id is gone, and its last will has replaced the presence of this one.
             return self.say_again(now);
         }
         let rival = Rival {

@@ -38,7 +38,7 @@ impl Machine {
         .min()
     }
 
-    /// When somebody is told that actuators are missing, or the run is given up.
+    /// When missing actuators are warned of, or the run is given up.
     fn deadline(&self, waiting_since: Instant, told: bool) -> Instant {
         let patience = if told {
             self.step_timeout

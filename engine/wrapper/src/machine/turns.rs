@@ -49,7 +49,7 @@ impl Question {
 pub(super) struct Turns {
     holder: Option<Tool>,
     since: Option<Instant>,
-    /// The holder has not begun yet: waiting for it is no part of its turn.
+    /// The holder has not begun yet: waiting for it does not count as its turn.
     reserved: bool,
     /// Tools that asked, the one that has waited longest first.
     waiting: VecDeque<Question>,
@@ -72,7 +72,7 @@ impl Turns {
         }
     }
 
-    /// Who has the server from now on, none for nobody, and whether something is being computed.
+    /// The holder of the server from now on, if any, and whether something is being computed.
     pub fn held_by(&mut self, holder: Option<Tool>, active: bool, now: Instant) {
         if self.holder != holder || (active && self.reserved) {
             self.since = Some(now);
@@ -109,7 +109,7 @@ impl Turns {
 }
 
 impl Machine {
-    /// Who has the server; none where nobody does, or it is not known yet.
+    /// The holder of the server; none if there is none, or it is not known yet.
     pub(super) fn occupant(&self) -> Option<Tool> {
         match &self.state {
             State::Free | State::Configured { .. } => None,

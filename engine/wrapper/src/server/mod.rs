@@ -49,7 +49,7 @@ pub struct Options {
     pub alone: bool,
     /// Called with every frame of a run that is to be shown.
     pub on_frame: Option<FrameHandler>,
-    /// Where it is written what is computed, for whoever watches the process.
+    /// Where progress is written, for a process that supervises this one.
     pub progress: Option<Arc<Progress>>,
 }
 
@@ -57,7 +57,7 @@ impl Options {
     /// The defaults, with the credentials of the environment.
     ///
     /// # Errors
-    /// The URL is none, or the credentials cannot be used.
+    /// The URL is invalid, or the credentials cannot be used.
     pub fn new(id: u64, url: &str) -> Result<Self, SettingsError> {
         Ok(Self {
             id,
@@ -237,7 +237,7 @@ impl SimulationServer {
         served
     }
 
-    /// One turn, for those who have a loop of their own: waits at most `patience` for something to happen, and does what
+    /// One turn, for a caller with an event loop: waits at most `patience` for something to happen, and does what
     /// is due. A server that is not polled does not answer.
     ///
     /// # Errors

@@ -25,7 +25,7 @@ pub struct FullyMeshed {
     pub activation: Activation,
     /// Updates of all nodes in a step.
     pub iterations: u32,
-    /// Network outputs that stand for actuators -1 to 1.
+    /// Network outputs that become actuators -1 to 1.
     pub output_range: OutputRange,
 }
 

@@ -22,7 +22,7 @@ pub struct Layered {
     pub hidden: Vec<usize>,
     /// What every node does to its sum.
     pub activation: Activation,
-    /// Network outputs that stand for actuators -1 to 1.
+    /// Network outputs that become actuators -1 to 1.
     pub output_range: OutputRange,
 }
 

@@ -23,12 +23,12 @@ pub struct ParameterSet {
 pub struct Parameter {
     /// The name in a parameters message.
     pub name: String,
-    /// What its weight stands for.
+    /// What its weight means.
     #[serde(flatten)]
     pub kind: ParameterKind,
 }
 
-/// What a weight stands for.
+/// What a weight means.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum ParameterKind {

@@ -79,7 +79,7 @@ impl<L: Lanes> Move<L> {
     }
 }
 
-/// `unit` forward, backward or not at all; not at all for NaN, which stands for 0.
+/// `unit` forward, backward or not at all; not at all for NaN, which counts as 0.
 #[inline(always)]
 fn velocity<L: Lanes>(actuator: L, unit: i32) -> L::Int {
     let forward = L::Int::splat(unit).select(L::Int::splat(0), L::splat(0.5).le(actuator));
@@ -134,7 +134,7 @@ impl<L: Lanes> Room<L> {
         self.states.fill(L::splat(0.0));
     }
 
-    /// The lanes in which somebody is inside.
+    /// The lanes in which an agent is inside.
     #[inline(always)]
     pub(super) fn step(
         &mut self,
@@ -169,7 +169,7 @@ impl<L: Lanes> Room<L> {
         any
     }
 
-    /// All sense, then all move: no cell that somebody stood on at the start of the step is free in it.
+    /// All sense, then all move: no cell that an agent was on at the start of the step is free in it.
     #[inline(always)]
     fn step_together(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
         for agent in 0..world.agents {

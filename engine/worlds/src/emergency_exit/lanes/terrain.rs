@@ -16,7 +16,7 @@ const ROWS: usize = 6;
 const FIRST: usize = 1;
 /// Bytes read at once.
 pub(super) const WINDOW: usize = 4;
-/// A place where nothing is free around and nobody comes by: the top left corner of the border.
+/// A place where nothing is free around and no agent comes by: the top left corner of the border.
 pub(super) const NOWHERE: i32 = 8 * FIRST as i32;
 /// The bit of the own cell among three stacks in a row, for the uppermost cell.
 pub(super) const OWN: i32 = 9;
