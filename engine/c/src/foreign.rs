@@ -10,7 +10,7 @@ use swarmwright_worlds::{
 
 use crate::callbacks::{Object, Table};
 use crate::error::Trouble;
-use crate::parallel::{self, Crew};
+use crate::parallel::{self, WorkerGroup};
 use crate::parameters::Given;
 
 /// Agents have numbers below this where a simulation names no limit: each that acts costs memory up to its number.
@@ -24,7 +24,7 @@ pub(crate) struct Foreign {
     milliseconds: Cell<u32>,
     /// Why it could not be shown: the next step says so, for a picture cannot fail.
     not_shown: Cell<Option<Trouble>>,
-    crew: Crew,
+    workers: WorkerGroup,
 }
 
 impl Foreign {
@@ -39,7 +39,7 @@ impl Foreign {
             done: true,
             milliseconds: Cell::new(250),
             not_shown: Cell::new(None),
-            crew: Crew::default(),
+            workers: WorkerGroup::default(),
         })
     }
 
@@ -99,7 +99,7 @@ fn give_up(trouble: Trouble) -> ! {
 /// The seed among the parameters of an episode; 0 if there is none.
 ///
 /// # Errors
-/// It is no whole number of 64 bits.
+/// It is not a whole number of 64 bits.
 pub(crate) fn seed(parameters: &Parameters) -> Result<u64, ParameterError> {
     Ok(ParameterReader::new(parameters).seed("seed")?.unwrap_or(0))
 }
@@ -176,7 +176,7 @@ impl Simulation for Foreign {
             return None;
         }
         let table = Arc::clone(self.table());
-        self.crew.evaluate(&table, block, threads).map(Ok)
+        self.workers.evaluate(&table, block, threads).map(Ok)
     }
 
     /// The simulation shows itself, wherever it likes; what comes back only says that it did.

@@ -46,7 +46,7 @@ pub(crate) unsafe fn structure<T: Structure>(pointer: *const T) -> Result<T, Tro
 /// UTF-8 behind a pointer.
 ///
 /// # Errors
-/// Null, or no UTF-8; `what` names it.
+/// Null, or not valid UTF-8; `what` names it.
 ///
 /// # Safety
 /// `pointer` is null or ends with NUL, and stays as long as the text is used.
@@ -74,7 +74,7 @@ pub(crate) unsafe fn optional<'a>(
     unsafe { CStr::from_ptr(pointer) }
         .to_str()
         .map(Some)
-        .map_err(|_| Trouble::Invalid(format!("{what}: no UTF-8")))
+        .map_err(|_| Trouble::Invalid(format!("{what}: is not valid UTF-8")))
 }
 
 /// Text behind a pointer, whatever it is.

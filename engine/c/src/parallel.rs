@@ -23,7 +23,7 @@ pub(crate) fn threads(means: Means, block: &Block<'_>) -> usize {
 
 /// Simulations, kept for the next block.
 #[derive(Default)]
-pub(crate) struct Crew(Vec<Foreign>);
+pub(crate) struct WorkerGroup(Vec<Foreign>);
 
 /// What all threads work on.
 struct Task<'a> {
@@ -36,7 +36,7 @@ struct Task<'a> {
     failed: AtomicBool,
 }
 
-impl Crew {
+impl WorkerGroup {
     /// The fitness of every candidate in every episode, each followed by the metrics that are wanted; none if something
     /// failed: evaluated one by one it can be seen what.
     pub(crate) fn evaluate(

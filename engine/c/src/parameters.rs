@@ -74,7 +74,7 @@ pub unsafe extern "C" fn swarmwright_parameters_new(
         // SAFETY: as the caller promises.
         let text = unsafe { input::text("the parameters", json)? };
         let parameters: Parameters = serde_json::from_str(text).map_err(|error| {
-            Trouble::Invalid(format!("the parameters: no JSON object: {error}"))
+            Trouble::Invalid(format!("the parameters: not a JSON object: {error}"))
         })?;
         // Leaked here, taken back when it is freed.
         let parameters: &'static Parameters = Box::leak(Box::new(parameters));

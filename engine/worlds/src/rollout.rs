@@ -56,7 +56,7 @@ pub enum RolloutError {
 
 /// Controllers by agent, each with its own state, and buffers for a step.
 #[derive(Debug, Clone)]
-struct Crew {
+struct AgentControllers {
     /// Never stepped, so that its clones are at the start of an episode.
     prototype: Controller,
     controllers: Vec<Controller>,
@@ -86,7 +86,7 @@ pub(crate) fn check_sizes(
     Ok(())
 }
 
-impl Crew {
+impl AgentControllers {
     fn new(simulation: &dyn Simulation, controller: &Controller) -> Result<Self, RolloutError> {
         let description = simulation.description();
         if controller.steers() {
@@ -163,9 +163,9 @@ pub fn rollout_until(
     stop: Option<&AtomicBool>,
 ) -> Result<f64, RolloutError> {
     simulation.reset(&controller.merged(parameters))?;
-    let mut crew = Crew::new(simulation, controller)?;
+    let mut agents = AgentControllers::new(simulation, controller)?;
     while !simulation.done() && !stopped(stop) {
-        crew.step(simulation)?;
+        agents.step(simulation)?;
     }
     Ok(simulation.fitness())
 }
@@ -178,7 +178,7 @@ pub(crate) fn stopped(stop: Option<&AtomicBool>) -> bool {
 /// One episode, a step at a time.
 pub struct Episode {
     simulation: Box<dyn Simulation>,
-    crew: Crew,
+    agents: AgentControllers,
 }
 
 impl Episode {
@@ -192,8 +192,8 @@ impl Episode {
         controller: &Controller,
     ) -> Result<Self, RolloutError> {
         simulation.reset(&controller.merged(parameters))?;
-        let crew = Crew::new(simulation.as_ref(), controller)?;
-        Ok(Self { simulation, crew })
+        let agents = AgentControllers::new(simulation.as_ref(), controller)?;
+        Ok(Self { simulation, agents })
     }
 
     /// Whether the episode has ended.
@@ -207,7 +207,7 @@ impl Episode {
     /// A sensor reading that is not a finite number.
     pub fn step(&mut self) -> Result<(), RolloutError> {
         while !self.done() {
-            self.crew.step(self.simulation.as_mut())?;
+            self.agents.step(self.simulation.as_mut())?;
             if !self.simulation.mid_step() {
                 break;
             }

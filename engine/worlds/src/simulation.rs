@@ -110,7 +110,7 @@ impl MetricInfo {
 /// A metric that a simulation does not have; says which ones it has.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "metrics: {name:?} is none of {simulation}'s; {}",
+    "metrics: {name:?} is not a metric of {simulation}; {}",
     if .known.is_empty() { "it has none".to_owned() } else { format!("it has {}", .known.join(", ")) }
 )]
 pub struct UnknownMetric {

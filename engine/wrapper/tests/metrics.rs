@@ -247,7 +247,7 @@ fn a_metric_that_there_is_not_is_refused_by_name() {
     assert_eq!(refusal.kind, RefusalKind::Invalid);
     assert_eq!(
         refusal.reason,
-        "metrics: \"stpes\" is none of walk's; it has steps, half"
+        "metrics: \"stpes\" is not a metric of walk; it has steps, half"
     );
     let mut message = batch(2);
     message.metrics = vec!["stpes".to_owned()];

@@ -71,7 +71,7 @@ static void parameters_are_read(void) {
   swarmwright_parameters_free(read);
   swarmwright_parameters_free(NULL);
   CHECK(swarmwright_parameters_new("{", &read) == SWARMWRIGHT_INVALID);
-  CHECK_SAYS("no JSON object");
+  CHECK_SAYS("not a JSON object");
 }
 
 static void what_is_wrong_is_refused(void) {

@@ -86,7 +86,7 @@ void what_cannot_be_served_says_why() {
     });
   };
   CHECK_EQUAL(refused([](auto& says) { says.title = ""; }), "the title has 0 bytes, expected 1 to 1000");
-  CHECK_EQUAL(refused([](auto& says) { says.title = "\xff"; }), "swarmwright_description.title: no UTF-8");
+  CHECK_EQUAL(refused([](auto& says) { says.title = "\xff"; }), "swarmwright_description.title: is not valid UTF-8");
   CHECK_EQUAL(refused([](auto& says) { says.sensors = 0; }), "line: 0 sensors, expected 1 to 1000000");
   CHECK_EQUAL(refused([](auto& says) { says.actuators = 0; }), "line: 0 actuators, expected 1 to 1000000");
   CHECK_EQUAL(refused([](auto& says) { says.metrics = {{"a"}, {"a"}}; }), "line: metric \"a\" is there twice");

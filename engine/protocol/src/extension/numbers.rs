@@ -38,7 +38,7 @@ macro_rules! numbers {
                         let (numbers, rest) = bytes.as_chunks::<SIZE>();
                         if !rest.is_empty() {
                             return Err(E::custom(format_args!(
-                                "{} bytes are no whole number of {SIZE}-byte numbers",
+                                "{} bytes are not a whole number of {SIZE}-byte numbers",
                                 bytes.len()
                             )));
                         }

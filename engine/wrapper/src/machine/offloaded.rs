@@ -181,7 +181,7 @@ impl Machine {
         let (numbers, episodes) = (message.genomes.0.len(), message.seeds.0.len());
         if !numbers.is_multiple_of(weights) {
             return Err(invalid(format!(
-                "genomes: {numbers} numbers are no whole number of candidates; the controller has {weights} weights"
+                "genomes: {numbers} numbers are not a whole number of candidates; the controller has {weights} weights"
             )));
         }
         if (numbers / weights).saturating_mul(episodes) > MOST_NUMBERS / (2 + setup.wanted.len()) {
