@@ -50,10 +50,12 @@ __all__ = [
     "levels",
     "log_line",
     "log_to",
+    "mirrored",
     "serve",
     "servers",
     "simulations",
     "steers_itself",
+    "weighted_sum",
 ]
 
 __version__: str

@@ -110,7 +110,10 @@ def test_wrong_ways_are_refused() -> None:
         ({"architecture": {}}, "controller.version"),
         ({"title": "minisym"}, "unknown simulation 'minisym'"),
         ({"parameters": {"maxSteps": -1}}, "maxSteps"),
-        ({"metrics": ["stpes"]}, '"stpes" is not a metric of minisim; it has arrived, caught, steps, distance'),
+        (
+            {"metrics": ["stpes"]},
+            '"stpes" is not a metric of minisim; it has arrived, caught, steps, distance',
+        ),
     ]
     for arguments, words in mistakes:
         given: dict[str, Any] = {
