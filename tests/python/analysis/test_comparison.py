@@ -131,7 +131,7 @@ def test_runs_of_different_length_and_a_place_to_compare_at(tmp_path: Path) -> N
     short = KnownRun(tmp_path / "short", [[2.0] * 4], seed=1, method=SEARCH)
     found = compare([long, short])
     assert [one.median for one in found.groups] == [5.0, 2.0]
-    assert "4 to 12 evaluations, and each is compared at its own end" in found.notes[-1]
+    assert "4 to 12 evaluations, and each is compared at its end" in found.notes[-1]
     drawn(found, tmp_path)
     for at, expected in ((4, 0.0), (11, 1.0), (12, 5.0), (99, 5.0)):
         assert compare([long, short], at=at).groups[0].median == expected
