@@ -414,8 +414,10 @@ class Supervision:
         """So many servers are being started: meanwhile the pool does not give up for want of servers."""
     def take_overdue(self) -> list[int]:
         """Servers that have not answered in time, since the last call; say of each that it is alive, or that it has ended."""
-    def place(self, request: int) -> tuple[int, int, int | None] | None:
-        """First candidate, first episode and generation (as `Pool.about` was told) of a request to a watched server."""
+    def work_for(self, purpose: str) -> None:
+        """Set what requests are sent for from now on, such as `post-evaluation`."""
+    def place(self, request: int) -> tuple[int, int, int | None, str | None] | None:
+        """First candidate, first episode, generation (as `Pool.about` was told) and purpose (as `work_for` was told) of a request to a watched server."""
 
 @final
 class Watcher:

@@ -47,8 +47,13 @@ impl PySupervision {
         self.0.take_overdue()
     }
 
-    fn place(&self, request: u64) -> Option<(usize, usize, Option<u64>)> {
+    fn work_for(&self, purpose: &str) {
+        self.0.work_for(purpose);
+    }
+
+    fn place(&self, request: u64) -> Option<(usize, usize, Option<u64>, Option<String>)> {
         let place = self.0.place(request)?;
-        Some((place.candidate, place.episode, place.generation))
+        let purpose = place.purpose.as_deref().map(str::to_owned);
+        Some((place.candidate, place.episode, place.generation, purpose))
     }
 }

@@ -108,12 +108,11 @@ class LocalServers:
 
     def log_to(self, file: Path) -> None:
         """Write what the servers print to a file, which is made when there is something."""
-        self.output.purpose = ""
         self.output.log_to(file)
 
     def work_for(self, purpose: str) -> None:
-        """Set what is computed from now on, where that belongs to no generation."""
-        self.output.purpose = purpose
+        """Set what requests are sent for from now on, where they belong to no generation."""
+        self._supervisor.work_for(purpose)
 
     def close(self) -> None:
         """End all servers: ask all, then wait for each, then kill."""

@@ -2,7 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from itertools import compress
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -69,13 +70,21 @@ class Ranking(ABC):
             episodes: results, (candidates, episodes).
             genomes: (candidates, genome_size); needed with `reevaluate` only.
         """
-        if self.options.reevaluate and genomes is not None:
-            return _scored(self._with_past(episodes.tolist(), genomes), self._score)
         scores = np.full(len(episodes), np.nan)
-        worked = np.isfinite(episodes).all(axis=1)
+        worked: NDArray[np.bool_]
+        if self.options.reevaluate and genomes is not None:
+            rows = self._with_past(episodes.tolist(), genomes)
+            worked = np.array([all(map(math.isfinite, row)) for row in rows], dtype=bool)
+        else:
+            rows = None
+            worked = np.asarray(np.isfinite(episodes).all(axis=1))
         if worked.any():
             with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
-                made = self._score_array(episodes if worked.all() else episodes[worked])
+                made = (
+                    self._score_array(episodes[worked])
+                    if rows is None
+                    else self._score(list(compress(rows, worked)))
+                )
             # Adding 0.0 turns -0.0 into 0.0: equal fitness has one representation.
             scores[worked] = made + 0.0
         scores[~np.isfinite(scores)] = np.nan
@@ -111,18 +120,6 @@ class Ranking(ABC):
     @abstractmethod
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         """Return (candidates,) fitness of each one's results: finite, at least one, not all equally many."""
-
-
-def _scored(
-    rows: Sequence[Sequence[float]], score: Callable[[Sequence[Sequence[float]]], Fitness]
-) -> Fitness:
-    """Return (candidates,) fitness where candidates have different numbers of episodes."""
-    scores = np.full(len(rows), np.nan)
-    worked = [index for index, row in enumerate(rows) if all(map(math.isfinite, row))]
-    if worked:
-        scores[worked] = score([rows[index] for index in worked]) + 0.0
-    scores[~np.isfinite(scores)] = np.nan
-    return scores
 
 
 def best_first(fitness: Fitness) -> NDArray[np.intp]:

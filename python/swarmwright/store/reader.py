@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary
 from swarmwright.rankings._base import best_first
-from swarmwright.store.blocks import COLUMNS, Record, decoded, joined
+from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import FILE, checked_facts, reading
 from swarmwright.store.generations import Generations, Row
 from swarmwright.store.rows import Attempt, Evaluated, Event, Session, journal_line
@@ -179,14 +179,12 @@ class StoreReader:
         """Return one evaluation; None as in `Run.evaluation`."""
         with self._generations() as generations:
             row, number = self._place(generations, candidate, generation)
-            found = _chosen(generations.evaluations(row), None if number is None else number - row.first)
-            if found is None:
-                raise generations.damaged("the evaluation is missing", row.generation)
-        part, index = found
+            part = self._joined(list(generations.evaluations(row)))
+        index = int(best_first(part.fitness)[0]) if number is None else number - row.first
         return Evaluation(
-            row.first + int(part.candidate[index]),
+            row.first + index,
             row.generation,
-            int(part.candidate[index]),
+            index,
             float(part.fitness[index]),
             self._parsed(row.seeds),
             part.episodes[index],
@@ -290,44 +288,9 @@ class StoreReader:
             raise InputError(f"{self.file}: is damaged: {error}") from error
 
 
-def _chosen(parts: Iterator[Record], candidate: int | None) -> tuple[Record, int] | None:
-    """Return where this candidate is, None for the best of them (the first of equals); reads all parts."""
-    chosen: tuple[Record, int] | None = None
-    for part in parts:
-        if candidate is not None:
-            index = candidate - int(part.candidate[0])
-            if 0 <= index < len(part.candidate):
-                chosen = part, index
-            continue
-        index = int(best_first(part.fitness)[0])
-        if chosen is None or _better(part.fitness[index], chosen[0].fitness[chosen[1]]):
-            chosen = part, index
-    return chosen
-
-
-def _better(fitness: np.float64, than: np.float64) -> bool:
-    """Whether a fitness is higher; failed evaluations, NaN, are below all others."""
-    return bool(fitness > than or (np.isnan(than) and not np.isnan(fitness)))
-
-
 def nothing(folder: Path) -> str:
     """Say that there is no best candidate yet."""
     return f"{folder}: holds no finished generation, so there is no best candidate"
-
-
-def best_of(connection: sqlite3.Connection) -> Best | None:
-    """Return the evaluation that leads after the last generation."""
-    row = connection.execute("SELECT leader FROM generation ORDER BY generation DESC LIMIT 1").fetchone()
-    if row is None:
-        return None
-    (leader,) = row
-    block = connection.execute(
-        f"SELECT {COLUMNS} FROM block WHERE first <= ? ORDER BY first DESC LIMIT 1",  # noqa: S608 - our own names
-        (leader,),
-    ).fetchone()
-    (first,) = connection.execute("SELECT first FROM generation WHERE generation = ?", (block[1],)).fetchone()
-    part, index = decoded(block, first), leader - block[0]
-    return Best(float(part.fitness[index]), int(block[1]), int(part.candidate[index]), part.genomes[index])
 
 
 def _range(count: int, what: str) -> str:

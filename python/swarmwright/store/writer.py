@@ -34,7 +34,7 @@ from swarmwright.store.database import (
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import Row, digest_before
 from swarmwright.store.lock import Lock
-from swarmwright.store.reader import StoreReader, best_of
+from swarmwright.store.reader import StoreReader
 from swarmwright.store.rows import Evaluated, Journal
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import Copy
@@ -275,7 +275,7 @@ class StoreWriter:
 
     def save_best(self, representation: Representation) -> None:
         """Write best.json, the best controller so far, for programs that want nothing else."""
-        best = best_of(self._connection)
+        best = StoreReader(self.folder).best()
         if best is None:
             return
         values = {

@@ -27,10 +27,11 @@ struct Shared {
     /// By request.
     places: VecDeque<(u64, Place)>,
     generation: Option<u64>,
+    purpose: Option<Arc<str>>,
 }
 
 /// What a request is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
     /// Its first candidate.
     pub candidate: usize,
@@ -38,6 +39,8 @@ pub struct Place {
     pub episode: usize,
     /// The generation, if the pool was told.
     pub generation: Option<u64>,
+    /// What it was sent for, if the pool was told.
+    pub purpose: Option<Arc<str>>,
 }
 
 impl Supervision {
@@ -81,7 +84,12 @@ impl Supervision {
         let mut places = shared.places.iter().rev();
         places
             .find(|(number, _)| *number == request)
-            .map(|(_, place)| *place)
+            .map(|(_, place)| place.clone())
+    }
+
+    /// What requests are sent for from now on, where they belong to no generation.
+    pub fn work_for(&self, purpose: &str) {
+        self.shared().purpose = Some(purpose.into());
     }
 
     pub(crate) fn are_starting(&self) -> bool {
@@ -97,11 +105,11 @@ impl Supervision {
         if shared.places.len() >= PLACES {
             shared.places.pop_front();
         }
-        let generation = shared.generation;
         let place = Place {
             candidate,
             episode,
-            generation,
+            generation: shared.generation,
+            purpose: shared.purpose.clone(),
         };
         shared.places.push_back((request, place));
     }

@@ -22,8 +22,8 @@ MOST = 1000
 LARGEST = 5_000_000
 """Bytes of the file before it is put aside; one that was put aside is kept."""
 
-Place = Callable[[int], tuple[int, int, int | None] | None]
-"""Request -> its first candidate, first episode, generation."""
+Place = tuple[int, int, int | None, str | None]
+"""First candidate and first episode of a request, its generation, and otherwise what it was sent for."""
 
 _servers = logging.getLogger("swarmwright.servers")
 _listeners: list[Callable[[str], None]] = []
@@ -52,10 +52,8 @@ class Output:
         self._file: _File | None = None
         self._lock = threading.Lock()
         self._second: dict[int, tuple[int, int]] = {}
-        self.place: Place = lambda _request: None
+        self.place: Callable[[int], Place | None] = lambda _request: None
         """What a request is about, where that is known."""
-        self.purpose = ""
-        """What is computed that belongs to no generation, such as `post-evaluation`."""
 
     def log_to(self, path: Path) -> None:
         """Write to a file, which is made with the first line; what came before is written, too."""
@@ -93,7 +91,7 @@ class Output:
             return ""
         return self.named(found, int(first), int(episode) if episode else None)
 
-    def named(self, place: tuple[int, int, int | None], first: int, episode: int | None) -> str:
+    def named(self, place: Place, first: int, episode: int | None) -> str:
         """Return what was computed, as `candidate generation:candidate`, or for what it was.
 
         Args:
@@ -101,12 +99,10 @@ class Output:
             first: which of its candidates.
             episode: which of its episodes; None for all of them.
         """
-        candidate, first_episode, generation = place
+        candidate, first_episode, generation, purpose = place
         number = candidate + first
-        if generation is None:
-            name = self.purpose or f"candidate {number}"
-        else:
-            name = f"candidate {generation}:{number}"
+        unnamed = purpose or f"candidate {number}"
+        name = unnamed if generation is None else f"candidate {generation}:{number}"
         return name if episode is None else f"{name}, episode {first_episode + episode}"
 
     def say(self, server: int, text: str, place: str = "") -> None:

@@ -21,7 +21,7 @@ class Layer:
     sources: tuple[tuple[int, int], ...]
     """What they see: (column, index) of each, column 0 holds the sensors."""
     column: int
-    """Their positions."""
+    """In which they are drawn; the last is that of the actuators."""
     first: int
     """Index in their column of the first one."""
     bias: NDArray[np.float64]
