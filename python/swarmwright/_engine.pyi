@@ -44,17 +44,22 @@ __all__ = [
     "distances",
     "evaluate",
     "evaluate_host",
+    "exp",
     "genome_size",
     "hash_for_mosquitto",
     "hash_password",
     "levels",
+    "log",
     "log_line",
     "log_to",
-    "mirrored",
+    "matrix_exponential",
+    "matrix_product",
+    "samples",
     "serve",
     "servers",
     "simulations",
     "steers_itself",
+    "weighted_products",
     "weighted_sum",
 ]
 
@@ -227,20 +232,22 @@ class NodeNetwork:
         self, mothers: NDArray[np.float32], fathers: NDArray[np.float32], streams: Streams
     ) -> NDArray[np.float32]: ...
 
-def mirrored(
+def samples(
     directions: NDArray[np.float64],
     center: NDArray[np.float64],
-    noise: float,
+    deviation: NDArray[np.float64],
     *,
     middle: NDArray[np.float64],
     reach: NDArray[np.float64],
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
+    mirrored: bool,
 ) -> NDArray[np.float32]:
-    """Return (2 n, genes) genomes, two for each direction: `center` plus and minus `noise` times it, in turn.
+    """Return (n, genes) genomes, one for each direction: `center` plus `deviation` times it.
 
-    directions: (n, genes). The others: (genes,). A genome is middle + reach * point, limited to lower .. upper, rounded to
-    binary32. Raises InputError for shapes that do not fit.
+    directions: (n, genes). mirrored: (2 n, genes), `center` plus and minus `deviation` times it, in turn. The others: (genes,).
+    A genome is middle + reach * point, limited to lower .. upper, rounded to binary32. Raises InputError for shapes that do not
+    fit.
     """
 
 def weighted_sum(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -248,6 +255,27 @@ def weighted_sum(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDA
 
     Raises InputError unless there is a weight for each row.
     """
+
+def weighted_products(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (genes, genes): the product of each row with itself, times its weight, added one after another.
+
+    rows: (n, genes). Raises InputError unless there is a weight for each row.
+    """
+
+def matrix_product(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n, genes): `left`, (n, genes), times the matrix `right`, (genes, genes); sums go from the first to the last.
+
+    Raises InputError for shapes that do not fit.
+    """
+
+def matrix_exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the exponential of a square matrix; None when it has no finite one. Raises InputError when it is not square."""
+
+def exp(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the exponential function of each value, (n,), the same bits on every machine."""
+
+def log(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the natural logarithm of each value, (n,), the same bits on every machine."""
 
 def distances(
     genomes: NDArray[np.float32], ones: NDArray[np.int64], others: NDArray[np.int64]

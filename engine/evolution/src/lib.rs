@@ -1,4 +1,4 @@
-//! Random numbers by counter, and the genetic operators of networks.
+//! Random numbers by counter, the genetic operators of networks, and the samples of evolution strategies.
 //!
 //! Everything is made of exact integer operations and single IEEE 754 binary64 operations in a written-down order, so
 //! the same address gives the same genome on every machine (docs/decisions/002-arithmetic.md).
@@ -15,6 +15,7 @@
 //! ```
 
 mod distance;
+mod matrix;
 mod network;
 mod normal;
 mod philox;
@@ -22,8 +23,11 @@ mod sampling;
 mod stream;
 
 pub use distance::{distance, distances};
+/// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
+pub use libm::{exp, log};
+pub use matrix::{exponential, product};
 pub use network::{Mutation, NodeNetwork};
 pub use normal::normal_at;
 pub use philox::philox;
-pub use sampling::{Scale, add_weighted, mirrored};
+pub use sampling::{Scale, add_weighted, add_weighted_products, mirrored, samples};
 pub use stream::{Stream, purpose_key};

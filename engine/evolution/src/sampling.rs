@@ -13,10 +13,35 @@ pub struct Scale<'a> {
     pub upper: &'a [f64],
 }
 
-/// Two genomes for each direction, `center` plus and minus `noise` times it: genomes 2 i and 2 i + 1.
+/// A genome for each direction: `center` plus `deviation` times it.
 ///
-/// `directions` and `genomes` are rows of `center.len()` numbers. Genomes are middle + reach * point, within the limits, rounded
-/// to binary32.
+/// `directions` and `genomes` are rows of `center.len()` numbers, as many. Genomes are middle + reach * point, within the limits,
+/// rounded to binary32.
+///
+/// # Panics
+///
+/// When lengths do not fit together.
+pub fn samples(
+    directions: &[f64],
+    center: &[f64],
+    deviation: &[f64],
+    scale: Scale<'_>,
+    genomes: &mut [f32],
+) {
+    assert_eq!(genomes.len(), directions.len());
+    let genes = checked(center, deviation, scale);
+    if genes == 0 {
+        return;
+    }
+    for (direction, genome) in directions
+        .chunks_exact(genes)
+        .zip(genomes.chunks_exact_mut(genes))
+    {
+        sample::<false>(direction, center, deviation, scale, genome);
+    }
+}
+
+/// Two genomes for each direction, `center` plus and minus `deviation` times it: genomes 2 i and 2 i + 1; else as [`samples`].
 ///
 /// # Panics
 ///
@@ -24,15 +49,12 @@ pub struct Scale<'a> {
 pub fn mirrored(
     directions: &[f64],
     center: &[f64],
-    noise: f64,
+    deviation: &[f64],
     scale: Scale<'_>,
     genomes: &mut [f32],
 ) {
-    let genes = center.len();
     assert_eq!(genomes.len(), 2 * directions.len());
-    for row in [scale.middle, scale.reach, scale.lower, scale.upper] {
-        assert_eq!(row.len(), genes);
-    }
+    let genes = checked(center, deviation, scale);
     if genes == 0 {
         return;
     }
@@ -41,15 +63,37 @@ pub fn mirrored(
         .zip(genomes.chunks_exact_mut(2 * genes))
     {
         let (plus, minus) = pair.split_at_mut(genes);
-        sample(direction, center, noise, scale, plus);
-        sample(direction, center, -noise, scale, minus);
+        sample::<false>(direction, center, deviation, scale, plus);
+        sample::<true>(direction, center, deviation, scale, minus);
     }
 }
 
+/// The number of genes, that of all rows.
+fn checked(center: &[f64], deviation: &[f64], scale: Scale<'_>) -> usize {
+    let rows = [
+        deviation,
+        scale.middle,
+        scale.reach,
+        scale.lower,
+        scale.upper,
+    ];
+    for row in rows {
+        assert_eq!(row.len(), center.len());
+    }
+    center.len()
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
-fn sample(direction: &[f64], center: &[f64], noise: f64, scale: Scale<'_>, genome: &mut [f32]) {
+fn sample<const OPPOSITE: bool>(
+    direction: &[f64],
+    center: &[f64],
+    deviation: &[f64],
+    scale: Scale<'_>,
+    genome: &mut [f32],
+) {
     for (gene, place) in genome.iter_mut().enumerate() {
-        let point = center[gene] + noise * direction[gene];
+        let away = deviation[gene] * direction[gene];
+        let point = center[gene] + if OPPOSITE { -away } else { away };
         let value = scale.middle[gene] + scale.reach[gene] * point;
         let (lower, upper) = (scale.lower[gene], scale.upper[gene]);
         let value = if value >= lower { value } else { lower };
@@ -71,6 +115,31 @@ pub fn add_weighted(rows: &[f64], weights: &[f64], sum: &mut [f64]) {
         if *weight != 0.0 {
             for (total, value) in sum.iter_mut().zip(row) {
                 *total += weight * value;
+            }
+        }
+    }
+}
+
+/// Adds the product of each row with itself, a matrix, times its weight to `sum`, row after row; rows of weight 0 are left out.
+///
+/// `sum` is a square matrix, row after row. It stays symmetric to the bit.
+///
+/// # Panics
+///
+/// When `rows` is not `weights.len()` rows of as many numbers as `sum` has rows.
+pub fn add_weighted_products(rows: &[f64], weights: &[f64], sum: &mut [f64]) {
+    let size = sum.len().isqrt();
+    assert_eq!(sum.len(), size * size);
+    assert_eq!(rows.len(), weights.len() * size);
+    if size == 0 {
+        return;
+    }
+    for (row, weight) in rows.chunks_exact(size).zip(weights) {
+        if *weight != 0.0 {
+            for (line, left) in sum.chunks_exact_mut(size).zip(row) {
+                for (total, right) in line.iter_mut().zip(row) {
+                    *total += weight * (left * right);
+                }
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Samples of evolution strategies.
 
-use swarmwright_evolution::{Scale, add_weighted, mirrored};
+use swarmwright_evolution::{Scale, add_weighted, add_weighted_products, mirrored, samples};
 
 const SCALE: Scale<'static> = Scale {
     middle: &[1.0, 0.0],
@@ -15,7 +15,7 @@ fn two_samples_lie_on_opposite_sides_of_the_center_within_the_limits() {
     mirrored(
         &[1.0, 0.5, -3.0, 0.0],
         &[0.5, 0.0],
-        0.25,
+        &[0.25, 0.25],
         SCALE,
         &mut genomes,
     );
@@ -23,7 +23,7 @@ fn two_samples_lie_on_opposite_sides_of_the_center_within_the_limits() {
     mirrored(
         &[100.0, 1.0, 0.0, 2.0],
         &[0.0, 0.0],
-        1.0,
+        &[1.0, 1.0],
         SCALE,
         &mut genomes,
     );
@@ -42,4 +42,28 @@ fn rows_are_added_in_order_and_those_of_weight_0_left_out() {
     let mut sum = [0.0; 1];
     add_weighted(&[1e16, 1.0, -1e16], &[1.0; 3], &mut sum);
     assert_eq!(sum, [0.0], "rounded after each row");
+}
+
+#[test]
+fn each_gene_has_a_deviation_of_its_own() {
+    let mut genomes = [0.0; 4];
+    samples(
+        &[1.0, 0.5, -3.0, 0.0],
+        &[0.5, 0.0],
+        &[0.25, 0.5],
+        SCALE,
+        &mut genomes,
+    );
+    assert_eq!(genomes, [2.5, 2.5, 0.5, 0.0]);
+}
+
+#[test]
+fn products_of_rows_make_a_symmetric_matrix() {
+    let mut sum = [0.0; 4];
+    add_weighted_products(
+        &[1.0, 2.0, f64::NAN, 1.0, -1.0, 3.0],
+        &[0.5, 0.0, 2.0],
+        &mut sum,
+    );
+    assert_eq!(sum, [2.5, -5.0, -5.0, 20.0]);
 }

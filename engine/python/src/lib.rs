@@ -51,7 +51,12 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<streams::PyStreams>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
     module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
-    module.add_function(wrap_pyfunction!(sampling::mirrored, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::exp, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::log, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::matrix_exponential, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::matrix_product, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::samples, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::weighted_products, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::weighted_sum, module)?)?;
     module.add_function(wrap_pyfunction!(controller::genome_size, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::simulations, module)?)?;

@@ -14,9 +14,12 @@ METHODS: Registry[Method] = Registry(
         "de": "swarmwright.methods.de:De",
         "nnga": "swarmwright.methods.nnga:Nnga",
         "openai_es": "swarmwright.methods.openai_es:OpenaiEs",
+        "pgpe": "swarmwright.methods.pgpe:Pgpe",
         "pso": "swarmwright.methods.pso:Pso",
         "random_search": "swarmwright.methods.random_search:RandomSearch",
         "sep_cma_es": "swarmwright.methods.sep_cma_es:SepCmaEs",
+        "snes": "swarmwright.methods.snes:Snes",
+        "xnes": "swarmwright.methods.xnes:Xnes",
     },
     "swarmwright.methods:Method",
 )

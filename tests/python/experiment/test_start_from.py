@@ -69,7 +69,7 @@ def test_the_run_needs_the_other_one_no_more(first: Run, tmp_path: Path) -> None
     assert Run.open(run.path).experiment.start_from == run.experiment.start_from
 
 
-@pytest.mark.parametrize("kind", ["cma_es", "sep_cma_es", "openai_es"])
+@pytest.mark.parametrize("kind", ["cma_es", "openai_es", "pgpe", "sep_cma_es", "snes", "xnes"])
 def test_distributions_start_there(kind: str, first: Run) -> None:
     method = {"kind": kind, "population": 40}
     genome = first.evaluation().genome

@@ -1,4 +1,4 @@
-"""OpenAI's evolution strategy: ranks, pairs, and that it climbs."""
+"""OpenAI's evolution strategy: pairs, and that it climbs."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import Experiment, evaluate
-from swarmwright.methods.openai_es import OpenaiEs, OpenaiEsOptions, centered_ranks
+from swarmwright.methods.openai_es import OpenaiEs, OpenaiEsOptions
 from swarmwright.testing._samples import BoundedGenes
 from tests.python.methods.functions import Points, conversation, new, rosenbrock, sphere, ten_genes
 
@@ -32,16 +32,6 @@ def test_it_solves_minisim_with_its_defaults(seed: int) -> None:
             break
         method.tell(fitness)
     assert best > -0.1
-
-
-def test_ranks_are_centered_and_shared_by_equals() -> None:
-    assert centered_ranks(np.array([5.0, 1e300, -7.0])).tolist() == [0.0, 0.5, -0.5]
-    assert centered_ranks(np.full(6, 3.0)).tolist() == [0.0] * 6
-    assert centered_ranks(np.array([1.0, 1.0, 2.0, 3.0, 3.0])).tolist() == [-0.375, -0.375, 0.0, 0.375, 0.375]
-
-
-def test_failed_candidates_share_the_lowest_rank() -> None:
-    assert centered_ranks(np.array([np.nan, -1e300, np.nan])).tolist() == [-0.25, 0.5, -0.25]
 
 
 def test_candidates_are_pairs_around_the_center() -> None:
@@ -87,7 +77,7 @@ def test_a_plateau_pushes_nowhere_but_decay_pulls_to_the_middle() -> None:
         for _ in range(10):  # away from the middle
             method.tell(method.ask().sum(axis=1))
         start = np.abs(method.center)
-        method._speed[:] = 0.0  # Adam's momentum is not what is looked at
+        method._adam._mean[:] = 0.0  # Adam's momentum is not what is looked at
         for _ in range(20):
             method.tell(np.zeros(len(method.ask())))
         if method is still:

@@ -28,7 +28,15 @@ def answers(subject: Representation, genome: Genome) -> np.ndarray[tuple[int], n
 
 @pytest.mark.parametrize(
     ("kind", "generations"),
-    [("nnga", 100), ("cea2d", 50), ("cma_es", 200), ("sep_cma_es", 200), ("de", 60), ("pso", 200)],
+    [
+        ("nnga", 100),
+        ("cea2d", 50),
+        ("cma_es", 200),
+        ("sep_cma_es", 200),
+        ("de", 60),
+        ("pso", 200),
+        ("snes", 200),
+    ],
 )
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_fully_meshed_network_learns_xor(kind: str, generations: int, seed: int) -> None:

@@ -1,0 +1,50 @@
+"""SNES: separable natural evolution strategy."""
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright.methods._gaussian import Numbers, limited, logarithm
+from swarmwright.methods._nes import Nes, NesOptions
+from swarmwright.typing import Genomes
+
+
+class SnesOptions(NesOptions):
+    """The separable natural evolution strategy, with the source's learning rates."""
+
+    kind: Literal["snes"] = "snes"
+
+
+class Snes(Nes):
+    """The natural gradient of a normal distribution with a standard deviation for each gene.
+
+    Memory and time grow with the number of genes, not with its square, so it suits large networks.
+
+    Source: Wierstra, Schaul, Glasmachers, Sun, Peters and Schmidhuber, "Natural evolution strategies",
+    Journal of Machine Learning Research 15, 2014, algorithm 6; new starts as in Auger and Hansen, "A restart
+    CMA evolution strategy with increasing population size", CEC 2005.
+    """
+
+    kind: ClassVar[str] = "snes"
+    options_model = SnesOptions
+    options: SnesOptions
+
+    def _begin(self) -> None:
+        genes = len(self._center)
+        self._deviation = np.full(genes, self.options.step)
+        self._rate = self.options.rate or (3 + logarithm(genes)) / (5 * math.sqrt(genes))
+
+    def _ask(self) -> Genomes:
+        self._directions = self._draw()
+        return self._sample(self._directions, self._deviation)
+
+    def _learn(self, weights: Numbers) -> None:
+        # The weights add up to 0, so that of z^2 - 1 nothing but z^2 is left.
+        widening = _engine.weighted_sum(self._directions * self._directions, weights)
+        self._move(self._deviation * _engine.weighted_sum(self._directions, weights))
+        self._deviation = limited(self._deviation * _engine.exp(self._rate / 2 * widening))
+
+    def _widest(self) -> float:
+        return float(self._deviation.max())

@@ -1,0 +1,69 @@
+"""Weights by rank, Adam, and the engine's functions for methods that draw from a normal distribution."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright import _engine
+from swarmwright.methods._gaussian import Adam, centered_ranks, logarithm, utilities
+
+
+def test_ranks_are_centered_and_shared_by_equals() -> None:
+    assert centered_ranks(np.array([5.0, 1e300, -7.0])).tolist() == [0.0, 0.5, -0.5]
+    assert centered_ranks(np.full(6, 3.0)).tolist() == [0.0] * 6
+    assert centered_ranks(np.array([1.0, 1.0, 2.0, 3.0, 3.0])).tolist() == [-0.375, -0.375, 0.0, 0.375, 0.375]
+
+
+def test_failed_candidates_share_the_lowest_rank() -> None:
+    assert centered_ranks(np.array([np.nan, -1e300, np.nan])).tolist() == [-0.25, 0.5, -0.25]
+
+
+@pytest.mark.parametrize("size", [4, 5, 20, 1001])
+def test_utilities_are_those_of_the_source(size: int) -> None:
+    raw = [max(0.0, math.log(size / 2 + 1) - math.log(k)) for k in range(1, size + 1)]
+    expected = np.array(raw) / sum(raw) - 1 / size
+    places = np.random.default_rng(1).permutation(size)  # 0 is the best
+    assert utilities(-places.astype(np.float64)) == pytest.approx(expected[places], abs=1e-14)
+
+
+@given(st.lists(st.sampled_from([-1e300, -1.0, 0.0, 2.5, 1e300, math.nan]), min_size=4, max_size=30))
+def test_utilities_add_up_to_0_and_are_shared_by_equals(values: list[float]) -> None:
+    fitness = np.array(values)
+    weights = utilities(fitness)
+    assert abs(math.fsum(weights)) < 1e-14
+    order = np.where(np.isnan(fitness), -np.inf, fitness)
+    for value in set(order.tolist()):
+        assert len(set(weights[order == value].tolist())) == 1
+    by_value = [weights[order == value][0] for value in sorted(set(order.tolist()))]
+    assert by_value == sorted(by_value)
+    if len(by_value) == 1:
+        assert by_value == [0.0], "a plateau changes nothing"
+
+
+def test_the_first_step_of_adam_has_its_length_whatever_the_gradient() -> None:
+    step = Adam(0.05).climb(np.array([1.0, -200.0, 0.0]))
+    assert step == pytest.approx([0.05, -0.05, 0.0], rel=1e-4)
+
+
+def test_exponential_and_logarithm_have_the_same_bits_everywhere() -> None:
+    numbers = np.array([-700.0, -1.5, 0.0, 1e-9, 0.1, 1.0, 20.0, 700.0])
+    expected = np.array([math.exp(number) for number in numbers])
+    assert np.abs(_engine.exp(numbers) - expected).max() <= np.spacing(expected).max()
+    assert _engine.exp(np.array([0.1, 1.0])).tobytes().hex() == "d4005ab3c7aef13f6a57148b0abf0540"
+    positive = np.array([1e-300, 0.3, 1.0, 2.0, 13.0, 1e300])
+    assert _engine.log(positive) == pytest.approx([math.log(number) for number in positive], rel=3e-16)
+    assert _engine.log(np.array([0.3, 13.0])).tobytes().hex() == "21a7bdfc7843f3bf518c312b04850440"
+    assert logarithm(1) == 0.0
+
+
+def test_matrices_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(_engine.InputError, match=r"\(2, 3\) and \(2, 2\)"):
+        _engine.matrix_product(np.ones((2, 3)), np.ones((2, 2)))
+    with pytest.raises(_engine.InputError, match="as many rows as columns"):
+        _engine.matrix_exponential(np.ones((2, 3)))
+    with pytest.raises(_engine.InputError, match="3 values for 2 rows"):
+        _engine.weighted_products(np.ones((2, 3)), np.ones(3))
+    assert _engine.matrix_exponential(np.full((2, 2), np.nan)) is None
