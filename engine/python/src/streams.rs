@@ -4,6 +4,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyList};
+use rayon::prelude::*;
 use swarmwright_evolution as evolution;
 
 use crate::errors::input;
@@ -68,6 +69,9 @@ fn limit(below: u128) -> PyResult<u64> {
     }
     Ok(u64::try_from(below).unwrap_or(0))
 }
+
+/// Numbers that are drawn in less time than another thread takes to begin.
+const FEW: usize = 4096;
 
 /// Streams that differ in the candidate alone.
 #[pyclass(name = "Streams", module = "swarmwright._engine")]
@@ -150,20 +154,24 @@ impl PyStreams {
 }
 
 impl PyStreams {
-    /// (streams, count) numbers, made by `draw`.
+    /// (streams, count) numbers, made by `draw`; many of them on all processors.
     fn drawn<'py>(
         &mut self,
         py: Python<'py>,
         count: usize,
-        draw: fn(&mut evolution::Stream) -> f64,
+        draw: impl Fn(&mut evolution::Stream) -> f64 + Sync,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let streams = self.0.len();
-        let drawn = py.detach(|| {
-            let mut drawn = Vec::with_capacity(streams * count);
-            for stream in &mut self.0 {
-                drawn.extend((0..count).map(|_| draw(stream)));
-            }
-            drawn
+        let mut drawn = vec![0.0; streams * count];
+        py.detach(|| {
+            let fill = |(stream, row): (&mut evolution::Stream, &mut [f64])| {
+                row.fill_with(|| draw(stream));
+            };
+            self.0
+                .par_iter_mut()
+                .zip(drawn.par_chunks_mut(count.max(1)))
+                .with_min_len(FEW.div_ceil(count.max(1)))
+                .for_each(fill);
         });
         PyArray1::from_vec(py, drawn).reshape([streams, count])
     }
