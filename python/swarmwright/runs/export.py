@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.store import Record, StoreReader
+from swarmwright.store.table import pyarrow
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -74,13 +75,9 @@ def _header(part: Record, metrics: list[str]) -> str:
 
 
 def _write_parquet(store: StoreReader, path: Path) -> None:
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise InputError(
-            f"{path}: writing Parquet needs PyArrow: pip install 'swarmwright[parquet]'"
-        ) from None
+    pa = pyarrow(f"{path}: writing Parquet")
+    from pyarrow import parquet
+
     writer: Any = None
     try:
         for part in store.rows():

@@ -15,7 +15,7 @@ from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import csv_lines, write_table
-from swarmwright.store import Attempt, Evaluation, Event, Record, Session, StoreReader
+from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.store.lock import is_locked
 from swarmwright.store.reader import nothing
@@ -178,7 +178,7 @@ class Run:
         return self.store.events()
 
     @cached_property
-    def record(self) -> Record:
+    def record(self) -> RecordTable:
         """Every evaluation of the finished generations: arrays, and a mapping of the columns of a table.
 
         `pandas.DataFrame(run.record)` has the columns that `export` writes.

@@ -6,9 +6,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.errors import InputError
 from swarmwright.store.blocks import Record
 
 Column = NDArray[Any]
+
+
+def pyarrow(what: str) -> Any:  # noqa: ANN401 - a module
+    """Return the module. Raises InputError when it is not installed; `what` says what needs it."""
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - optional, and large
+    except ImportError:
+        raise InputError(f"{what} needs PyArrow: pip install 'swarmwright[parquet]'") from None
+    return pa
 
 
 class RecordTable(Record, dict[str, Column]):
@@ -17,7 +27,8 @@ class RecordTable(Record, dict[str, Column]):
     The attributes are the arrays. As a mapping it has a column of numbers, (evaluations,), for each column of
     the table that `Run.export` writes as CSV: generation, candidate, fitness, episode_0, .., metrics if there
     are any (name_0, ..), then g0, .. (the genome). So `pandas.DataFrame(run.record)` works, and polars' too.
-    Columns are made when the first of them is wanted.
+    Columns are made when the first of them is wanted. With PyArrow (`pip install 'swarmwright[parquet]'`) it
+    is an Arrow stream as well, for everything that takes one: DuckDB, polars, pandas, nanoarrow, ...
     """
 
     def __init__(self, record: Record, metrics: Sequence[str]) -> None:
@@ -67,6 +78,15 @@ class RecordTable(Record, dict[str, Column]):
         """Return names and columns."""
         self._filled()
         return dict.items(self)
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Return the columns as an Arrow stream, in a PyCapsule; failed evaluations have NaN.
+
+        Raises InputError when PyArrow is not installed.
+        """
+        table = pyarrow("the record as an Arrow stream").table(dict(self.items()))
+        stream: object = table.__arrow_c_stream__(requested_schema)
+        return stream
 
     def __repr__(self) -> str:
         """Say how much there is."""

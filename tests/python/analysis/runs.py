@@ -9,6 +9,7 @@ import numpy as np
 from swarmwright import Experiment, Run
 from swarmwright.core.statistics import Summary, summarize
 from swarmwright.store import Record
+from swarmwright.store.table import RecordTable
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "controller": {"kind": "layered", "hidden": [2]},
@@ -55,14 +56,14 @@ class KnownRun(Run):
         return found
 
     @property
-    def record(self) -> Record:
+    def record(self) -> RecordTable:
         values = np.concatenate(self._fitness)
         sizes = [len(row) for row in self._fitness]
         genomes = self._genomes
         if genomes is None:
             random = np.random.default_rng(self._experiment.seed)
             genomes = random.standard_normal((len(values), self._experiment.genome_size))
-        return Record(
+        record = Record(
             generation=np.repeat(np.arange(len(sizes)), sizes),
             candidate=np.concatenate([np.arange(size) for size in sizes]),
             fitness=values,
@@ -70,6 +71,7 @@ class KnownRun(Run):
             metrics=np.empty((len(values), 1, 0)),
             genomes=np.asarray(genomes, dtype=np.float32),
         )
+        return RecordTable(record, [])
 
 
 def runs(path: Path, finals: Sequence[float], **changes: Any) -> list[KnownRun]:

@@ -1,6 +1,7 @@
 """What notebooks show: a real one, run by a real kernel, and the parts of it."""
 
 import html
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,18 @@ def test_without_a_notebook_nothing_is_shown_unless_it_is_wanted(
     optimize(experiment, lambda now: seen.append(now.generation), out=tmp_path / "told", progress=True)
     assert seen == [0, 1]
     assert "2 of 2 generations  best " in capsys.readouterr().err
+
+
+def test_the_record_is_an_arrow_stream(finished: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pyarrow as pa
+
+    table = pa.RecordBatchReader.from_stream(finished.record).read_all()
+    assert table.column_names == list(finished.record)
+    for name, column in finished.record.items():
+        assert table[name].to_numpy().tobytes() == column.tobytes()
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"needs PyArrow: pip install 'swarmwright\[parquet\]'"):
+        finished.record.__arrow_c_stream__()
 
 
 def test_the_record_is_a_table_for_pandas_and_alike(finished: Run, tmp_path: Path) -> None:
