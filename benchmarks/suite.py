@@ -65,6 +65,12 @@ def _jax(_scale: Scale) -> Suite:
     return JaxSuite()
 
 
+def _evosax(_scale: Scale) -> Suite:
+    from benchmarks.against_evosax import EvosaxSuite
+
+    return EvosaxSuite()
+
+
 def _bound(scale: Scale) -> Suite:
     from benchmarks.bound import BoundSuite
 
@@ -117,6 +123,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "mqtt": _mqtt,
     "rollouts": _rollouts,
     "jax": _jax,
+    "evosax": _evosax,
     "bound": _bound,
     "growth": _growth,
     "tasks": _tasks,

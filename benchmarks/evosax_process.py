@@ -1,0 +1,80 @@
+"""A process that evolves Minisim's controllers with evosax: `python -m benchmarks.evosax_process`.
+
+Each line on standard input is an algorithm, a population and a number of generations; the answer is a line of
+JSON: seconds of the first run, which compiles it, and of a second one with other random numbers, and the best
+fitness of the latter. With these three as arguments it does one run and ends.
+
+All generations are one compiled function, the fastest way to use evosax; nothing is kept but the best.
+"""
+
+import importlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.jax_process import network_of_products, simulation
+
+GENES = 49
+"""Of a 4-8-1 network."""
+
+
+def evolution(jax: Any, name: str, population: int, generations: int) -> Callable[[int], Any]:
+    """Seed -> best fitness, of a whole run."""
+    jnp = jax.numpy
+    algorithms = importlib.import_module("evosax.algorithms")
+    algorithm = getattr(algorithms, name)(population_size=population, solution=jnp.zeros(GENES))
+    parameters = algorithm.default_params
+    costs = jax.vmap(lambda weights: -simulation(jax, network_of_products(jnp))(weights))
+
+    def start(key: Any) -> Any:
+        if name in {"SimpleGA", "DifferentialEvolution", "PSO"}:
+            first = jax.random.uniform(key, (population, GENES), minval=-1.0)
+            return algorithm.init(key, first, costs(first), parameters)
+        return algorithm.init(key, jnp.zeros(GENES), parameters)
+
+    def generation(carried: Any, key: Any) -> Any:
+        state, best = carried
+        one, other = jax.random.split(key)
+        candidates, state = algorithm.ask(one, state, parameters)
+        found = costs(candidates)
+        state, _ = algorithm.tell(other, candidates, found, state, parameters)
+        return (state, jnp.minimum(best, found.min())), None
+
+    def run(key: Any) -> Any:
+        first, rest = jax.random.split(key)
+        carried = start(first), jnp.inf
+        (_, best), _ = jax.lax.scan(generation, carried, jax.random.split(rest, generations))
+        return -best
+
+    compiled = jax.jit(run)
+    return lambda seed: compiled(jax.random.key(seed)).block_until_ready()
+
+
+def timed(work: Callable[[int], Any], seed: int) -> tuple[float, float]:
+    """Seconds, and the best fitness."""
+    start = time.perf_counter()
+    best = float(work(seed))
+    return time.perf_counter() - start, best
+
+
+def main() -> None:
+    """Answer until standard input ends, or do what the arguments say."""
+    os.environ["JAX_PLATFORMS"] = "cpu"
+    jax: Any = importlib.import_module("jax")
+    if len(sys.argv) > 1:
+        name, population, generations = sys.argv[1:]
+        print(timed(evolution(jax, name, int(population), int(generations)), 1))
+        return
+    for line in sys.stdin:
+        name, population, generations = line.split()
+        work = evolution(jax, name, int(population), int(generations))
+        cold, _ = timed(work, 1)
+        warm, best = min(timed(work, seed) for seed in (2, 3, 4))
+        print(json.dumps({"cold": cold, "warm": warm, "best": best}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
