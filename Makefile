@@ -77,13 +77,8 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/t
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
-	# Many tests wait for other processes: three at a time keep two processors busy. A few that failed are run once more, one
-	# after the other: what passes then depended on time, is named, and wants a look; what fails again is a failure.
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=25 --durations-min=10 || {
-		[ $$? = 1 ] || exit 1
-		echo "== once more, what failed:"
-		$(BIN)/python -m pytest --last-failed --last-failed-no-failures none --maxfail 3 -v -n 0
-	}
+	# Many tests wait for other processes: three at a time keep two processors busy.
+	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=25 --durations-min=10
 
 brokers: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }

@@ -51,10 +51,16 @@ def test_the_results_and_what_is_said_are_those_of_one_after_the_other(program: 
     assert said[0][1].startswith("[2/4] random_search, seed 1: best fitness ")
     assert records(tmp_path / "alone") == records(tmp_path / "local") == records(tmp_path / "servers")
     assert len(records(tmp_path / "alone")) == 4
+    counts = set()
     # Of two runs at a time, the first has two servers, the second one, each on a broker of its own.
-    places = {Run.open(run).sessions[0].place for run in (tmp_path / "servers").glob("*-?")}
-    assert {place.split(" on ")[0] for place in places} <= {"2 servers", "1 servers"}
-    assert len({place.split(" on ")[1] for place in places}) == len(places), "a broker for each"
+    runs = [Run.open(run) for run in (tmp_path / "servers").glob("*-?")]
+    assert len({run.sessions[0].place for run in runs}) == 2, "a broker for each of the two"
+    for run in runs:
+        used = {attempt.server for attempt in run.attempts()}
+        servers = int(run.sessions[0].place.split()[0])
+        assert used <= set(range(1, servers + 1))
+        counts.add(servers)
+    assert counts == {1, 2}
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
