@@ -152,19 +152,21 @@ impl PyPool {
         Ok(())
     }
 
-    #[pyo3(signature = (run=None, generation=None, generations=None, evaluations=None))]
+    #[pyo3(signature = (run=None, generation=None, generations=None, evaluations=None, purpose=None))]
     fn about(
         &mut self,
         run: Option<String>,
         generation: Option<u64>,
         generations: Option<u64>,
         evaluations: Option<(u64, u64)>,
+        purpose: Option<String>,
     ) -> PyResult<()> {
         self.pool()?.set_about(About {
             run,
             generation,
             generations,
             evaluations,
+            purpose,
         });
         Ok(())
     }

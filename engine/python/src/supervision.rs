@@ -47,10 +47,6 @@ impl PySupervision {
         self.0.take_overdue()
     }
 
-    fn work_for(&self, purpose: &str) {
-        self.0.work_for(purpose);
-    }
-
     fn place(&self, request: u64) -> Option<(usize, usize, Option<u64>, Option<String>)> {
         let place = self.0.place(request)?;
         let purpose = place.purpose.as_deref().map(str::to_owned);

@@ -110,10 +110,6 @@ class LocalServers:
         """Write what the servers print to a file, which is made when there is something."""
         self.output.log_to(file)
 
-    def work_for(self, purpose: str) -> None:
-        """Set what requests are sent for from now on, where they belong to no generation."""
-        self._supervisor.work_for(purpose)
-
     def close(self) -> None:
         """End all servers: ask all, then wait for each, then kill."""
         if _running.get(self._broker) is self:

@@ -79,9 +79,7 @@ class BrokerBackend:
 
     def post_evaluates(self) -> None:
         """Say that what follows belongs to no generation, in servers.log and to watchers."""
-        self._pool.about(self._run)
-        if self._servers is not None:
-            self._servers.work_for("post-evaluation")
+        self._pool.about(self._run, purpose="post-evaluation")
 
     def _valued(self, results: Results, numbers: Sequence[int]) -> Results:
         """Apply the experiment's fitness, and count the episodes for which it has no value."""

@@ -17,6 +17,8 @@ pub struct About {
     pub generations: Option<u64>,
     /// In steady state: how many evaluations had been done before the work, and how many the whole run has.
     pub evaluations: Option<(u64, u64)>,
+    /// What it is for where it belongs to no generation, such as `post-evaluation`; in the output of servers.
+    pub purpose: Option<String>,
 }
 
 /// How a pool is to work.

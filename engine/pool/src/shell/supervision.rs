@@ -87,11 +87,6 @@ impl Supervision {
             .map(|(_, place)| place.clone())
     }
 
-    /// What requests are sent for from now on, where they belong to no generation.
-    pub fn work_for(&self, purpose: &str) {
-        self.shared().purpose = Some(purpose.into());
-    }
-
     pub(crate) fn are_starting(&self) -> bool {
         self.shared().starting > 0
     }
@@ -114,8 +109,9 @@ impl Supervision {
         shared.places.push_back((request, place));
     }
 
-    pub(crate) fn set_generation(&self, generation: Option<u64>) {
-        self.shared().generation = generation;
+    pub(crate) fn set_work(&self, generation: Option<u64>, purpose: Option<&str>) {
+        let mut shared = self.shared();
+        (shared.generation, shared.purpose) = (generation, purpose.map(Arc::from));
     }
 
     pub(crate) fn take(&self) -> (Vec<Ending>, Vec<u64>) {

@@ -180,12 +180,6 @@ class Supervisor:
                 )
             self._count()
 
-    def work_for(self, purpose: str) -> None:
-        """Set what requests are sent for from now on, such as `post-evaluation`."""
-        with self._lock:
-            if self._supervision is not None:
-                self._supervision.work_for(purpose)
-
     def _begin(self, place: _Place) -> None:
         place.sample, place.since = Sample(), time.monotonic()
         place.again_at = None

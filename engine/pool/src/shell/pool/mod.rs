@@ -195,7 +195,8 @@ impl Pool {
 
     /// What the work that follows is for.
     pub fn set_about(&mut self, about: About) {
-        self.supervision.set_generation(about.generation);
+        self.supervision
+            .set_work(about.generation, about.purpose.as_deref());
         self.about = about;
     }
 
