@@ -71,7 +71,6 @@ class Ranking(ABC):
             genomes: (candidates, genome_size); needed with `reevaluate` only.
         """
         scores = np.full(len(episodes), np.nan)
-        worked: NDArray[np.bool_]
         if self.options.reevaluate and genomes is not None:
             rows = self._with_past(episodes.tolist(), genomes)
             worked = np.array([all(map(math.isfinite, row)) for row in rows], dtype=bool)
@@ -80,11 +79,10 @@ class Ranking(ABC):
             worked = np.asarray(np.isfinite(episodes).all(axis=1))
         if worked.any():
             with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
-                made = (
-                    self._score_array(episodes[worked])
-                    if rows is None
-                    else self._score(list(compress(rows, worked)))
-                )
+                if rows is not None:
+                    made = self._score(list(compress(rows, worked)))
+                else:
+                    made = self._score_array(episodes if worked.all() else episodes[worked])
             # Adding 0.0 turns -0.0 into 0.0: equal fitness has one representation.
             scores[worked] = made + 0.0
         scores[~np.isfinite(scores)] = np.nan
