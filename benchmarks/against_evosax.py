@@ -1,7 +1,6 @@
 """Whole runs against evosax: Minisim, a 4-8-1 network, warm in a process and from the command line."""
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.measurement import Samples
-from benchmarks.processes import PROGRAM, ROOT
+from benchmarks.processes import PROGRAM, ROOT, output
 from swarmwright import Experiment, optimize
 
 
@@ -67,7 +66,6 @@ class EvosaxSuite:
             text=True,
             cwd=ROOT,
         )
-        self._rows = rows
         self._warm: dict[Row, tuple[Samples, Samples]] = {}
         self._cold: dict[Row, tuple[Samples, Samples]] = {}
         for row in rows:
@@ -78,7 +76,7 @@ class EvosaxSuite:
                 ours = Samples(f"{row.kind}, {row}, from the command line", "s", cold, "<= 0.2")
                 self._cold[row] = cold, ours
 
-    def _ask(self, row: Row) -> dict[str, float]:
+    def _ask(self, row: Row) -> float:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(f"{row.algorithm} {row.population} {row.generations}\n")
@@ -86,13 +84,12 @@ class EvosaxSuite:
         line = self._process.stdout.readline()
         if not line:
             raise SystemExit("the evosax process ended; `make bench` installs what it needs")
-        answer: dict[str, float] = json.loads(line)
-        return answer
+        return float(json.loads(line))
 
     def repeat(self) -> None:
         """Take one sample of everything."""
         for row, (peer, ours) in self._warm.items():
-            peer.add(self._ask(row)["warm"])
+            peer.add(self._ask(row))
             ours.add(_in_process(row))
         for row, (peer, ours) in self._cold.items():
             settings = (row.algorithm, str(row.population), str(row.generations))
@@ -122,11 +119,6 @@ def _in_process(row: Row) -> float:
 
 def _process(*command: str) -> float:
     """Seconds from the start of a process to its end."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     start = time.perf_counter()
-    done = subprocess.run(
-        command, check=False, capture_output=True, text=True, timeout=300, cwd=ROOT, env=environment
-    )
-    if done.returncode != 0:
-        raise SystemExit(f"{' '.join(command)}: {done.stderr}")
+    output(*command, cwd=ROOT)
     return time.perf_counter() - start

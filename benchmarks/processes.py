@@ -18,6 +18,19 @@ PROGRAM = (sys.executable, "-P", "-m", "swarmwright")
 PATIENCE = 20.0
 
 
+def output(*command: str, cwd: Path) -> str:
+    """Run a command to its end, as users have it; return its standard output."""
+    # Modules are compiled once, not at every start.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment |= {"PYTHONPATH": ""}
+    result = subprocess.run(
+        command, check=False, capture_output=True, text=True, timeout=300, cwd=cwd, env=environment
+    )
+    if result.returncode != 0:
+        raise SystemExit(f"{' '.join(command)}: {result.stderr}")
+    return result.stdout
+
+
 @dataclass(frozen=True)
 class Broker:
     """A broker that runs in a process of its own."""

@@ -1,16 +1,14 @@
 """FREVO's Stadium experiment from its session file to the result, from the command line."""
 
 import json
-import os
 import resource
 import statistics
-import subprocess
 import tempfile
 import time
 from pathlib import Path
 
 from benchmarks.measurement import Samples
-from benchmarks.processes import PROGRAM, ROOT
+from benchmarks.processes import PROGRAM, ROOT, output
 from swarmwright import Run
 
 SESSION = ROOT / "tests" / "data" / "frevo" / "emergency_exit_stadium.zse"
@@ -45,10 +43,11 @@ class WholeSuite:
             folder = Path(name)
             before = _children()
             start = time.perf_counter()
-            experiment = _output("import", str(SESSION), cwd=folder)
+            experiment = output(*PROGRAM, "import", str(SESSION), cwd=folder)
             (folder / "stadium.yaml").write_text(experiment, encoding="utf-8")
             imported = time.perf_counter() - start
-            lines = _output(
+            lines = output(
+                *PROGRAM,
                 *("optimize", "stadium.yaml", "--seed", str(seed), "--out", "run", "--servers", "local"),
                 "--json",
                 cwd=folder,
@@ -83,16 +82,3 @@ class WholeSuite:
 def _children() -> float:
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
-
-
-def _output(*arguments: str, cwd: Path) -> str:
-    # As users have it: modules are compiled once, not at every start.
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    environment |= {"PYTHONPATH": ""}
-    command = [*PROGRAM, *arguments]
-    result = subprocess.run(
-        command, check=False, capture_output=True, text=True, timeout=300, cwd=cwd, env=environment
-    )
-    if result.returncode != 0:
-        raise SystemExit(f"{' '.join(command)}: {result.stderr}")
-    return result.stdout
