@@ -442,10 +442,8 @@ class Supervision:
         """So many servers are being started: meanwhile the pool does not give up for want of servers."""
     def take_overdue(self) -> list[int]:
         """Servers that have not answered in time, since the last call; say of each that it is alive, or that it has ended."""
-    def work_for(self, purpose: str) -> None:
-        """Set what requests are sent for from now on, such as `post-evaluation`."""
     def place(self, request: int) -> tuple[int, int, int | None, str | None] | None:
-        """First candidate, first episode, generation (as `Pool.about` was told) and purpose (as `work_for` was told) of a request to a watched server."""
+        """First candidate, first episode, generation and purpose (as `Pool.about` was told) of a request to a watched server."""
 
 @final
 class Watcher:
@@ -518,8 +516,12 @@ class Pool:
         generation: int | None = None,
         generations: int | None = None,
         evaluations: tuple[int, int] | None = None,
+        purpose: str | None = None,
     ) -> None:
-        """Say what the evaluations that follow are for: those who watch the broker are told."""
+        """Say what the evaluations that follow are for: those who watch the broker are told.
+
+        purpose: names work that belongs to no generation, such as `post-evaluation`, in the output of servers.
+        """
     def counts(self) -> Counts:
         """Incidents so far."""
     def announced_metrics(self) -> list[str]:

@@ -29,5 +29,5 @@ pub use matrix::{exponential, product};
 pub use network::{Mutation, NodeNetwork};
 pub use normal::normal_at;
 pub use philox::philox;
-pub use sampling::{Scale, add_weighted, add_weighted_products, mirrored, samples};
+pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
 pub use stream::{Stream, purpose_key};

@@ -13,10 +13,10 @@ pub struct Scale<'a> {
     pub upper: &'a [f64],
 }
 
-/// A genome for each direction: `center` plus `deviation` times it.
+/// A genome for each direction, `center` plus `deviation` times it; where they are mirrored, two: plus and minus, genomes 2 i and 2 i + 1.
 ///
-/// `directions` and `genomes` are rows of `center.len()` numbers, as many. Genomes are middle + reach * point, within the limits,
-/// rounded to binary32.
+/// `directions` and `genomes` are rows of `center.len()` numbers. Genomes are middle + reach * point, within the limits, rounded
+/// to binary32.
 ///
 /// # Panics
 ///
@@ -26,50 +26,12 @@ pub fn samples(
     center: &[f64],
     deviation: &[f64],
     scale: Scale<'_>,
+    mirrored: bool,
     genomes: &mut [f32],
 ) {
-    assert_eq!(genomes.len(), directions.len());
-    let genes = checked(center, deviation, scale);
-    if genes == 0 {
-        return;
-    }
-    for (direction, genome) in directions
-        .chunks_exact(genes)
-        .zip(genomes.chunks_exact_mut(genes))
-    {
-        sample::<false>(direction, center, deviation, scale, genome);
-    }
-}
-
-/// Two genomes for each direction, `center` plus and minus `deviation` times it: genomes 2 i and 2 i + 1; else as [`samples`].
-///
-/// # Panics
-///
-/// When lengths do not fit together.
-pub fn mirrored(
-    directions: &[f64],
-    center: &[f64],
-    deviation: &[f64],
-    scale: Scale<'_>,
-    genomes: &mut [f32],
-) {
-    assert_eq!(genomes.len(), 2 * directions.len());
-    let genes = checked(center, deviation, scale);
-    if genes == 0 {
-        return;
-    }
-    for (direction, pair) in directions
-        .chunks_exact(genes)
-        .zip(genomes.chunks_exact_mut(2 * genes))
-    {
-        let (plus, minus) = pair.split_at_mut(genes);
-        sample::<false>(direction, center, deviation, scale, plus);
-        sample::<true>(direction, center, deviation, scale, minus);
-    }
-}
-
-/// The number of genes, that of all rows.
-fn checked(center: &[f64], deviation: &[f64], scale: Scale<'_>) -> usize {
+    let genes = center.len();
+    let each = if mirrored { 2 } else { 1 };
+    assert_eq!(genomes.len(), each * directions.len());
     let rows = [
         deviation,
         scale.middle,
@@ -78,9 +40,21 @@ fn checked(center: &[f64], deviation: &[f64], scale: Scale<'_>) -> usize {
         scale.upper,
     ];
     for row in rows {
-        assert_eq!(row.len(), center.len());
+        assert_eq!(row.len(), genes);
     }
-    center.len()
+    if genes == 0 {
+        return;
+    }
+    for (direction, made) in directions
+        .chunks_exact(genes)
+        .zip(genomes.chunks_exact_mut(each * genes))
+    {
+        let (plus, minus) = made.split_at_mut(genes);
+        sample::<false>(direction, center, deviation, scale, plus);
+        if mirrored {
+            sample::<true>(direction, center, deviation, scale, minus);
+        }
+    }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]

@@ -1,6 +1,6 @@
 //! Samples of evolution strategies.
 
-use swarmwright_evolution::{Scale, add_weighted, add_weighted_products, mirrored, samples};
+use swarmwright_evolution::{Scale, add_weighted, add_weighted_products, samples};
 
 const SCALE: Scale<'static> = Scale {
     middle: &[1.0, 0.0],
@@ -12,19 +12,21 @@ const SCALE: Scale<'static> = Scale {
 #[test]
 fn two_samples_lie_on_opposite_sides_of_the_center_within_the_limits() {
     let mut genomes = [0.0; 8];
-    mirrored(
+    samples(
         &[1.0, 0.5, -3.0, 0.0],
         &[0.5, 0.0],
         &[0.25, 0.25],
         SCALE,
+        true,
         &mut genomes,
     );
     assert_eq!(genomes, [2.5, 1.25, 1.5, -1.25, 0.5, 0.0, 3.5, 0.0]);
-    mirrored(
+    samples(
         &[100.0, 1.0, 0.0, 2.0],
         &[0.0, 0.0],
         &[1.0, 1.0],
         SCALE,
+        true,
         &mut genomes,
     );
     assert_eq!(genomes, [5.0, 3.0, -5.0, -3.0, 1.0, 3.0, 1.0, -3.0]);
@@ -52,6 +54,7 @@ fn each_gene_has_a_deviation_of_its_own() {
         &[0.5, 0.0],
         &[0.25, 0.5],
         SCALE,
+        false,
         &mut genomes,
     );
     assert_eq!(genomes, [2.5, 2.5, 0.5, 0.0]);

@@ -1,4 +1,8 @@
 //! Samples of evolution strategies, and the matrices that they are learnt with.
+#![expect(
+    clippy::needless_pass_by_value,
+    reason = "pyo3 hands arguments over by value"
+)]
 
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
@@ -12,9 +16,8 @@ use crate::errors::input;
 #[pyfunction]
 #[pyo3(signature = (directions, center, deviation, *, middle, reach, lower, upper, mirrored))]
 #[expect(
-    clippy::needless_pass_by_value,
     clippy::too_many_arguments,
-    reason = "pyo3 hands arguments over by value, one by one"
+    reason = "pyo3 hands arguments over one by one"
 )]
 pub fn samples<'py>(
     py: Python<'py>,
@@ -44,20 +47,13 @@ pub fn samples<'py>(
     };
     let (directions, center) = (directions.as_slice()?, center.as_slice()?);
     let deviation = deviation.as_slice()?;
-    let make = if mirrored {
-        evolution::mirrored
-    } else {
-        evolution::samples
-    };
-    py.detach(|| make(directions, center, deviation, scale, &mut genomes));
+    py.detach(|| {
+        evolution::samples(directions, center, deviation, scale, mirrored, &mut genomes);
+    });
     PyArray1::from_vec(py, genomes).reshape([count, genes])
 }
 
 #[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
 pub fn weighted_sum<'py>(
     py: Python<'py>,
     rows: PyReadonlyArray2<'py, f64>,
@@ -72,10 +68,6 @@ pub fn weighted_sum<'py>(
 }
 
 #[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
 pub fn weighted_products<'py>(
     py: Python<'py>,
     rows: PyReadonlyArray2<'py, f64>,
@@ -90,10 +82,6 @@ pub fn weighted_products<'py>(
 }
 
 #[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
 pub fn matrix_product<'py>(
     py: Python<'py>,
     left: PyReadonlyArray2<'py, f64>,
@@ -112,10 +100,6 @@ pub fn matrix_product<'py>(
 }
 
 #[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
 pub fn matrix_exponential<'py>(
     py: Python<'py>,
     matrix: PyReadonlyArray2<'py, f64>,
@@ -133,10 +117,6 @@ pub fn matrix_exponential<'py>(
 }
 
 #[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
 pub fn exp<'py>(
     py: Python<'py>,
     values: PyReadonlyArray1<'py, f64>,
@@ -145,10 +125,6 @@ pub fn exp<'py>(
 }
 
 #[pyfunction]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "pyo3 hands arguments over by value"
-)]
 pub fn log<'py>(
     py: Python<'py>,
     values: PyReadonlyArray1<'py, f64>,

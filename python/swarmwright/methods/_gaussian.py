@@ -1,6 +1,7 @@
 """What methods share that draw each generation from a normal distribution, learned by themselves."""
 
 import math
+from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -28,6 +29,8 @@ class Gaussian(Method):
     start_as = "center"
     population: int
     """Genomes in each generation."""
+    _deviation: Numbers
+    """Standard deviation of each gene, (genome_size,)."""
     mirrored: ClassVar[bool]
     """Whether samples are pairs on opposite sides of the center: candidates 2 i and 2 i + 1."""
 
@@ -65,6 +68,19 @@ class Gaussian(Method):
     def center(self) -> Numbers:
         """Where the samples are around, as genes: (genome_size,)."""
         return np.asarray(self._middle + self._reach * self._center)
+
+    def _ask(self) -> Genomes:
+        self._directions = self._draw()
+        return self._sample(self._directions, self._deviation)
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the directions say it
+        self._fitness = fitness
+        if not np.isnan(fitness).all():  # a generation that failed as a whole changes nothing
+            self._learn(fitness)
+
+    @abstractmethod
+    def _learn(self, fitness: Fitness) -> None:
+        """Move the distribution by the fitness of the last sample, (population,), some of it NaN."""
 
     def _draw(self) -> Numbers:
         """Return standard normal directions, (n, genome_size): one for each sample, or for each pair."""

@@ -10,7 +10,7 @@ from pydantic import Field
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm, utilities
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness, Genomes
+from swarmwright.typing import Fitness
 
 _CONVERGED = 1e-3
 
@@ -47,6 +47,7 @@ class Nes(Gaussian):
         genes = representation.genome_size
         self.population = options.population or max(4 + int(3 * logarithm(genes)), 20)
         self._budget = self.population * options.generations
+        self._rate = options.rate or self._default_rate(genes)
         self._unchanged = 0
         self._best = math.nan
         self._begin()
@@ -60,19 +61,21 @@ class Nes(Gaussian):
     def _begin(self) -> None:
         """Set the standard deviations of a start."""
 
+    @staticmethod
     @abstractmethod
-    def _learn(self, weights: Numbers) -> None:
+    def _default_rate(genes: int) -> float:
+        """Return the source's learning rate of the standard deviations."""
+
+    @abstractmethod
+    def _follow(self, weights: Numbers) -> None:
         """Move the distribution by the weights (n,) of the last directions, which add up to 0."""
 
     @abstractmethod
     def _widest(self) -> float:
         """Return the largest standard deviation."""
 
-    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the directions say it
-        self._fitness = fitness
-        if np.isnan(fitness).all():
-            return
-        self._learn(utilities(fitness))
+    def _learn(self, fitness: Fitness) -> None:
+        self._follow(utilities(fitness))
         best = float(np.nanmax(fitness))
         self._unchanged = self._unchanged + 1 if best == self._best else 0
         self._best = best

@@ -70,6 +70,14 @@ DISCRETE = (
 """Why methods that add and scale genes refuse a representation that is not continuous."""
 
 
+def beyond_covariance(representation: Representation, most: int, instead: str) -> str | None:
+    """Return why more than `most` genes are refused, and what to take `instead`; None if they are not."""
+    genes = representation.genome_size
+    if genes <= most:
+        return None
+    return f"{genes} genes need a covariance matrix of as many rows and columns; above {most} take {instead}"
+
+
 def one_thread() -> AbstractContextManager[Any]:
     """Return a context in which NumPy's linear algebra runs in one thread.
 

@@ -3,6 +3,7 @@
 from typing import ClassVar, Literal
 
 from swarmwright.methods._cma import Cma, CmaOptions
+from swarmwright.methods._numbers import beyond_covariance
 from swarmwright.representations._base import Representation
 
 _LARGEST = 5000
@@ -32,9 +33,6 @@ class CmaEs(Cma):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse discrete representations, and genomes whose covariance matrix would be too large."""
-        if representation.genome_size > _LARGEST:
-            return (
-                f"{representation.genome_size} genes need a covariance matrix of as many rows and columns; "
-                f"above {_LARGEST} take sep_cma_es or openai_es"
-            )
-        return super().unsuitable(representation)
+        return beyond_covariance(representation, _LARGEST, "sep_cma_es or openai_es") or super().unsuitable(
+            representation
+        )

@@ -9,7 +9,7 @@ from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Adam, Gaussian, centered_ranks
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness, Genomes
+from swarmwright.typing import Fitness
 
 
 class OpenaiEsOptions(MethodOptions):
@@ -57,14 +57,7 @@ class OpenaiEs(Gaussian):
         self._deviation = np.full(len(self._center), options.noise)
         self._adam = Adam(options.step)
 
-    def _ask(self) -> Genomes:
-        self._directions = self._draw()
-        return self._sample(self._directions, self._deviation)
-
-    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        self._fitness = fitness
-        if np.isnan(fitness).all():
-            return
+    def _learn(self, fitness: Fitness) -> None:
         ranks = centered_ranks(fitness)
         gradient = _engine.weighted_sum(self._directions, ranks[::2] - ranks[1::2])
-        self._move(self._adam.climb(gradient / len(genomes) - self.options.decay * self._center))
+        self._move(self._adam.climb(gradient / len(fitness) - self.options.decay * self._center))

@@ -9,7 +9,7 @@ from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Adam, Gaussian, centered_ranks, limited
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness, Genomes
+from swarmwright.typing import Fitness
 
 
 class PgpeOptions(MethodOptions):
@@ -56,17 +56,10 @@ class Pgpe(Gaussian):
         self._deviation = np.full(len(self._center), options.noise)
         self._adam = Adam(options.step)
 
-    def _ask(self) -> Genomes:
-        self._directions = self._draw()
-        return self._sample(self._directions, self._deviation)
-
-    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        self._fitness = fitness
-        if np.isnan(fitness).all():
-            return
+    def _learn(self, fitness: Fitness) -> None:
         ranks = centered_ranks(fitness)
         first, second = ranks[::2], ranks[1::2]
-        pairs = len(genomes) / 2
+        pairs = len(fitness) / 2
         gradient = self._deviation * _engine.weighted_sum(self._directions, (first - second) / 2) / pairs
         self._move(self._adam.climb(gradient))
         # The ranks add up to 0, so that of z^2 - 1 nothing but z^2 is left.

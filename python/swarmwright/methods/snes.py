@@ -8,7 +8,6 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.methods._gaussian import Numbers, limited, logarithm
 from swarmwright.methods._nes import Nes, NesOptions
-from swarmwright.typing import Genomes
 
 
 class SnesOptions(NesOptions):
@@ -32,15 +31,13 @@ class Snes(Nes):
     options: SnesOptions
 
     def _begin(self) -> None:
-        genes = len(self._center)
-        self._deviation = np.full(genes, self.options.step)
-        self._rate = self.options.rate or (3 + logarithm(genes)) / (5 * math.sqrt(genes))
+        self._deviation = np.full(len(self._center), self.options.step)
 
-    def _ask(self) -> Genomes:
-        self._directions = self._draw()
-        return self._sample(self._directions, self._deviation)
+    @staticmethod
+    def _default_rate(genes: int) -> float:
+        return (3 + logarithm(genes)) / (5 * math.sqrt(genes))
 
-    def _learn(self, weights: Numbers) -> None:
+    def _follow(self, weights: Numbers) -> None:
         # The weights add up to 0, so that of z^2 - 1 nothing but z^2 is left.
         widening = _engine.weighted_sum(self._directions * self._directions, weights)
         self._move(self._deviation * _engine.weighted_sum(self._directions, weights))

@@ -8,6 +8,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.methods._gaussian import Numbers, limited, logarithm
 from swarmwright.methods._nes import Nes, NesOptions
+from swarmwright.methods._numbers import beyond_covariance
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Genomes
 
@@ -37,18 +38,17 @@ class Xnes(Nes):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse discrete representations, and genomes whose covariance matrix would be too large."""
-        if representation.genome_size > _LARGEST:
-            return (
-                f"{representation.genome_size} genes need a covariance matrix of as many rows and columns; "
-                f"above {_LARGEST} take snes, sep_cma_es or openai_es"
-            )
-        return super().unsuitable(representation)
+        return beyond_covariance(
+            representation, _LARGEST, "snes, sep_cma_es or openai_es"
+        ) or super().unsuitable(representation)
 
     def _begin(self) -> None:
-        genes = len(self._center)
         self._step = np.full(1, self.options.step)
-        self._shape = np.eye(genes)
-        self._rate = self.options.rate or (9 + 3 * logarithm(genes)) / (5 * genes * math.sqrt(genes))
+        self._shape = np.eye(len(self._center))
+
+    @staticmethod
+    def _default_rate(genes: int) -> float:
+        return (9 + 3 * logarithm(genes)) / (5 * genes * math.sqrt(genes))
 
     def _ask(self) -> Genomes:
         self._directions = self._draw()
@@ -58,7 +58,7 @@ class Xnes(Nes):
         """Return each row, (n, genome_size), times the shape of the distribution."""
         return _engine.matrix_product(directions, np.ascontiguousarray(self._shape.T))
 
-    def _learn(self, weights: Numbers) -> None:
+    def _follow(self, weights: Numbers) -> None:
         toward = _engine.weighted_sum(self._directions, weights)
         self._move(self._step * self._turned(toward[np.newaxis])[0])
         # The weights add up to 0, so that the identity matrix has no part in the gradient.
