@@ -45,6 +45,7 @@ __all__ = [
     "evaluate",
     "evaluate_host",
     "exp",
+    "flights",
     "genome_size",
     "hash_for_mosquitto",
     "hash_password",
@@ -58,7 +59,9 @@ __all__ = [
     "serve",
     "servers",
     "simulations",
+    "spread",
     "steers_itself",
+    "trials",
     "weighted_products",
     "weighted_sum",
 ]
@@ -248,6 +251,51 @@ def samples(
     directions: (n, genes). mirrored: (2 n, genes), `center` plus and minus `deviation` times it, in turn. The others: (genes,).
     A genome is middle + reach * point, limited to lower .. upper, rounded to binary32. Raises InputError for shapes that do not
     fit.
+    """
+
+def trials(
+    members: NDArray[np.float32],
+    best: int,
+    streams: Streams,
+    *,
+    base: str,
+    crossover: str,
+    factor: float,
+    rate: float,
+    mutate: float,
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Return (n, genes), n >= 4: the trial vector of differential evolution for each member, from its stream.
+
+    base: best, rand or target-to-best. crossover: bin, exp, hypercube or line. lower, upper: (genes,), a box. Raises InputError
+    for shapes that do not fit.
+    """
+
+def flights(
+    places: NDArray[np.float32],
+    velocities: NDArray[np.float64],
+    own: NDArray[np.float32],
+    social: int,
+    streams: Streams,
+    *,
+    inertia: float,
+    pulls: tuple[float, float],
+    fastest: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    perturbed: bool,
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return where particles are after a flight, and their velocities, (n, genes) each.
+
+    own: their best places. social: whose best place is that of all. perturbed: this one's is mutated instead of moved. fastest,
+    lower, upper: (genes,). Raises InputError for shapes that do not fit.
+    """
+
+def spread(places: NDArray[np.float32], best: int, width: NDArray[np.float64]) -> float:
+    """Return how far (n, genes) places are from one of them, of which 0 is as near as the nearest to all and 1 as far as the farthest.
+
+    width: (genes,), units of distances, positive. Raises InputError for shapes that do not fit.
     """
 
 def weighted_sum(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,6 @@ import pytest
 
 EXTRAS = (
     "cma",
-    "pymoo",
     "threadpoolctl",
     "paho",
     "msgpack",
@@ -47,9 +46,7 @@ def program(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize(
-    ("method", "library"), [("cma_es", "cma"), ("sep_cma_es", "cma"), ("de", "pymoo"), ("pso", "pymoo")]
-)
+@pytest.mark.parametrize(("method", "library"), [("cma_es", "cma"), ("sep_cma_es", "cma")])
 def test_a_method_without_its_library(method: str, library: str, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(f"simulation: minisim\nmethod:\n  kind: {method}\n")
     done = program("optimize", "x.yaml", "--servers", "in-process", folder=tmp_path)

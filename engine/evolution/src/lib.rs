@@ -14,14 +14,18 @@
 //! assert_ne!(child, parent);
 //! ```
 
+mod differential;
 mod distance;
 mod matrix;
 mod network;
 mod normal;
 mod philox;
+mod polynomial;
 mod sampling;
 mod stream;
+mod swarm;
 
+pub use differential::{Base, Crossover, Differential};
 pub use distance::{distance, distances};
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
@@ -31,3 +35,4 @@ pub use normal::normal_at;
 pub use philox::philox;
 pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
 pub use stream::{Stream, purpose_key};
+pub use swarm::{Flight, Swarm, spread};

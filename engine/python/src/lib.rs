@@ -11,6 +11,7 @@ mod log;
 mod pool;
 mod results;
 mod sampling;
+mod search;
 mod server;
 mod simulation;
 mod streams;
@@ -58,6 +59,9 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(sampling::samples, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::weighted_products, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::weighted_sum, module)?)?;
+    module.add_function(wrap_pyfunction!(search::flights, module)?)?;
+    module.add_function(wrap_pyfunction!(search::spread, module)?)?;
+    module.add_function(wrap_pyfunction!(search::trials, module)?)?;
     module.add_function(wrap_pyfunction!(controller::genome_size, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::simulations, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::describe, module)?)?;

@@ -107,7 +107,7 @@ def _map_pso(session: Session, mapped: Mapped) -> None:
     add(Line("reach", 1.0, "FREVO holds weights within weight_range, biases within bias_range"))
     add(Line("fastest", fastest, "FREVO moves nothing by more than 2; as a share of the range"))
     mapped.notes.append(
-        "method.class = pso.PSO: the library pymoo's; in FREVO the best place of a particle is always the "
+        "method.class = pso.PSO: another one; in FREVO the best place of a particle is always the "
         "one where it is, so that C1 pulls nothing, and fitness below 0 ends the run with an error"
     )
     if representation.class_name != MESHED:

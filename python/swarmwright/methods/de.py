@@ -1,15 +1,16 @@
 """Differential evolution."""
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.methods._pymoo import Pymoo, PymooOptions
+from swarmwright import _engine
+from swarmwright.methods._box import Box, BoxOptions
 from swarmwright.typing import Genomes
 
 
-class DeOptions(PymooOptions):
-    """Differential evolution of the library `pymoo` with its defaults."""
+class DeOptions(BoxOptions):
+    """Differential evolution, with the defaults of the library `pymoo`."""
 
     kind: Literal["de"] = "de"
     population: int = Field(default=100, ge=5, le=1_000_000)
@@ -27,29 +28,34 @@ class DeOptions(PymooOptions):
     """Probability of a polynomial mutation after that."""
 
 
-class De(Pymoo):
+class De(Box):
     """Differences between members are steps: they shrink and turn with the population by themselves.
 
     Each member meets a challenger, made of a base plus `factor` times the difference of two other members,
-    crossed with the member; the better one stays.
+    crossed with the member; the better one stays. What leaves the box comes back between the bound and its
+    base, at random.
 
-    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997; library
-    `pymoo` (Blank and Deb, IEEE Access 8, 2020, doi:10.1109/ACCESS.2020.2990567), which adds the mutation.
+    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997; the mutation
+    after that as in the library `pymoo` (Blank and Deb, IEEE Access 8, 2020,
+    doi:10.1109/ACCESS.2020.2990567).
     """
 
     kind: ClassVar[str] = "de"
     options_model = DeOptions
     options: DeOptions
 
-    def _new_algorithm(self, first: Genomes) -> Any:  # noqa: ANN401 - the library has no types
-        from pymoo.algorithms.soo.nonconvex.de import DE
-
+    def _candidates(self) -> Genomes:
         options = self.options
-        return DE(
-            pop_size=options.population,
-            sampling=first.astype(float),
-            variant=f"DE/{options.base}/1/{options.crossover}",
-            F=options.factor,
-            CR=options.rate,
-            prob_mut=options.mutate,
+        lower, upper = self.box
+        return _engine.trials(
+            self._members,
+            self._best,
+            self._streams(),
+            base=options.base,
+            crossover=options.crossover,
+            factor=options.factor,
+            rate=options.rate,
+            mutate=options.mutate,
+            lower=lower,
+            upper=upper,
         )

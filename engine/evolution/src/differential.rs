@@ -1,0 +1,173 @@
+//! Trial vectors of differential evolution (Storn and Price, Journal of Global Optimization 11, 1997).
+
+use crate::Stream;
+use crate::polynomial::mutate;
+
+/// What a difference is added to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Base {
+    /// The best member.
+    Best,
+    /// A random one.
+    Random,
+    /// The member itself, moved towards the best one.
+    TargetToBest,
+}
+
+/// How a member and its mutant are mixed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Crossover {
+    /// Gene by gene, at least one of the mutant.
+    Binomial,
+    /// A run of genes of the mutant, at least one.
+    Exponential,
+    /// In between the two, each gene by a share of its own.
+    Hypercube,
+    /// In between the two, all genes by the same share.
+    Line,
+}
+
+/// Settings of differential evolution in a box.
+#[derive(Debug, Clone, Copy)]
+pub struct Differential<'a> {
+    /// What a difference is added to.
+    pub base: Base,
+    /// How member and mutant are mixed.
+    pub crossover: Crossover,
+    /// F: how much of a difference is added.
+    pub factor: f64,
+    /// CR: probability of a gene of the mutant, or the largest share of it.
+    pub rate: f64,
+    /// Probability of a polynomial mutation.
+    pub mutate: f64,
+    /// Least value of each gene.
+    pub lower: &'a [f64],
+    /// Largest value of each gene.
+    pub upper: &'a [f64],
+}
+
+impl Differential<'_> {
+    /// Makes the trial vector of the member `target`; `members` are rows of as many genes as `trial` has.
+    ///
+    /// # Panics
+    ///
+    /// With fewer than four members, or when lengths do not fit together.
+    pub fn trial(
+        &self,
+        members: &[f32],
+        best: usize,
+        target: usize,
+        stream: &mut Stream,
+        trial: &mut [f64],
+    ) {
+        let genes = trial.len();
+        assert_eq!((self.lower.len(), self.upper.len()), (genes, genes));
+        let count = members.len() / genes.max(1);
+        assert!(genes == 0 || (count >= 4 && members.len() == count * genes));
+        let member = |index: usize| &members[index * genes..(index + 1) * genes];
+        let [one, other, third] = distinct(stream, count, target);
+        let base = match self.base {
+            Base::Best => member(best),
+            Base::Random => member(third),
+            Base::TargetToBest => member(target),
+        };
+        let (plus, minus) = match self.base {
+            Base::TargetToBest => (member(best), member(one)),
+            Base::Best | Base::Random => (member(one), member(other)),
+        };
+        for gene in 0..genes {
+            let from = f64::from(base[gene]);
+            let value = from + self.factor * (f64::from(plus[gene]) - f64::from(minus[gene]));
+            trial[gene] = within(stream, value, from, self.lower[gene], self.upper[gene]);
+        }
+        self.cross(member(target), stream, trial);
+        if stream.unit() < self.mutate {
+            mutate(stream, trial, self.lower, self.upper, PRECISION);
+        }
+    }
+
+    /// Puts genes of the member in place of the mutant's.
+    fn cross(&self, member: &[f32], stream: &mut Stream, mutant: &mut [f64]) {
+        let genes = mutant.len();
+        if genes == 0 {
+            return;
+        }
+        match self.crossover {
+            Crossover::Binomial => {
+                let kept = index(stream, genes);
+                for (gene, place) in mutant.iter_mut().enumerate() {
+                    if stream.unit() >= self.rate && gene != kept {
+                        *place = f64::from(member[gene]);
+                    }
+                }
+            }
+            Crossover::Exponential => {
+                let first = index(stream, genes);
+                let mut length = 1;
+                while length < genes && stream.unit() < self.rate {
+                    length += 1;
+                }
+                for (gene, place) in mutant.iter_mut().enumerate() {
+                    if (gene + genes - first) % genes >= length {
+                        *place = f64::from(member[gene]);
+                    }
+                }
+            }
+            Crossover::Hypercube => {
+                for (place, from) in mutant.iter_mut().zip(member) {
+                    let share = stream.unit() * self.rate;
+                    *place = between(f64::from(*from), *place, share);
+                }
+            }
+            Crossover::Line => {
+                let share = stream.unit() * self.rate;
+                for (place, from) in mutant.iter_mut().zip(member) {
+                    *place = between(f64::from(*from), *place, share);
+                }
+            }
+        }
+    }
+}
+
+/// Distribution index of the mutation: the larger, the smaller the changes.
+const PRECISION: f64 = 20.0;
+
+fn between(from: f64, to: f64, share: f64) -> f64 {
+    from + share * (to - from)
+}
+
+/// Puts a value that left the box between the bound and where it came from, at random.
+pub(crate) fn within(stream: &mut Stream, value: f64, from: f64, lower: f64, upper: f64) -> f64 {
+    if value < lower {
+        lower + stream.unit() * (from - lower)
+    } else if value > upper {
+        upper - stream.unit() * (upper - from)
+    } else {
+        value
+    }
+}
+
+/// Three members, different from each other and from the target.
+fn distinct(stream: &mut Stream, count: usize, target: usize) -> [usize; 3] {
+    let mut taken = [target; 4];
+    let mut drawn = [0; 3];
+    for round in 0..3 {
+        let mut found = index(stream, count - 1 - round);
+        let mut sorted = taken;
+        sorted[..=round].sort_unstable();
+        for used in &sorted[..=round] {
+            found += usize::from(found >= *used);
+        }
+        drawn[round] = found;
+        taken[round + 1] = found;
+    }
+    drawn
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "below a number of members or genes"
+)]
+pub(crate) fn index(stream: &mut Stream, below: usize) -> usize {
+    stream.integer(below as u64) as usize
+}

@@ -1,0 +1,125 @@
+//! Flights of particle swarms (Kennedy and Eberhart, ICNN 1995), and how far a swarm is spread (Zhan et al., 2009).
+
+use crate::Stream;
+use crate::differential::within;
+use crate::polynomial::mutate;
+
+/// Flights that leave the box are drawn again so often, before they end between the bound and where they began.
+const ATTEMPTS: usize = 20;
+
+/// Settings of a particle swarm in a box.
+#[derive(Debug, Clone, Copy)]
+pub struct Swarm<'a> {
+    /// w: share of a particle's velocity that it keeps.
+    pub inertia: f64,
+    /// c1: pull of the best place where a particle has been.
+    pub own: f64,
+    /// c2: pull of the best place where any particle has been.
+    pub social: f64,
+    /// Largest velocity of each gene.
+    pub fastest: &'a [f64],
+    /// Least value of each gene.
+    pub lower: &'a [f64],
+    /// Largest value of each gene.
+    pub upper: &'a [f64],
+}
+
+/// A particle before it flies; all of as many genes.
+#[derive(Debug, Clone, Copy)]
+pub struct Flight<'a> {
+    /// Where it is.
+    pub from: &'a [f32],
+    /// The best place where it has been.
+    pub own: &'a [f32],
+    /// The best place where any particle has been.
+    pub social: &'a [f32],
+}
+
+impl Swarm<'_> {
+    /// Moves a particle: changes its velocity, and returns in `to` where it then is.
+    ///
+    /// # Panics
+    ///
+    /// When lengths do not fit together.
+    pub fn fly(
+        &self,
+        flight: Flight<'_>,
+        stream: &mut Stream,
+        velocity: &mut [f64],
+        to: &mut [f64],
+    ) {
+        let genes = to.len();
+        for row in [flight.from, flight.own, flight.social] {
+            assert_eq!(row.len(), genes);
+        }
+        for row in [self.fastest, self.lower, self.upper, velocity] {
+            assert_eq!(row.len(), genes);
+        }
+        let before = velocity.to_vec();
+        for _ in 0..=ATTEMPTS {
+            let mut inside = true;
+            for gene in 0..genes {
+                let from = f64::from(flight.from[gene]);
+                let own = self.own * stream.unit() * (f64::from(flight.own[gene]) - from);
+                let social = self.social * stream.unit() * (f64::from(flight.social[gene]) - from);
+                let most = self.fastest[gene];
+                velocity[gene] = (self.inertia * before[gene] + own + social).clamp(-most, most);
+                to[gene] = from + velocity[gene];
+                inside &= (self.lower[gene]..=self.upper[gene]).contains(&to[gene]);
+            }
+            if inside {
+                return;
+            }
+        }
+        for gene in 0..genes {
+            let from = f64::from(flight.from[gene]);
+            to[gene] = within(stream, to[gene], from, self.lower[gene], self.upper[gene]);
+        }
+    }
+
+    /// Returns in `to` a place near the best one, by polynomial mutation, instead of a flight.
+    pub fn perturb(&self, best: &[f32], stream: &mut Stream, to: &mut [f64]) {
+        for (place, value) in to.iter_mut().zip(best) {
+            *place = f64::from(*value);
+        }
+        let precision = 5.0 + 25.0 * stream.unit();
+        mutate(stream, to, self.lower, self.upper, precision);
+    }
+}
+
+/// How far the swarm's best places are from that of all, 0 (nearest to the others) to 1 (farthest); it may be beyond.
+///
+/// `places` are rows of `width.len()` numbers, at least two; distances are in units of `width`, which is positive.
+///
+/// # Panics
+///
+/// When lengths do not fit together.
+#[must_use]
+pub fn spread(places: &[f32], best: &[f32], width: &[f64]) -> f64 {
+    let genes = width.len();
+    assert_eq!(best.len(), genes);
+    let rows: Vec<&[f32]> = places.chunks_exact(genes.max(1)).collect();
+    let mean = |from: &[f32], among: f64| {
+        rows.iter().map(|row| away(from, row, width)).sum::<f64>() / among
+    };
+    #[expect(clippy::cast_precision_loss, reason = "numbers of particles are small")]
+    let count = rows.len() as f64;
+    let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+    for row in &rows {
+        let distance = mean(row, count - 1.0);
+        (least, most) = (least.min(distance), most.max(distance));
+    }
+    (mean(best, count) - least) / (most - least + 1e-32)
+}
+
+fn away(one: &[f32], other: &[f32], width: &[f64]) -> f64 {
+    let squares = one
+        .iter()
+        .zip(other)
+        .zip(width)
+        .map(|((one, other), width)| {
+            let difference = (f64::from(*one) - f64::from(*other)) / width;
+            difference * difference
+        });
+    squares.sum::<f64>().sqrt()
+}

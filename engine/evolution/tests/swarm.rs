@@ -1,0 +1,88 @@
+//! Flights of particle swarms, compared with the formula, in a box.
+
+use swarmwright_evolution::{Flight, Stream, Swarm, purpose_key, spread};
+
+const WIDE: [f64; 2] = [100.0; 2];
+const LOW: [f64; 2] = [-100.0; 2];
+
+fn swarm() -> Swarm<'static> {
+    Swarm {
+        inertia: 0.5,
+        own: 2.0,
+        social: 1.0,
+        fastest: &[50.0; 2],
+        lower: &LOW,
+        upper: &WIDE,
+    }
+}
+
+fn stream(candidate: u64) -> Stream {
+    Stream::new(1, purpose_key("fly"), 0, candidate)
+}
+
+#[test]
+fn a_flight_follows_the_formula() {
+    let flight = Flight {
+        from: &[1.0, -2.0],
+        own: &[3.0, 0.0],
+        social: &[1.0, 8.0],
+    };
+    let (mut velocity, mut to) = ([4.0, -1.0], [0.0; 2]);
+    swarm().fly(flight, &mut stream(1), &mut velocity, &mut to);
+    let mut units = stream(1);
+    let mut unit = || units.unit();
+    let first = 0.5 * 4.0 + 2.0 * unit() * 2.0 + unit() * 0.0;
+    let second = 0.5 * -1.0 + 2.0 * unit() * 2.0 + unit() * 10.0;
+    assert_eq!(velocity, [first, second]);
+    assert_eq!(to, [1.0 + first, -2.0 + second]);
+}
+
+#[test]
+fn velocities_are_limited_and_flights_end_in_the_box() {
+    let flight = Flight {
+        from: &[0.0, 0.5],
+        own: &[0.0, 0.5],
+        social: &[1.0, 0.5],
+    };
+    let narrow = Swarm {
+        fastest: &[0.25, 3.0],
+        lower: &[0.0, 0.0],
+        upper: &[1.0, 1.0],
+        ..swarm()
+    };
+    for candidate in 0..500 {
+        let (mut velocity, mut to) = ([-9.0, 8.0], [0.0; 2]);
+        narrow.fly(flight, &mut stream(candidate), &mut velocity, &mut to);
+        assert_eq!(velocity[0].to_bits(), (-0.25f64).to_bits());
+        assert!(
+            (0.0..=1.0).contains(&to[0]) && (0.0..=1.0).contains(&to[1]),
+            "{to:?}"
+        );
+    }
+}
+
+#[test]
+fn a_perturbed_particle_is_near_the_best_place() {
+    let mut same = 0;
+    for candidate in 0..1000 {
+        let mut to = [0.0; 2];
+        swarm().perturb(&[5.0, -7.0], &mut stream(candidate), &mut to);
+        same += usize::from(to == [5.0, -7.0]);
+        assert!(to.iter().all(|gene| gene.abs() <= 100.0));
+    }
+    assert_eq!(same, 0, "one gene at least has changed");
+}
+
+#[test]
+fn the_spread_is_that_of_mean_distances() {
+    // On a line at 0, 1 and 4, of width 2: mean distances to the others 1.25, 1, 1.75.
+    let places = [0.0, 1.0, 4.0];
+    for (best, mean) in [(1.0, 4.0 / 6.0), (4.0, 7.0 / 6.0)] {
+        let found = spread(&places, &[best], &[2.0]);
+        assert!((found - (mean - 1.0) / 0.75).abs() < 1e-12, "{found}");
+    }
+    assert!(
+        spread(&[1.0, 1.0], &[1.0], &[2.0]).is_finite(),
+        "all in one place"
+    );
+}
