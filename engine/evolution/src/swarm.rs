@@ -71,9 +71,9 @@ impl Swarm<'_> {
                 return;
             }
         }
-        for gene in 0..genes {
+        for (gene, value) in to.iter_mut().enumerate() {
             let from = f64::from(flight.from[gene]);
-            to[gene] = within(stream, to[gene], from, self.lower[gene], self.upper[gene]);
+            *value = within(stream, *value, from, self.lower[gene], self.upper[gene]);
         }
     }
 

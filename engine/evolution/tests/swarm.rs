@@ -32,7 +32,7 @@ fn a_flight_follows_the_formula() {
     let mut units = stream(1);
     let mut unit = || units.unit();
     let first = 0.5 * 4.0 + 2.0 * unit() * 2.0 + unit() * 0.0;
-    let second = 0.5 * -1.0 + 2.0 * unit() * 2.0 + unit() * 10.0;
+    let second = -0.5 + 2.0 * unit() * 2.0 + unit() * 10.0;
     assert_eq!(velocity, [first, second]);
     assert_eq!(to, [1.0 + first, -2.0 + second]);
 }

@@ -67,6 +67,8 @@ pub fn trials<'py>(
     PyArray1::from_vec(py, genomes).reshape([count, genes])
 }
 
+type PlacesAndVelocities<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f64>>);
+
 #[pyfunction]
 #[pyo3(signature = (places, velocities, own, social, streams, *, inertia, pulls, fastest, lower, upper, perturbed))]
 #[expect(
@@ -87,7 +89,7 @@ pub fn flights<'py>(
     lower: PyReadonlyArray1<'py, f64>,
     upper: PyReadonlyArray1<'py, f64>,
     perturbed: bool,
-) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<PlacesAndVelocities<'py>> {
     let [count, genes] = [places.shape()[0], places.shape()[1]];
     let shape = places.shape();
     if velocities.shape() != shape

@@ -12,10 +12,10 @@ from swarmwright.typing import Fitness, Genomes
 
 
 class PsoOptions(BoxOptions):
-    """Particle swarm optimization, with the defaults of the library `pymoo`."""
+    """Particle swarm optimization, with the defaults of the library `pymoo` but for the population."""
 
     kind: Literal["pso"] = "pso"
-    population: int = Field(default=25, ge=3, le=1_000_000)
+    population: int = Field(default=50, ge=3, le=1_000_000)
     """Particles."""
     inertia: float = Field(default=0.9, ge=0, le=2)
     """w: share of a particle's velocity that it keeps."""

@@ -34,7 +34,7 @@ def answers(subject: Representation, genome: Genome) -> np.ndarray[tuple[int], n
         ("cma_es", 200),
         ("sep_cma_es", 200),
         ("de", 60),
-        ("pso", 200),
+        ("pso", 100),
         ("snes", 200),
     ],
 )
