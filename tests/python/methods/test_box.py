@@ -23,6 +23,7 @@ from tests.python.methods.functions import (
 )
 
 ALGORITHMS = {"de": DE, "pso": PSO}
+POPULATIONS = {"de": 100, "pso": 25}  # pymoo's
 
 
 class Counted(Problem):  # type: ignore[misc] # the library has no types
@@ -40,7 +41,7 @@ class Counted(Problem):  # type: ignore[misc] # the library has no types
 
 def of_pymoo(kind: str, function: Function, target: float, seed: int, **options: Any) -> int:
     """How many evaluations pymoo needs from the same first generation; a large number when it does not."""
-    first = new(kind, seed=seed).ask()
+    first = new(kind, seed=seed, population=POPULATIONS[kind]).ask()
     algorithm = ALGORITHMS[kind](pop_size=len(first), sampling=first.astype(float), **options)
     problem = Counted(function)
     algorithm.setup(problem, seed=seed, termination=NoTermination())
@@ -80,9 +81,8 @@ def test_it_needs_as_many_evaluations_as_pymoo(
 ) -> None:
     """The median of seven seeds is within the range of pymoo's, or near it."""
     seeds = range(1, 8)
-    ours = [
-        evaluations_to(new(kind, seed=seed, generations=400, **options), function, target) for seed in seeds
-    ]
+    options = {"generations": 400, "population": POPULATIONS[kind], **options}
+    ours = [evaluations_to(new(kind, seed=seed, **options), function, target) for seed in seeds]
     assert None not in ours
     peers = [of_pymoo(kind, function, target, seed, **theirs) for seed in seeds]
     assert 0.7 * min(peers) <= np.median([one or 0 for one in ours]) <= 1.2 * max(peers)
