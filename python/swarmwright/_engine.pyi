@@ -32,9 +32,11 @@ __all__ = [
     "NoBrokerError",
     "NodeNetwork",
     "Pool",
+    "Ranks",
     "Stream",
     "Streams",
     "Supervision",
+    "Torus",
     "Watcher",
     "__version__",
     "certificates",
@@ -42,6 +44,7 @@ __all__ = [
     "decimals",
     "describe",
     "distances",
+    "distinct",
     "evaluate",
     "evaluate_host",
     "exp",
@@ -186,7 +189,9 @@ class Streams:
     `streams[i]` is a copy that goes on where the i-th is; drawing from it does not move that one.
     """
 
-    def __new__(cls, seed: int, purpose: str, generation: int, candidates: Sequence[int]) -> Streams: ...
+    def __new__(
+        cls, seed: int, purpose: str, generation: int, candidates: Sequence[int] | NDArray[np.int64]
+    ) -> Streams: ...
     def __len__(self) -> int: ...
     def __getitem__(self, index: int, /) -> Stream: ...
     def __iter__(self) -> Iterator[Stream]: ...
@@ -234,6 +239,78 @@ class NodeNetwork:
     def crossovers(
         self, mothers: NDArray[np.float32], fathers: NDArray[np.float32], streams: Streams
     ) -> NDArray[np.float32]: ...
+    def matings(
+        self,
+        genomes: NDArray[np.float32],
+        mothers: NDArray[np.int64],
+        partners: NDArray[np.int64],
+        streams: Streams,
+    ) -> NDArray[np.float32]: ...
+
+@final
+class Ranks:
+    """Members that are replaced one by one, in the order of their ranks; of equal ones the first is ahead.
+
+    members: how many, at least 1; all have failed until their fitness is set. Raises InputError for a member that does not exist.
+    """
+
+    def __new__(cls, members: int) -> Ranks: ...
+    def set(self, member: int, fitness: float) -> None:
+        """A member gets another fitness; NaN: it has failed."""
+    @property
+    def worst(self) -> int:
+        """Of the members that failed the last one, else the one of least fitness."""
+    @property
+    def worked(self) -> int:
+        """How many have not failed."""
+    def draw(self, stream: Stream, count: int) -> list[int]:
+        """`count` members, the k-th best of m that have not failed with a probability proportional to m - k."""
+
+@final
+class Torus:
+    """Who meets whom on a torus, and how many of a neighbourhood stay, see `swarmwright.methods.cea2d`.
+
+    elite: share of a neighbourhood that stays. random: 8 neighbours drawn from all instead of those around a cell. fitness:
+    (members,), NaN for those that failed. Raises InputError for a member that does not exist, and for shapes that do not fit.
+    """
+
+    def __new__(
+        cls, width: int, height: int, *, obstacles: int, random: bool, elite: float, seed: int
+    ) -> Torus: ...
+    def neighbours(self, member: int) -> list[int]:
+        """The neighbours of a member, ascending."""
+    def elite(self, fitness: NDArray[np.float64], member: int) -> list[int]:
+        """Those of a neighbourhood that stay, the best first."""
+    def stays(self, fitness: NDArray[np.float64], member: int) -> bool:
+        """Whether a member is among the best of its neighbourhood."""
+    def changing(self, fitness: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The members that do not stay, ascending."""
+    def next(self, fitness: NDArray[np.float64], cursor: int) -> int | None:
+        """The first member from `cursor` on, round the torus, that does not stay."""
+    def choose(
+        self,
+        fitness: NDArray[np.float64],
+        cells: NDArray[np.int64],
+        drawn: NDArray[np.float64],
+        *,
+        mutate: float,
+        crossover: float,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """How the members that come into cells are made.
+
+        drawn: (cells, 2), uniform in [0, 1). mutate, crossover: shares. Returns (cells,) parents; and the indices of cells whose
+        member is a mutated copy of the parent, its child with the cell's own member, and a random one.
+        """
+
+def survivors(fitness: NDArray[np.float64], best: int, random: int, stream: Stream) -> NDArray[np.int64]:
+    """Return the indices of members that stay: the best, then `random` others, drawn one after the other.
+
+    The k-th best of m that remain is drawn with a probability proportional to m - k. Of equal ones the first is ahead; those that
+    failed (NaN) do not stay.
+    """
+
+def distinct(genomes: NDArray[np.float32], known: Sequence[NDArray[np.float32]]) -> NDArray[np.int64]:
+    """Return the indices of genomes that are, to the bit, the same as no earlier one and no row of `known`."""
 
 def samples(
     directions: NDArray[np.float64],

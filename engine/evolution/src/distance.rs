@@ -2,6 +2,8 @@
 
 /// Genomes compared at once: their sums do not wait for one another.
 const AT_ONCE: usize = 4;
+/// Sums of [`nearly`].
+const LANES: usize = 8;
 
 /// The sum of absolute differences, added in the genome's order.
 #[must_use]
@@ -34,6 +36,75 @@ pub fn distances(one: &[f32], others: &[&[f32]], distances: &mut [f64]) {
     for (other, place) in groups.remainder().iter().zip(&mut distances[done..]) {
         *place = distance(one, other);
     }
+}
+
+/// Finds the genome that is the most different from another one.
+#[derive(Debug, Default, Clone)]
+pub struct Farthest(Vec<f32>);
+
+impl Farthest {
+    /// The first of several genomes whose [`distance`] from `one` is the largest; None without any.
+    ///
+    /// # Panics
+    ///
+    /// When a genome is shorter than `one`.
+    pub fn find<'a>(
+        &mut self,
+        one: &[f32],
+        others: impl ExactSizeIterator<Item = &'a [f32]> + Clone,
+    ) -> Option<usize> {
+        // Sums in binary32 are several times as fast and seldom leave a doubt: each operation is wrong by 2^-24 at most. Where they
+        // leave one, or are too large for binary32, those that may be the largest are computed in binary64.
+        #[expect(clippy::cast_precision_loss, reason = "a bound is meant")]
+        let doubt = 2.0 * (one.len() + LANES) as f32 * f32::EPSILON;
+        self.0.clear();
+        self.0
+            .extend(others.clone().map(|other| nearly(one, other)));
+        let largest = self.0.iter().copied().fold(0.0, f32::max);
+        let certain = largest.is_finite() && doubt < 1.0;
+        let least = if certain {
+            largest * (1.0 - doubt)
+        } else {
+            0.0
+        };
+        let mut found: Option<(usize, &[f32], Option<f64>)> = None;
+        for (index, other) in others.enumerate() {
+            if self.0[index] < least {
+                continue;
+            }
+            let Some((_, first, most)) = found else {
+                found = Some((index, other, None));
+                continue;
+            };
+            let (most, its) = (
+                most.unwrap_or_else(|| distance(one, first)),
+                distance(one, other),
+            );
+            found = if its > most {
+                Some((index, other, Some(its)))
+            } else {
+                found.map(|(index, first, _)| (index, first, Some(most)))
+            };
+        }
+        found.map(|(index, ..)| index)
+    }
+}
+
+/// The distance in binary32, in sums of their own.
+fn nearly(one: &[f32], other: &[f32]) -> f32 {
+    let other = &other[..one.len()];
+    let mut sums = [0.0; LANES];
+    let (ones, rest) = one.as_chunks::<LANES>();
+    let (others, other_rest) = other.as_chunks::<LANES>();
+    for (one, other) in ones.iter().zip(others) {
+        for lane in 0..LANES {
+            sums[lane] += (one[lane] - other[lane]).abs();
+        }
+    }
+    for (one, other) in rest.iter().zip(other_rest) {
+        sums[0] += (one - other).abs();
+    }
+    sums.iter().sum()
 }
 
 #[inline]

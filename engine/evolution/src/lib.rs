@@ -1,4 +1,4 @@
-//! Random numbers by counter, the genetic operators of networks, and the samples of evolution strategies.
+//! Random numbers by counter, the genetic operators of networks, who survives and who mates, and the samples of evolution strategies.
 //!
 //! Everything is made of exact integer operations and single IEEE 754 binary64 operations in a written-down order, so
 //! the same address gives the same genome on every machine (docs/decisions/002-arithmetic.md).
@@ -16,23 +16,29 @@
 
 mod differential;
 mod distance;
+mod distinct;
 mod matrix;
 mod network;
 mod normal;
 mod philox;
 mod polynomial;
+mod ranking;
 mod sampling;
 mod stream;
 mod swarm;
+mod torus;
 
 pub use differential::{Base, Crossover, Differential};
-pub use distance::{distance, distances};
+pub use distance::{Farthest, distance, distances};
+pub use distinct::distinct;
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};
 pub use network::{Mutation, NodeNetwork};
 pub use normal::normal_at;
 pub use philox::philox;
+pub use ranking::{Ranks, survivors, triangular};
 pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
 pub use stream::{Stream, purpose_key};
 pub use swarm::{Flight, Swarm, spread};
+pub use torus::{Torus, Way, Ways, Worked};

@@ -6,6 +6,8 @@ use crate::stream::{Stream, uniform, unit};
 const SHARE: f64 = 0.2;
 /// The least border of a proportional mutation.
 const LEAST: f64 = 0.1;
+/// Genes whose words are drawn at once.
+const AT_ONCE: usize = 64;
 
 /// How a mutation moves a gene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,10 +63,12 @@ impl NodeNetwork {
 
     /// A genome uniform in +-range.
     pub fn initial(&self, stream: &mut Stream, genome: &mut [f32]) {
-        let mut words = vec![0; self.genes()];
-        stream.fill(&mut words);
-        for ((gene, word), range) in genome.iter_mut().zip(words).zip(&self.ranges) {
-            *gene = rounded(uniform(word, *range));
+        let mut words = [0; AT_ONCE];
+        for (genes, ranges) in genome.chunks_mut(AT_ONCE).zip(self.ranges.chunks(AT_ONCE)) {
+            stream.fill(&mut words[..genes.len()]);
+            for ((gene, range), word) in genes.iter_mut().zip(ranges).zip(&words) {
+                *gene = rounded(uniform(*word, *range));
+            }
         }
     }
 
@@ -78,25 +82,45 @@ impl NodeNetwork {
         probability: f64,
         child: &mut [f32],
     ) {
-        let genes = self.genes();
         // First a word for each gene whether it is moved, then one for each how far; those of no use are passed over.
-        let (all, none) = (probability >= 1.0, probability <= 0.0);
-        let mut chances = vec![0; if all || none { 0 } else { genes }];
-        stream.skip(genes - chances.len());
-        stream.fill(&mut chances);
-        let mut moves = vec![0; if none { 0 } else { genes }];
-        stream.skip(genes - moves.len());
-        stream.fill(&mut moves);
-
+        let mut chances = stream.clone();
+        stream.skip(self.genes());
         child.copy_from_slice(parent);
-        for (index, (gene, word)) in child.iter_mut().zip(moves).enumerate() {
-            if all || unit(chances[index]) < probability {
+        if probability <= 0.0 {
+            return stream.skip(self.genes());
+        }
+        let all = probability >= 1.0;
+        let (mut lots, mut moves) = ([0; AT_ONCE], [0; AT_ONCE]);
+        for (genes, ranges) in child.chunks_mut(AT_ONCE).zip(self.ranges.chunks(AT_ONCE)) {
+            stream.fill(&mut moves[..genes.len()]);
+            if all {
+                self.move_genes(genes, ranges, &moves, severity, |_| true);
+            } else {
+                chances.fill(&mut lots[..genes.len()]);
+                let chosen = |gene: usize| unit(lots[gene]) < probability;
+                self.move_genes(genes, ranges, &moves, severity, chosen);
+            }
+        }
+    }
+
+    /// Moves chosen genes, each by its word.
+    #[inline]
+    fn move_genes(
+        &self,
+        genes: &mut [f32],
+        ranges: &[f64],
+        words: &[u64],
+        severity: f64,
+        chosen: impl Fn(usize) -> bool,
+    ) {
+        for (index, ((gene, range), word)) in genes.iter_mut().zip(ranges).zip(words).enumerate() {
+            if chosen(index) {
                 let before = f64::from(*gene);
                 let border = match self.mutation {
-                    Mutation::Uniform => self.ranges[index] * severity,
+                    Mutation::Uniform => range * severity,
                     Mutation::Proportional => (before.abs() * SHARE).max(LEAST),
                 };
-                *gene = rounded(before + uniform(word, border));
+                *gene = rounded(before + uniform(*word, border));
             }
         }
     }

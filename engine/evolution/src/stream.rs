@@ -3,9 +3,11 @@
 use sha2::{Digest, Sha256};
 
 use crate::normal::of_unit;
-use crate::philox::philox;
+use crate::philox::{philox, philox_blocks};
 
 const WORDS: usize = 4;
+/// Blocks that are drawn at once.
+const AT_ONCE: usize = 3;
 /// 2^-53, the distance of two neighbouring units.
 const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
 
@@ -64,7 +66,15 @@ impl Stream {
         let (head, body) = words.split_at_mut(rest);
         head.copy_from_slice(&self.block[self.used..self.used + rest]);
         self.used += rest;
-        let mut whole = body.chunks_exact_mut(WORDS);
+        let mut many = body.chunks_exact_mut(AT_ONCE * WORDS);
+        for part in &mut many {
+            let others = [self.candidate, self.generation, 0];
+            let first = self.blocks.wrapping_add(1);
+            let drawn = philox_blocks::<AT_ONCE>(first, others, self.key);
+            part.copy_from_slice(drawn.as_flattened());
+            self.blocks = self.blocks.wrapping_add(AT_ONCE as u64);
+        }
+        let mut whole = many.into_remainder().chunks_exact_mut(WORDS);
         for part in &mut whole {
             self.blocks = self.blocks.wrapping_add(1);
             part.copy_from_slice(&self.at(self.blocks));
@@ -113,16 +123,26 @@ impl Stream {
     /// 0 counts as 2^64.
     #[inline]
     pub fn integer(&mut self, below: u64) -> u64 {
+        let mut drawn = [0];
+        self.integers(below, &mut drawn);
+        drawn[0]
+    }
+
+    /// As many integers as there are places, see [`Stream::integer`].
+    #[inline]
+    pub fn integers(&mut self, below: u64, integers: &mut [u64]) {
         if below == 0 {
-            return self.word();
+            return self.fill(integers);
         }
         // 2^64 mod below: so many words at the upper end favour the small integers.
-        let excess = (u64::MAX % below + 1) % below;
-        loop {
-            let word = self.word();
-            if word <= u64::MAX - excess {
-                return word % below;
-            }
+        let excess = below.wrapping_neg() % below;
+        for place in integers {
+            *place = loop {
+                let word = self.word();
+                if word <= u64::MAX - excess {
+                    break word % below;
+                }
+            };
         }
     }
 

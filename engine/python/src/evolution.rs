@@ -7,10 +7,10 @@ use numpy::{
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use swarmwright_evolution::{self as evolution, Mutation, NodeNetwork, Stream};
+use swarmwright_evolution::{self as evolution, Farthest, Mutation, NodeNetwork, Stream};
 
 use crate::errors::input;
-use crate::streams::{PyStream, PyStreams};
+use crate::streams::{PyStream, PyStreams, for_rows};
 
 /// The operators of networks whose genomes are rows of nodes.
 #[pyclass(name = "NodeNetwork", module = "swarmwright._engine", frozen)]
@@ -151,6 +151,52 @@ impl PyNodeNetwork {
             self.0.crossover(mother, father, stream, child);
         })
     }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn matings<'py>(
+        &self,
+        py: Python<'py>,
+        genomes: PyReadonlyArray2<'py, f32>,
+        mothers: PyReadonlyArray1<'py, i64>,
+        partners: PyReadonlyArray2<'py, i64>,
+        streams: &mut PyStreams,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let (count, columns) = (streams.0.len(), partners.shape()[1]);
+        if partners.shape()[0] != count || mothers.len() != count || columns == 0 {
+            return Err(input(format!(
+                "expected a mother, one partner at least and a stream for each child; found {}, {:?} and {count}",
+                mothers.len(),
+                partners.shape()
+            )));
+        }
+        let all = self.genomes("genomes", &genomes, genomes.shape()[0])?;
+        let mothers = members(mothers.as_slice()?, genomes.shape()[0])?;
+        let partners = members(partners.as_slice()?, genomes.shape()[0])?;
+        self.each(py, &mut streams.0, |index, stream, child| {
+            let mother = self.row(&all, mothers[index]);
+            let its = &partners[index * columns..(index + 1) * columns];
+            let rows = its.iter().map(|partner| self.row(&all, *partner));
+            let father = Farthest::default()
+                .find(mother, rows)
+                .map_or(0, |found| its[found]);
+            self.0
+                .crossover(mother, self.row(&all, father), stream, child);
+        })
+    }
+}
+
+/// Indices of genomes, checked.
+fn members(indices: &[i64], count: usize) -> PyResult<Vec<usize>> {
+    let checked = |index: &i64| match usize::try_from(*index) {
+        Ok(index) if index < count => Ok(index),
+        _ => Err(input(format!(
+            "index {index} found, but there are {count} genomes"
+        ))),
+    };
+    indices.iter().map(checked).collect()
 }
 
 impl PyNodeNetwork {
@@ -159,14 +205,11 @@ impl PyNodeNetwork {
         &self,
         py: Python<'py>,
         streams: &mut [Stream],
-        make: impl Fn(usize, &mut Stream, &mut [f32]),
+        make: impl Fn(usize, &mut Stream, &mut [f32]) + Sync + Send,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let genes = self.0.genes();
         let mut genomes = vec![0.0; streams.len() * genes];
-        let rows = genomes.chunks_exact_mut(genes);
-        for (index, (stream, genome)) in streams.iter_mut().zip(rows).enumerate() {
-            make(index, stream, genome);
-        }
+        py.detach(|| for_rows(streams, &mut genomes, genes, make));
         PyArray1::from_vec(py, genomes).reshape([streams.len(), genes])
     }
 
@@ -209,7 +252,7 @@ impl PyNodeNetwork {
 }
 
 /// The numbers of an array, copied only where they do not lie row by row in memory.
-fn row_major<'a>(genomes: &'a PyReadonlyArray2<'_, f32>) -> Cow<'a, [f32]> {
+pub fn row_major<'a>(genomes: &'a PyReadonlyArray2<'_, f32>) -> Cow<'a, [f32]> {
     match genomes.as_slice() {
         Ok(rows) => rows.into(),
         Err(_) => genomes.as_array().iter().copied().collect(),

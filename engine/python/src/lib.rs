@@ -12,6 +12,7 @@ mod pool;
 mod results;
 mod sampling;
 mod search;
+mod selection;
 mod server;
 mod simulation;
 mod streams;
@@ -52,6 +53,10 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<streams::PyStreams>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
     module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
+    module.add_class::<selection::PyRanks>()?;
+    module.add_class::<selection::PyTorus>()?;
+    module.add_function(wrap_pyfunction!(selection::distinct, module)?)?;
+    module.add_function(wrap_pyfunction!(selection::survivors, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::exp, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::log, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::matrix_exponential, module)?)?;

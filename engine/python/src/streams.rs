@@ -1,9 +1,11 @@
 //! Random numbers by counter.
 
+use std::ops::Range;
+
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
-use pyo3::types::{PyIterator, PyList};
+use pyo3::types::{PyIterator, PyList, PyRange, PyRangeMethods};
 use rayon::prelude::*;
 use swarmwright_evolution as evolution;
 
@@ -56,7 +58,9 @@ impl PyStream {
 
     fn integers(&mut self, below: u128, count: usize) -> PyResult<Vec<u64>> {
         let below = limit(below)?;
-        Ok((0..count).map(|_| self.0.integer(below)).collect())
+        let mut drawn = vec![0; count];
+        self.0.integers(below, &mut drawn);
+        Ok(drawn)
     }
 }
 
@@ -70,8 +74,8 @@ fn limit(below: u128) -> PyResult<u64> {
     Ok(u64::try_from(below).unwrap_or(0))
 }
 
-/// Numbers that are drawn in less time than another thread takes to begin.
-const FEW: usize = 4096;
+/// Numbers that are made in little more time than another thread takes to begin.
+const FEW: usize = 1 << 14;
 
 /// Streams that differ in the candidate alone.
 #[pyclass(name = "Streams", module = "swarmwright._engine")]
@@ -80,10 +84,30 @@ pub struct PyStreams(pub Vec<evolution::Stream>);
 #[pymethods]
 impl PyStreams {
     #[new]
-    fn new(seed: u64, purpose: &str, generation: u64, candidates: Vec<u64>) -> Self {
+    fn new(
+        seed: u64,
+        purpose: &str,
+        generation: u64,
+        candidates: Candidates<'_>,
+    ) -> PyResult<Self> {
         let key = evolution::purpose_key(purpose);
         let stream = |candidate| evolution::Stream::new(seed, key, generation, candidate);
-        Self(candidates.into_iter().map(stream).collect())
+        Ok(Self(match candidates {
+            Candidates::Range(range) => match ascending(&range)? {
+                Some(range) => range.map(stream).collect(),
+                None => range
+                    .extract::<Vec<u64>>()?
+                    .into_iter()
+                    .map(stream)
+                    .collect(),
+            },
+            Candidates::Array(array) => array
+                .as_array()
+                .iter()
+                .map(|candidate| Ok(stream(u64::try_from(*candidate)?)))
+                .collect::<PyResult<_>>()?,
+            Candidates::Others(others) => others.into_iter().map(stream).collect(),
+        }))
     }
 
     fn __len__(&self) -> usize {
@@ -125,30 +149,17 @@ impl PyStreams {
     fn integers<'py>(
         &mut self,
         py: Python<'py>,
-        below: Below,
+        below: Below<'_>,
         count: usize,
     ) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let streams = self.0.len();
-        let limits = match below {
-            Below::All(below) => vec![below; streams],
-            Below::Each(limits) => limits,
-        };
-        if limits.len() != streams {
-            let found = limits.len();
-            return Err(input(format!(
-                "below: {found} numbers for {streams} streams"
-            )));
+        let limits = below.each(streams)?;
+        let mut drawn = vec![0; streams * count];
+        let rows = drawn.chunks_exact_mut(count.max(1));
+        for ((stream, below), row) in self.0.iter_mut().zip(limits).zip(rows) {
+            stream.integers(below.cast_unsigned(), row);
         }
-        if let Some(wrong) = limits.iter().find(|below| **below < 1) {
-            return Err(input(format!(
-                "below: {wrong} found, expected 1 to 2**63 - 1"
-            )));
-        }
-        let mut drawn = Vec::with_capacity(streams * count);
-        for (stream, below) in self.0.iter_mut().zip(limits) {
-            let below = below.cast_unsigned();
-            drawn.extend((0..count).map(|_| stream.integer(below).cast_signed()));
-        }
+        let drawn: Vec<i64> = drawn.into_iter().map(u64::cast_signed).collect();
         PyArray1::from_vec(py, drawn).reshape([streams, count])
     }
 }
@@ -164,22 +175,81 @@ impl PyStreams {
         let streams = self.0.len();
         let mut drawn = vec![0.0; streams * count];
         py.detach(|| {
-            let fill = |(stream, row): (&mut evolution::Stream, &mut [f64])| {
+            for_rows(&mut self.0, &mut drawn, count, |_, stream, row| {
                 row.fill_with(|| draw(stream));
-            };
-            self.0
-                .par_iter_mut()
-                .zip(drawn.par_chunks_mut(count.max(1)))
-                .with_min_len(FEW.div_ceil(count.max(1)))
-                .for_each(fill);
+            });
         });
         PyArray1::from_vec(py, drawn).reshape([streams, count])
     }
 }
 
+/// Makes a row of `length` numbers with each stream; many of them on all processors.
+pub fn for_rows<T: Send>(
+    streams: &mut [evolution::Stream],
+    numbers: &mut [T],
+    length: usize,
+    make: impl Fn(usize, &mut evolution::Stream, &mut [T]) + Sync,
+) {
+    let length = length.max(1);
+    if numbers.len() < 2 * FEW {
+        let rows = streams.iter_mut().zip(numbers.chunks_exact_mut(length));
+        for (index, (stream, row)) in rows.enumerate() {
+            make(index, stream, row);
+        }
+        return;
+    }
+    streams
+        .par_iter_mut()
+        .zip(numbers.par_chunks_exact_mut(length))
+        .with_min_len(FEW.div_ceil(length))
+        .enumerate()
+        .for_each(|(index, (stream, row))| make(index, stream, row));
+}
+
+/// Which candidates streams are for.
+#[derive(FromPyObject)]
+enum Candidates<'py> {
+    Range(Bound<'py, PyRange>),
+    Array(PyReadonlyArray1<'py, i64>),
+    Others(Vec<u64>),
+}
+
+/// The numbers of a range in steps of 1, None for another one.
+fn ascending(range: &Bound<'_, PyRange>) -> PyResult<Option<Range<u64>>> {
+    if range.step()? != 1 || range.start()? < 0 {
+        return Ok(None);
+    }
+    let (start, stop) = (range.start()?, range.stop()?.max(0));
+    Ok(Some(u64::try_from(start)?..u64::try_from(stop)?))
+}
+
 /// How many integers to draw from, for all streams or for each.
 #[derive(FromPyObject)]
-pub enum Below {
+pub enum Below<'py> {
     All(i64),
+    Array(PyReadonlyArray1<'py, i64>),
     Each(Vec<i64>),
+}
+
+impl Below<'_> {
+    /// The number for each stream.
+    fn each(self, streams: usize) -> PyResult<Vec<i64>> {
+        let limits = match self {
+            Self::All(below) => vec![below; streams],
+            Self::Array(limits) => limits.as_array().to_vec(),
+            Self::Each(limits) => limits,
+        };
+        if limits.len() != streams {
+            let found = limits.len();
+            return Err(input(format!(
+                "below: {found} numbers for {streams} streams"
+            )));
+        }
+        match limits.iter().find(|below| **below < 1) {
+            Some(wrong) => Err(input(format!(
+                "below: {wrong} found, expected 1 to 2**63 - 1"
+            ))),
+            None => Ok(limits),
+        }
+    }
 }

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmwright.core.errors import InputError
@@ -232,7 +233,7 @@ class Method(SteadyState):
         """Return the random numbers for a purpose and candidate of this generation."""
         return Stream(self.seed, purpose, self.generation, candidate)
 
-    def streams(self, purpose: str, candidates: Sequence[int]) -> Streams:
+    def streams(self, purpose: str, candidates: Sequence[int] | NDArray[np.int64]) -> Streams:
         """Return the random numbers for a purpose and several candidates of this generation."""
         return Streams(self.seed, purpose, self.generation, candidates)
 

@@ -1,13 +1,13 @@
 """NNGA in steady state: one child after the other."""
 
+from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.methods._triangular import triangular
-from swarmwright.rankings._base import best_first
+from swarmwright import _engine
+from swarmwright.core.random_numbers import Streams
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
@@ -35,6 +35,8 @@ class SteadyMembers:
         self._representation = representation
         self._genomes: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         self._values: Fitness = np.full(options.population, np.nan)
+        self._ranks = _engine.Ranks(options.population)
+        self._known: Counter[bytes] = Counter()
         self._count = 0
 
     @property
@@ -52,20 +54,22 @@ class SteadyMembers:
         elif np.isnan(fitness):
             return
         else:
-            place = int(best_first(self.fitness)[-1])
+            place = self._ranks.worst
+            self._known[self._genomes[place].tobytes()] -= 1
         self._genomes[place], self._values[place] = genome, fitness
+        self._known[self._genomes[place].tobytes()] += 1
+        self._ranks.set(place, fitness)
 
     def child(self, streams: Callable[[str], Streams]) -> Genome | None:
         """Return a new genome; None where a random one is to be taken. streams: one stream by purpose."""
         options = self._options
-        ranked = best_first(self.fitness)[: int(np.isfinite(self.fitness).sum())]
         total = options.mutate + options.crossover + options.renew
         share = float(streams("nnga.way").units(1)[0, 0]) * total
-        if len(ranked) == 0 or share >= options.mutate + options.crossover:
+        if self._ranks.worked == 0 or share >= options.mutate + options.crossover:
             return None
         if share >= options.mutate:
-            return self._crossed(ranked.tolist(), streams)
-        parent = self._drawn(ranked.tolist(), streams("nnga.parent")[0], 1)
+            return self._crossed(streams)
+        parent = self._ranks.draw(streams("nnga.parent")[0], 1)
         children = self._representation.mutations(
             self._genomes[parent],
             streams("nnga.mutate"),
@@ -74,19 +78,16 @@ class SteadyMembers:
         )
         return np.asarray(children[0])
 
-    def _crossed(self, ranked: list[int], streams: Callable[[str], Streams]) -> Genome | None:
+    def _crossed(self, streams: Callable[[str], Streams]) -> Genome | None:
         """Return a child of two that is not a member yet; None when none is found."""
-        known = {genome.tobytes() for genome in self._genomes[: self._count]}
         parents, varying = streams("nnga.parent")[0], streams("nnga.crossover")[0]
         for _ in range(_TRIALS):
-            mother, *others = self._drawn(ranked, parents, 1 + self._options.partners)
-            distances = self._representation.distances(self._genomes[mother], self._genomes[others])
-            father = others[int(np.argmax(distances))]
+            mother, *others = self._ranks.draw(parents, 1 + self._options.partners)
+            distances = self._representation.distances_among(
+                self._genomes, np.array([mother]), np.array([others])
+            )
+            father = others[int(distances.argmax())]
             child = self._representation.crossover(self._genomes[mother], self._genomes[father], varying)
-            if child.tobytes() not in known:
+            if child.tobytes() not in self._known:
                 return child
         return None
-
-    def _drawn(self, ranked: list[int], stream: Stream, count: int) -> list[int]:
-        tickets = stream.integers(len(ranked) * (len(ranked) + 1) // 2, count)
-        return [ranked[triangular(int(ticket), len(ranked))] for ticket in tickets]

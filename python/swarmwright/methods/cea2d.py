@@ -1,19 +1,19 @@
 """CEA2D: FREVO's cellular evolutionary algorithm, a population on a torus."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from typing import ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright import _engine
+from swarmwright.core.random_numbers import Streams
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
-
-_RANDOM_NEIGHBOURS = 8
 
 
 class Cea2dOptions(MethodOptions):
@@ -90,7 +90,7 @@ class Cea2d(Method):
         super().__init__(options, representation, seed=seed)
         self._genomes: Genomes = np.zeros((options.members, representation.genome_size), dtype=np.float32)
         self._fitness: Fitness = np.full(options.members, np.nan)
-        self._cells: list[int] = []  # generational: where the genomes asked for last go
+        self._cells = np.arange(options.members)  # generational: where the genomes asked for last go
         self._places: dict[int, int] = {}  # steady state: where candidates in flight go
         self._cursor = 0
 
@@ -110,45 +110,28 @@ class Cea2d(Method):
         return self._fitness.copy()
 
     @cached_property
+    def _torus(self) -> _engine.Torus:
+        options = self.options
+        return _engine.Torus(
+            options.width,
+            options.height,
+            obstacles=options.obstacles,
+            random=options.neighbourhood == "random",
+            elite=options.elite,
+            seed=self.seed,
+        )
+
+    @property
     def neighbours(self) -> list[list[int]]:
         """The neighbours of each member, by number; members are numbered column by column."""
-        width, height = self.options.width, self.options.height
-        if self.options.neighbourhood == "random":
-            drawn = [
-                self._fixed("neighbours", member).integers(self.options.members, _RANDOM_NEIGHBOURS)
-                for member in range(self.options.members)
-            ]
-            return [sorted(set(cells) - {member}) for member, cells in enumerate(drawn)]
-        cells = sorted(set(range(width * height)) - set(self._obstacles()))
-        member_of = {cell: member for member, cell in enumerate(cells)}
-        around = []
-        for cell in cells:
-            x, y = divmod(cell, height)
-            near = {
-                (x + dx) % width * height + (y + dy) % height for dx in (-1, 0, 1) for dy in (-1, 0, 1)
-            } - {cell}
-            around.append(sorted(member_of[other] for other in near if other in member_of))
-        return around
-
-    def _obstacles(self) -> list[int]:
-        """Return the empty cells: the first of a shuffled row of all."""
-        cells = list(range(self.options.width * self.options.height))
-        stream = self._fixed("obstacles", 0)
-        for place in range(self.options.obstacles):
-            other = place + stream.integer(len(cells) - place)
-            cells[place], cells[other] = cells[other], cells[place]
-        return cells[: self.options.obstacles]
-
-    def _fixed(self, purpose: str, candidate: int) -> Stream:
-        """Return random numbers for what is drawn once."""
-        return Stream(self.seed, f"cea2d.{purpose}", 0, candidate)
+        return [self._torus.neighbours(member) for member in range(self.options.members)]
 
     def _ask(self) -> Genomes:
-        members = range(self.options.members)
         if self.generation == 0:
-            self._cells = list(members)
-            return self.initials(members)
-        self._cells = [cell for cell in members if not self._stays(cell)] or [self._last_resort()]
+            return self.initials(range(self.options.members))
+        cells = self._torus.changing(self._fitness)
+        # Where the whole population is elite, the worst one goes.
+        self._cells = cells if len(cells) else np.array([np.argmin(self._fitness)])
         return self._children(self._cells, self.streams)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
@@ -161,80 +144,51 @@ class Cea2d(Method):
     def _rescore(self, fitness: Fitness) -> None:
         self._fitness[self._staying()] = fitness
 
-    def _staying(self) -> list[int]:
-        return sorted(set(range(self.options.members)) - set(self._cells))
+    def _staying(self) -> NDArray[np.int64]:
+        return np.delete(np.arange(self.options.members), self._cells)
 
     def _next(self, index: int) -> Genome:
         members = self.options.members
         if index < members:
             self._places[index] = index
             return self.initial_of(index)
-        sweep = ((self._cursor + step) % members for step in range(members))
-        cell = next((cell for cell in sweep if not self._stays(cell)), self._cursor)
+        found = self._torus.next(self._fitness, self._cursor)
+        cell = self._cursor if found is None else found
         self._cursor = (cell + 1) % members
         self._places[index] = cell
-        children = self._children([cell], lambda purpose, _: self.streams_of(purpose, index))
+        children = self._children(np.array([cell]), lambda purpose, _: self.streams_of(purpose, index))
         return np.asarray(children[0])
 
     def _told(self, index: int, genome: Genome, fitness: float) -> None:
         cell = self._places.pop(index)
-        if self._stays(cell) and not fitness > self._fitness[cell]:
+        if self._torus.stays(self._fitness, cell) and not fitness > self._fitness[cell]:
             return  # an earlier candidate for this cell is one of the best meanwhile
         self._genomes[cell], self._fitness[cell] = genome, fitness
 
-    def _elite(self, cell: int) -> list[int]:
-        """Return the members of a neighbourhood that stay, the best first; failed ones never do."""
-        size = 1 + len(self.neighbours[cell])
-        return self._worked(cell)[: round(size * self.options.elite)]
-
-    def _worked(self, cell: int) -> list[int]:
-        """Return the members of a neighbourhood that did not fail, the best first."""
-        around = (cell, *self.neighbours[cell])
-        worked = [member for member in around if not math.isnan(self._fitness[member])]
-        return sorted(worked, key=lambda member: (-self._fitness[member], -member))
-
-    def _stays(self, cell: int) -> bool:
-        return cell in self._elite(cell)
-
-    def _last_resort(self) -> int:
-        """Return the worst member's cell."""
-        return int(np.argmin(self._fitness))
-
-    def _children(self, cells: list[int], streams: Callable[[str, Sequence[int]], Streams]) -> Genomes:
+    def _children(
+        self, cells: NDArray[np.int64], streams: Callable[[str, NDArray[np.int64]], Streams]
+    ) -> Genomes:
         """Return the members that come into cells; streams: random numbers by purpose and cells."""
+        options, genomes = self.options, self._genomes
         drawn = streams("cea2d.choose", cells).units(2)
-        chosen = [self._choose(cell, *row) for cell, row in zip(cells, drawn.tolist(), strict=True)]
+        parents, *rows = self._torus.choose(
+            self._fitness, cells, drawn, mutate=options.mutate, crossover=options.crossover
+        )
+        mutated, crossed, renewed = rows
         children = np.empty((len(cells), self.representation.genome_size), dtype=np.float32)
-        for way in {way for way, _ in chosen}:
-            rows = [row for row, (found, _) in enumerate(chosen) if found == way]
-            members, partners = [cells[row] for row in rows], [chosen[row][1] for row in rows]
-            if way == "renew":
-                children[rows] = self.representation.initials(streams("initial", members))
-            elif way == "crossover":
-                children[rows] = self.representation.crossovers(
-                    self._genomes[members], self._genomes[partners], streams("cea2d.crossover", members)
-                )
-            else:
-                children[rows] = self.representation.mutations(
-                    self._genomes[partners],
-                    streams("cea2d.mutate", members),
-                    severity=self.options.severity,
-                    probability=self.options.probability,
-                )
+        if len(renewed):
+            children[renewed] = self.representation.initials(streams("initial", cells[renewed]))
+        if len(crossed):
+            children[crossed] = self.representation.crossovers(
+                genomes[cells[crossed]],
+                genomes[parents[crossed]],
+                streams("cea2d.crossover", cells[crossed]),
+            )
+        if len(mutated):
+            children[mutated] = self.representation.mutations(
+                genomes[parents[mutated]],
+                streams("cea2d.mutate", cells[mutated]),
+                severity=options.severity,
+                probability=options.probability,
+            )
         return children
-
-    def _choose(self, cell: int, ticket: float, place: float) -> tuple[str, int]:
-        """Return how the member that comes into a cell is made, and of whom; two numbers uniform in 0..1."""
-        options = self.options
-        share = ticket * (1 - options.elite)
-        elite, worked = self._elite(cell), self._worked(cell)
-        if not worked or share >= options.mutate + options.crossover:
-            return "renew", cell
-        # Without an elite FREVO crosses with any of the neighbourhood, and mutates a cell's own member.
-        parents = elite or worked
-        parent = parents[int(place * len(parents))]
-        if math.isnan(self._fitness[cell]):
-            return "mutate", parent
-        if share < options.mutate:
-            return "mutate", parent if elite else cell
-        return "crossover", parent

@@ -3,17 +3,16 @@
 import math
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from swarmwright.core.random_numbers import Stream
+from swarmwright import _engine
+from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._nnga_steady import SteadyMembers
-from swarmwright.methods._triangular import triangular
-from swarmwright.rankings._base import best_first
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
@@ -114,7 +113,7 @@ class _Population:
     fitness: Fitness = field(default_factory=lambda: np.empty(0))
     children: int = 0
 
-    def keep(self, members: list[int]) -> None:
+    def keep(self, members: NDArray[np.int64]) -> None:
         """Drop all other members."""
         self.genomes, self.fitness = self.genomes[members], self.fitness[members]
 
@@ -227,15 +226,9 @@ class Nnga(Method):
     def _told(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no order
         self._steady.join(genome, fitness)
 
-    def _survivors(self, fitness: Fitness, stream: Stream) -> list[int]:
+    def _survivors(self, fitness: Fitness, stream: Stream) -> NDArray[np.int64]:
         """Return the indices of those that stay: elite, then random ones."""
-        ranked: list[int] = best_first(fitness)[: int(np.isfinite(fitness).sum())].tolist()
-        staying, others = ranked[: self._shares.elite], ranked[self._shares.elite :]
-        for _ in range(min(self._shares.random, len(others))):
-            staying.append(
-                others.pop(triangular(stream.integer(len(others) * (len(others) + 1) // 2), len(others)))
-            )
-        return staying
+        return _engine.survivors(fitness, self._shares.elite, self._shares.random, stream)
 
     def _children(self, parents: "_Parents", number: int, first: int) -> Genomes:
         """Return the new members of a population; `first` is the index of its first among all new ones."""
@@ -243,7 +236,7 @@ class Nnga(Method):
         children = []
         if len(survivors):
             children.append(self._mutated(survivors, first))
-            children.append(self._crossed(parents, number, {*_keys(survivors), *_keys(children[0])}))
+            children += self._crossed(parents, number, [survivors, *children])
         made = sum(map(len, children))
         missing = self.options.population - len(survivors) - made
         children.append(self.initials(range(first + made, first + made + missing)))
@@ -257,48 +250,42 @@ class Nnga(Method):
             survivors[chosen], streams, severity=severity, probability=probability
         )
 
-    def _crossed(self, parents: "_Parents", number: int, known: set[bytes]) -> Genomes:
+    def _crossed(self, parents: "_Parents", number: int, known: list[Genomes]) -> list[Genomes]:
         """Return children of two, all different from each other and those known."""
         wanted, most = self._shares.crossover, self._shares.crossover + _TRIALS
         found: list[Genomes] = []
         missing, trial = wanted, 0
         while missing and trial < most:
-            trials = range(trial, min(trial + missing, most))
-            children = self._crossovers(parents, number, [number * most + one for one in trials])
-            new = []
-            for row, key in enumerate(_keys(children)):
-                if key not in known:
-                    known.add(key)
-                    new.append(row)
-            found.append(children[new])
-            missing, trial = missing - len(new), trials.stop
-        return np.concatenate(found) if found else parents.genomes[:0]
+            last = min(trial + missing, most)
+            children = self._crossovers(parents, number, range(number * most + trial, number * most + last))
+            new = _engine.distinct(children, known + found)
+            found.append(children if len(new) == len(children) else children[new])
+            missing, trial = missing - len(new), last
+        return found
 
-    def _crossovers(self, parents: "_Parents", number: int, addresses: list[int]) -> Genomes:
+    def _crossovers(self, parents: "_Parents", number: int, addresses: range) -> Genomes:
         """Return a child for each address."""
         streams = self.streams("nnga.crossover", addresses)
-        mothers = parents.first[number] + streams.integers(parents.count[number], 1)[:, 0]
-        homes = self._fathers_populations(parents, number, addresses)
-        partners = parents.first[homes][:, None] + streams.integers(
-            parents.count[homes], self.options.partners
-        )
-        distances = self.representation.distances_among(parents.genomes, mothers, partners)
-        fathers = partners[np.arange(len(partners)), distances.argmax(axis=1)]
-        return self.representation.crossovers(parents.genomes[mothers], parents.genomes[fathers], streams)
+        first, count = parents.first[number], parents.count[number]
+        mothers = first + streams.integers(count, 1)[:, 0]
+        partners = self._partners(parents, number, addresses, streams)
+        return self.representation.matings(parents.genomes, mothers, partners, streams)
 
-    def _fathers_populations(
-        self, parents: "_Parents", number: int, addresses: list[int]
+    def _partners(
+        self, parents: "_Parents", number: int, addresses: range, streams: Streams
     ) -> NDArray[np.int64]:
-        """Return the number of the population that each father comes from."""
-        homes = np.full(len(addresses), number)
-        interval = self.options.exchange_interval
-        if self.options.populations == 1 or interval == 0 or (self.generation - 1) % interval:
-            return homes
+        """Return the indices of those that each father is chosen from."""
+        options = self.options
+        interval = options.exchange_interval
+        if options.populations == 1 or interval == 0 or (self.generation - 1) % interval:
+            return parents.first[number] + streams.integers(parents.count[number], options.partners)
         peopled = np.flatnonzero(parents.count)
-        streams = self.streams("nnga.exchange", addresses)
-        drawn = peopled[streams.integers(len(peopled), 1)[:, 0]]
-        abroad = streams.units(1)[:, 0] < self.options.exchange
-        return np.where(abroad, drawn, homes)
+        exchange = self.streams("nnga.exchange", addresses)
+        drawn = peopled[exchange.integers(len(peopled), 1)[:, 0]]
+        abroad = exchange.units(1)[:, 0] < options.exchange
+        homes = np.where(abroad, drawn, number)
+        drawn = streams.integers(parents.count[homes], options.partners)
+        return np.asarray(parents.first[homes][:, None] + drawn)
 
 
 @dataclass(frozen=True)
@@ -320,10 +307,3 @@ class _Parents:
     def of_population(self, number: int) -> Genomes:
         """Return the survivors of one population."""
         return self.genomes[self.first[number] :][: self.count[number]]
-
-
-def _keys(genomes: Genomes) -> list[bytes]:
-    """Return the bytes of each genome: the same for those that are the same."""
-    row = np.dtype((np.void, genomes.shape[1] * genomes.itemsize))
-    keys: Any = np.ascontiguousarray(genomes).view(row).ravel().tolist()
-    return list(keys)

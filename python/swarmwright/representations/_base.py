@@ -20,8 +20,8 @@ class Representation(ABC):
     these alone, so any method evolves any representation. Operators are pure: they return new arrays and take
     their randomness from the stream they are given.
 
-    Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`), which methods
-    call. By default that is a loop; a representation may be faster, but must give the same bits.
+    Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`), which
+    methods call. By default that is a loop; a representation may be faster, but must give the same bits.
 
     Args:
         options: this representation's section of the experiment.
@@ -135,6 +135,23 @@ class Representation(ABC):
         """Return a child of each of n pairs, made with the stream of the same index; see `mutations`."""
         pairs = zip(mothers, fathers, streams, strict=True)
         return self._rows([self.crossover(mother, father, stream) for mother, father, stream in pairs])
+
+    def matings(
+        self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
+    ) -> Genomes:
+        """Return a child of each of n mothers and the most different one of its partners, see `crossovers`.
+
+        Of equally different ones the first is the father.
+
+        Args:
+            genomes: (m, genome_size).
+            mothers: (n,), indices 0 to m - 1.
+            partners: (n, k), indices 0 to m - 1, k >= 1.
+            streams: one for each mother.
+        """
+        distances = self.distances_among(genomes, mothers, partners)
+        fathers = partners[np.arange(len(partners)), distances.argmax(axis=1)]
+        return self.crossovers(genomes[mothers], genomes[fathers], streams)
 
     def distances_among(
         self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]

@@ -133,6 +133,12 @@ class NodeNetwork(Representation):
         """Return a child of each pair."""
         return self._operators.crossovers(mothers, fathers, streams)
 
+    def matings(
+        self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
+    ) -> Genomes:
+        """Return a child of each mother and the most different one of its partners."""
+        return self._operators.matings(genomes, mothers, partners, streams)
+
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the sum of absolute differences, added in the genome's order in binary64."""
         return float(self.distances(one, other[np.newaxis])[0])

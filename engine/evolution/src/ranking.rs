@@ -1,0 +1,153 @@
+//! Ranks, and draws of which the better-ranked are likelier.
+
+use crate::stream::Stream;
+
+/// The key of failed members, above that of every fitness.
+const FAILED: u64 = u64::MAX;
+const SIGN: u64 = 1 << 63;
+
+/// The rank k for a ticket in 0 .. members * (members + 1) / 2, of which k holds members - k.
+#[must_use]
+pub fn triangular(ticket: u64, members: u64) -> u64 {
+    // Tickets from the end: the last holds one, the last but one two, .. so k counts triangular numbers from there.
+    let left = tickets(members) - 1 - ticket;
+    let row = ((8 * left + 1).isqrt() - 1) / 2;
+    members - 1 - row
+}
+
+const fn tickets(members: u64) -> u64 {
+    members * (members + 1) / 2
+}
+
+/// Members that stay: the best, then others, drawn at random, the k-th best of m that remain with a probability proportional to m - k.
+///
+/// Of equal ones the first is ahead; failed ones (NaN) never stay.
+#[must_use]
+pub fn survivors(fitness: &[f64], best: usize, random: usize, stream: &mut Stream) -> Vec<usize> {
+    let mut ranks: Vec<_> = (0..).zip(fitness).map(rank).collect();
+    ranks.retain(|rank| rank.0 != FAILED);
+    ranks.sort_unstable();
+    let (elite, others) = ranks.split_at(best.min(ranks.len()));
+    let mut staying: Vec<_> = elite.iter().map(|rank| member(*rank)).collect();
+    let mut remaining = Remaining::new(others.len());
+    for left in (1..=others.len()).rev().take(random) {
+        let left = left as u64;
+        let place = triangular(stream.integer(tickets(left)), left);
+        staying.push(member(others[remaining.take(place)]));
+    }
+    staying
+}
+
+/// A key that is the lower the better a member is, and its index.
+type Rank = (u64, u32);
+
+fn rank((member, fitness): (u32, &f64)) -> Rank {
+    // Adding 0.0 turns -0.0 into 0.0, which is its equal.
+    let bits = (fitness + 0.0).to_bits();
+    let ascending = if bits & SIGN == 0 { bits | SIGN } else { !bits };
+    let key = if fitness.is_nan() { FAILED } else { !ascending };
+    (key, member)
+}
+
+const fn member(rank: Rank) -> usize {
+    rank.1 as usize
+}
+
+/// Places of which some are taken already: a Fenwick tree of how many remain.
+struct Remaining(Vec<u32>);
+
+impl Remaining {
+    fn new(places: usize) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "ranks are counted in u32")]
+        let counts = (1..=places).map(|place| (1 << place.trailing_zeros()) as u32);
+        Self(counts.collect())
+    }
+
+    /// Takes the one of the remaining places that so many remain before.
+    fn take(&mut self, before: u64) -> usize {
+        let (mut place, mut before) = (0, before);
+        let mut step = (self.0.len() + 1).next_power_of_two();
+        while step > 0 {
+            if let Some(count) = self.0.get_mut(place + step - 1) {
+                if u64::from(*count) <= before {
+                    before -= u64::from(*count);
+                    place += step;
+                } else {
+                    *count -= 1;
+                }
+            }
+            step /= 2;
+        }
+        place
+    }
+}
+
+/// Members that are replaced one by one, in the order of their ranks; at first all have failed.
+#[derive(Debug, Clone)]
+pub struct Ranks {
+    keys: Vec<u64>,
+    order: Vec<Rank>,
+}
+
+impl Ranks {
+    /// So many members.
+    #[must_use]
+    pub fn new(members: u32) -> Self {
+        Self {
+            keys: vec![FAILED; members as usize],
+            order: (0..members).map(|member| (FAILED, member)).collect(),
+        }
+    }
+
+    /// Number of members.
+    #[must_use]
+    pub fn members(&self) -> usize {
+        self.keys.len()
+    }
+
+    /// How many have not failed.
+    #[must_use]
+    pub fn worked(&self) -> usize {
+        self.order.partition_point(|rank| rank.0 != FAILED)
+    }
+
+    /// The last in order: of those that failed the one with the largest index, else the one of least fitness.
+    #[must_use]
+    pub fn worst(&self) -> Option<usize> {
+        self.order.last().copied().map(member)
+    }
+
+    /// A member gets another fitness; NaN: it has failed.
+    ///
+    /// # Panics
+    ///
+    /// When there is no such member.
+    pub fn set(&mut self, place: u32, fitness: f64) {
+        let key = &mut self.keys[place as usize];
+        let (before, after) = ((*key, place), rank((place, &fitness)));
+        *key = after.0;
+        let from = self.order.partition_point(|rank| *rank < before);
+        let to = self.order.partition_point(|rank| *rank < after);
+        if from < to {
+            self.order[from..to].rotate_left(1);
+            self.order[to - 1] = after;
+        } else {
+            self.order[to..=from].rotate_right(1);
+            self.order[to] = after;
+        }
+    }
+
+    /// A member that has not failed, the k-th best of m with a probability proportional to m - k.
+    ///
+    /// # Panics
+    ///
+    /// When all have failed.
+    #[must_use]
+    pub fn draw(&self, stream: &mut Stream) -> usize {
+        let worked = self.worked() as u64;
+        assert!(worked > 0, "all members have failed");
+        let place = triangular(stream.integer(tickets(worked)), worked);
+        #[expect(clippy::cast_possible_truncation, reason = "it is a rank")]
+        member(self.order[place as usize])
+    }
+}
