@@ -64,6 +64,7 @@ __all__ = [
     "simulations",
     "spread",
     "steers_itself",
+    "survivors",
     "trials",
     "weighted_products",
     "weighted_sum",

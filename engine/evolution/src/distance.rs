@@ -92,19 +92,26 @@ impl Farthest {
 
 /// The distance in binary32, in sums of their own.
 fn nearly(one: &[f32], other: &[f32]) -> f32 {
-    let other = &other[..one.len()];
-    let mut sums = [0.0; LANES];
     let (ones, rest) = one.as_chunks::<LANES>();
-    let (others, other_rest) = other.as_chunks::<LANES>();
-    for (one, other) in ones.iter().zip(others) {
-        for lane in 0..LANES {
-            sums[lane] += (one[lane] - other[lane]).abs();
-        }
+    let (others, other_rest) = other[..one.len()].as_chunks::<LANES>();
+    let mut sums = [0.0; LANES];
+    for index in 0..ones.len() {
+        sums = added(sums, ones[index], others[index]);
     }
-    for (one, other) in rest.iter().zip(other_rest) {
-        sums[0] += (one - other).abs();
+    let [a, b, c, d, e, f, g, h] = sums;
+    let mut sum = ((a + e) + (b + f)) + ((c + g) + (d + h));
+    for index in 0..rest.len() {
+        sum += (rest[index] - other_rest[index]).abs();
     }
-    sums.iter().sum()
+    sum
+}
+
+#[inline]
+fn added(mut sums: [f32; LANES], one: [f32; LANES], other: [f32; LANES]) -> [f32; LANES] {
+    for lane in 0..LANES {
+        sums[lane] += (one[lane] - other[lane]).abs();
+    }
+    sums
 }
 
 #[inline]

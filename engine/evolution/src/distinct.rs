@@ -2,7 +2,7 @@
 
 /// An odd number whose bits are as good as random: 2^64 divided by the golden ratio.
 const FACTOR: u64 = 0x9E37_79B9_7F4A_7C15;
-/// Genes that are hashed at once: their products do not wait for one another.
+/// Pairs of genes that are hashed at once: their products do not wait for one another.
 const AT_ONCE: usize = 4;
 const FREE: u32 = u32::MAX;
 
@@ -74,29 +74,33 @@ impl<'a> Table<'a> {
 }
 
 fn hash(genome: &[f32]) -> u64 {
-    let mut sums = [0, 1, 2, 3];
-    let mut chunks = genome.chunks_exact(AT_ONCE);
-    for chunk in &mut chunks {
-        for (sum, gene) in sums.iter_mut().zip(chunk) {
-            *sum = mixed(*sum, *gene);
+    let (chunks, rest) = genome.as_chunks::<{ 2 * AT_ONCE }>();
+    let mut sums = [0; AT_ONCE];
+    for chunk in chunks {
+        for index in 0..AT_ONCE {
+            sums[index] = mixed(sums[index], bits([chunk[2 * index], chunk[2 * index + 1]]));
         }
     }
-    let rest = chunks
-        .remainder()
-        .iter()
-        .fold(0, |sum, gene| mixed(sum, *gene));
-    sums.into_iter().fold(rest, |sum, next| {
-        (sum.rotate_left(23) ^ next).wrapping_mul(FACTOR)
-    })
+    let mut sum = 0;
+    for gene in rest {
+        sum = mixed(sum, u64::from(gene.to_bits()));
+    }
+    for other in sums {
+        sum = mixed(sum, other);
+    }
+    sum
 }
 
 #[inline]
-fn mixed(sum: u64, gene: f32) -> u64 {
-    (sum.rotate_left(29) ^ u64::from(gene.to_bits())).wrapping_mul(FACTOR)
+fn bits([one, other]: [f32; 2]) -> u64 {
+    u64::from(one.to_bits()) | u64::from(other.to_bits()) << 32
+}
+
+#[inline]
+fn mixed(sum: u64, word: u64) -> u64 {
+    (sum.rotate_left(29) ^ word).wrapping_mul(FACTOR)
 }
 
 fn same(one: &[f32], other: &[f32]) -> bool {
-    one.iter()
-        .zip(other)
-        .all(|(one, other)| one.to_bits() == other.to_bits())
+    (0..one.len()).all(|gene| one[gene].to_bits() == other[gene].to_bits())
 }

@@ -113,14 +113,15 @@ impl NodeNetwork {
         severity: f64,
         chosen: impl Fn(usize) -> bool,
     ) {
-        for (index, ((gene, range), word)) in genes.iter_mut().zip(ranges).zip(words).enumerate() {
+        let (ranges, words) = (&ranges[..genes.len()], &words[..genes.len()]);
+        for index in 0..genes.len() {
             if chosen(index) {
-                let before = f64::from(*gene);
+                let before = f64::from(genes[index]);
                 let border = match self.mutation {
-                    Mutation::Uniform => range * severity,
+                    Mutation::Uniform => ranges[index] * severity,
                     Mutation::Proportional => (before.abs() * SHARE).max(LEAST),
                 };
-                *gene = rounded(before + uniform(*word, border));
+                genes[index] = rounded(before + uniform(words[index], border));
             }
         }
     }

@@ -8,27 +8,26 @@ const ROUNDS: usize = 10;
 ///
 /// Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
 #[must_use]
-#[inline]
 pub fn philox(counter: [u64; 4], key: [u64; 2]) -> [u64; 4] {
-    let [block, others @ ..] = counter;
-    philox_blocks::<1>(block, others, key)[0]
+    words(counter, key)
 }
 
-#[inline]
-fn round(counter: [u64; 4], key: [u64; 2]) -> [u64; 4] {
-    let (low, high) = halves(counter[0], MULTIPLIERS[0]);
-    let (other_low, other_high) = halves(counter[2], MULTIPLIERS[1]);
-    [
-        other_high ^ counter[1] ^ key[0],
-        other_low,
-        high ^ counter[3] ^ key[1],
-        low,
-    ]
-}
-
-#[inline]
-fn next_key(key: [u64; 2]) -> [u64; 2] {
-    [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])]
+/// See [`philox`]. Called and not inlined, it would take almost twice the time.
+#[inline(always)]
+pub(crate) fn words(counter: [u64; 4], key: [u64; 2]) -> [u64; 4] {
+    let (mut counter, mut key) = (counter, key);
+    for _ in 0..ROUNDS {
+        let (low, high) = halves(counter[0], MULTIPLIERS[0]);
+        let (other_low, other_high) = halves(counter[2], MULTIPLIERS[1]);
+        counter = [
+            other_high ^ counter[1] ^ key[0],
+            other_low,
+            high ^ counter[3] ^ key[1],
+            low,
+        ];
+        key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
+    }
+    counter
 }
 
 /// Lower and upper half of a product.
@@ -36,32 +35,8 @@ fn next_key(key: [u64; 2]) -> [u64; 2] {
     clippy::cast_possible_truncation,
     reason = "the lower half is what is meant"
 )]
-#[inline]
+#[inline(always)]
 fn halves(one: u64, other: u64) -> (u64, u64) {
     let product = u128::from(one) * u128::from(other);
     (product as u64, (product >> 64) as u64)
-}
-
-/// The random words of a counter and of those that follow it, (first + 0 .. first + N, the other three): blocks do not wait for one
-/// another, as they would if they were drawn one by one.
-#[inline]
-pub(crate) fn philox_blocks<const N: usize>(
-    first: u64,
-    others: [u64; 3],
-    key: [u64; 2],
-) -> [[u64; 4]; N] {
-    let mut counters = [[first, others[0], others[1], others[2]]; N];
-    let mut next = first;
-    for counter in &mut counters {
-        counter[0] = next;
-        next = next.wrapping_add(1);
-    }
-    let mut key = key;
-    for _ in 0..ROUNDS {
-        for counter in &mut counters {
-            *counter = round(*counter, key);
-        }
-        key = next_key(key);
-    }
-    counters
 }

@@ -58,8 +58,7 @@ struct Remaining(Vec<u32>);
 
 impl Remaining {
     fn new(places: usize) -> Self {
-        #[expect(clippy::cast_possible_truncation, reason = "ranks are counted in u32")]
-        let counts = (1..=places).map(|place| (1 << place.trailing_zeros()) as u32);
+        let counts = (1..=places).map(|place| 1 << place.trailing_zeros());
         Self(counts.collect())
     }
 

@@ -3,11 +3,9 @@
 use sha2::{Digest, Sha256};
 
 use crate::normal::of_unit;
-use crate::philox::{philox, philox_blocks};
+use crate::philox::words;
 
 const WORDS: usize = 4;
-/// Blocks that are drawn at once.
-const AT_ONCE: usize = 3;
 /// 2^-53, the distance of two neighbouring units.
 const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
 
@@ -66,20 +64,14 @@ impl Stream {
         let (head, body) = words.split_at_mut(rest);
         head.copy_from_slice(&self.block[self.used..self.used + rest]);
         self.used += rest;
-        let mut many = body.chunks_exact_mut(AT_ONCE * WORDS);
-        for part in &mut many {
-            let others = [self.candidate, self.generation, 0];
-            let first = self.blocks.wrapping_add(1);
-            let drawn = philox_blocks::<AT_ONCE>(first, others, self.key);
-            part.copy_from_slice(drawn.as_flattened());
-            self.blocks = self.blocks.wrapping_add(AT_ONCE as u64);
+        let (whole, rest) = body.as_chunks_mut::<WORDS>();
+        // A copy of the address, so that what is the same in all blocks is computed once.
+        let (at, first) = (self.clone(), self.blocks);
+        for (block, part) in (1..).zip(whole.iter_mut()) {
+            *part = at.at(first.wrapping_add(block));
         }
-        let mut whole = many.into_remainder().chunks_exact_mut(WORDS);
-        for part in &mut whole {
-            self.blocks = self.blocks.wrapping_add(1);
-            part.copy_from_slice(&self.at(self.blocks));
-        }
-        for place in whole.into_remainder() {
+        self.blocks = first.wrapping_add(whole.len() as u64);
+        for place in rest {
             *place = self.word();
         }
     }
@@ -155,7 +147,7 @@ impl Stream {
 
     #[inline]
     fn at(&self, block: u64) -> [u64; WORDS] {
-        philox([block, self.candidate, self.generation, 0], self.key)
+        words([block, self.candidate, self.generation, 0], self.key)
     }
 }
 

@@ -254,10 +254,8 @@ fn numbered(cells: usize, obstacles: usize, seed: u64) -> Vec<Option<u32>> {
         row.swap(place, other);
         members[row[place]] = None;
     }
-    let mut next = 0;
-    for member in members.iter_mut().flatten() {
-        *member = index(next);
-        next += 1;
+    for (number, member) in (0..).zip(members.iter_mut().flatten()) {
+        *member = index(number);
     }
     members
 }

@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyList, PyRange, PyRangeMethods};
@@ -101,11 +103,13 @@ impl PyStreams {
                     .map(stream)
                     .collect(),
             },
-            Candidates::Array(array) => array
-                .as_array()
-                .iter()
-                .map(|candidate| Ok(stream(u64::try_from(*candidate)?)))
-                .collect::<PyResult<_>>()?,
+            Candidates::Array(array) => {
+                let mut streams = Vec::with_capacity(array.len());
+                for candidate in array.as_array() {
+                    streams.push(stream(u64::try_from(*candidate)?));
+                }
+                streams
+            }
             Candidates::Others(others) => others.into_iter().map(stream).collect(),
         }))
     }

@@ -55,10 +55,15 @@ class SteadyMembers:
             return
         else:
             place = self._ranks.worst
-            self._known[self._genomes[place].tobytes()] -= 1
+            self._forget(self._genomes[place].tobytes())
         self._genomes[place], self._values[place] = genome, fitness
         self._known[self._genomes[place].tobytes()] += 1
         self._ranks.set(place, fitness)
+
+    def _forget(self, member: bytes) -> None:
+        self._known[member] -= 1
+        if not self._known[member]:
+            del self._known[member]
 
     def child(self, streams: Callable[[str], Streams]) -> Genome | None:
         """Return a new genome; None where a random one is to be taken. streams: one stream by purpose."""

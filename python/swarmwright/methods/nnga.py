@@ -1,7 +1,7 @@
 """NNGA: FREVO's genetic algorithm for neural networks."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import ClassVar, Literal, Self
 
@@ -105,22 +105,36 @@ class NngaOptions(MethodOptions):
         return Shares(self.population - random - mutate - crossover - renew, random, mutate, crossover, renew)
 
 
-@dataclass
 class _Population:
-    """Members and their fitness; children are new ones whose fitness is not known yet."""
+    """Members, of which the first `count` are there, and their fitness; children: new ones not known yet."""
 
-    genomes: Genomes
-    fitness: Fitness = field(default_factory=lambda: np.empty(0))
-    children: int = 0
+    def __init__(self, size: int, genes: int) -> None:
+        self._genomes: Genomes = np.empty((size, genes), dtype=np.float32)
+        self._fitness: Fitness = np.empty(size)
+        self.count = 0
+        self.children = size
+
+    @property
+    def genomes(self) -> Genomes:
+        """Genomes of the members."""
+        return self._genomes[: self.count]
+
+    @property
+    def fitness(self) -> Fitness:
+        """Fitness of the members."""
+        return self._fitness[: self.count]
 
     def keep(self, members: NDArray[np.int64]) -> None:
         """Drop all other members."""
-        self.genomes, self.fitness = self.genomes[members], self.fitness[members]
+        genomes, fitness = self.genomes[members], self.fitness[members]
+        self.count = 0
+        self.join(genomes, fitness)
 
     def join(self, genomes: Genomes, fitness: Fitness) -> None:
         """Let the children be members."""
-        self.genomes = np.concatenate([self.genomes, genomes])
-        self.fitness = np.concatenate([self.fitness, fitness])
+        places = slice(self.count, self.count + len(genomes))
+        self._genomes[places], self._fitness[places] = genomes, fitness
+        self.count = places.stop
 
 
 class Nnga(Method):
@@ -159,9 +173,8 @@ class Nnga(Method):
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._shares = options.shares()
-        no_members: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         self._populations = [
-            _Population(no_members, children=options.population) for _ in range(options.populations)
+            _Population(options.population, representation.genome_size) for _ in range(options.populations)
         ]
         self._steady = SteadyMembers(options, representation)
 
@@ -192,8 +205,8 @@ class Nnga(Method):
     def _rescore(self, fitness: Fitness) -> None:
         first = 0
         for population in self._populations:
-            end = first + len(population.genomes)
-            population.fitness = fitness[first:end]
+            end = first + population.count
+            population.fitness[:] = fitness[first:end]
             first = end
 
     def _ask(self) -> Genomes:
@@ -205,9 +218,10 @@ class Nnga(Method):
         children: list[Genomes] = []
         first = 0
         for number, population in enumerate(self._populations):
-            children.append(self._children(parents, number, first))
-            population.children = len(children[-1])
+            made = self._children(parents, number, first)
+            population.children = sum(map(len, made))
             first += population.children
+            children += made
         return np.concatenate(children)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
@@ -230,17 +244,16 @@ class Nnga(Method):
         """Return the indices of those that stay: elite, then random ones."""
         return _engine.survivors(fitness, self._shares.elite, self._shares.random, stream)
 
-    def _children(self, parents: "_Parents", number: int, first: int) -> Genomes:
-        """Return the new members of a population; `first` is the index of its first among all new ones."""
+    def _children(self, parents: "_Parents", number: int, first: int) -> list[Genomes]:
+        """Return the new members of a population, in parts; `first`: the index of its first among all new."""
         survivors = parents.of_population(number)
-        children = []
+        children: list[Genomes] = []
         if len(survivors):
             children.append(self._mutated(survivors, first))
             children += self._crossed(parents, number, [survivors, *children])
         made = sum(map(len, children))
         missing = self.options.population - len(survivors) - made
-        children.append(self.initials(range(first + made, first + made + missing)))
-        return np.concatenate(children)
+        return [*children, self.initials(range(first + made, first + made + missing))]
 
     def _mutated(self, survivors: Genomes, first: int) -> Genomes:
         streams = self.streams("nnga.mutate", range(first, first + self._shares.mutate))
@@ -266,7 +279,7 @@ class Nnga(Method):
     def _crossovers(self, parents: "_Parents", number: int, addresses: range) -> Genomes:
         """Return a child for each address."""
         streams = self.streams("nnga.crossover", addresses)
-        first, count = parents.first[number], parents.count[number]
+        first, count = int(parents.first[number]), int(parents.count[number])
         mothers = first + streams.integers(count, 1)[:, 0]
         partners = self._partners(parents, number, addresses, streams)
         return self.representation.matings(parents.genomes, mothers, partners, streams)
@@ -278,14 +291,16 @@ class Nnga(Method):
         options = self.options
         interval = options.exchange_interval
         if options.populations == 1 or interval == 0 or (self.generation - 1) % interval:
-            return parents.first[number] + streams.integers(parents.count[number], options.partners)
+            count = int(parents.count[number])
+            return int(parents.first[number]) + streams.integers(count, options.partners)
         peopled = np.flatnonzero(parents.count)
         exchange = self.streams("nnga.exchange", addresses)
         drawn = peopled[exchange.integers(len(peopled), 1)[:, 0]]
         abroad = exchange.units(1)[:, 0] < options.exchange
         homes = np.where(abroad, drawn, number)
         drawn = streams.integers(parents.count[homes], options.partners)
-        return np.asarray(parents.first[homes][:, None] + drawn)
+        mine: NDArray[np.int64] = parents.first[homes][:, None] + drawn
+        return mine
 
 
 @dataclass(frozen=True)
@@ -299,8 +314,9 @@ class _Parents:
     @classmethod
     def of(cls, populations: list[_Population]) -> Self:
         """Return the members of populations."""
-        counts = [len(population.genomes) for population in populations]
-        genomes = np.concatenate([population.genomes for population in populations])
+        counts = [population.count for population in populations]
+        members = [population.genomes for population in populations]
+        genomes = members[0] if len(members) == 1 else np.concatenate(members)
         first = list(accumulate(counts, initial=0))[:-1]
         return cls(genomes, np.array(first, dtype=np.int64), np.array(counts, dtype=np.int64))
 

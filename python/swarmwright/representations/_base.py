@@ -20,8 +20,9 @@ class Representation(ABC):
     these alone, so any method evolves any representation. Operators are pure: they return new arrays and take
     their randomness from the stream they are given.
 
-    Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`), which
-    methods call. By default that is a loop; a representation may be faster, but must give the same bits.
+    Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`),
+    which methods call. By default that is a loop; a representation may be faster, but must give the same
+    bits.
 
     Args:
         options: this representation's section of the experiment.

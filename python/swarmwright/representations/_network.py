@@ -25,6 +25,10 @@ OUTPUT_RANGE = {
 """What a node's output is mapped from to become an actuator in -1..1, by activation."""
 
 
+_OF_MATINGS = ("crossovers", "distances_among")
+"""What a subclass may do otherwise, and `matings` then with it."""
+
+
 class NetworkOptions(Options):
     """Options that all networks have; those of the genetic operators are after FREVO's FullyMeshedNet."""
 
@@ -137,6 +141,8 @@ class NodeNetwork(Representation):
         self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
     ) -> Genomes:
         """Return a child of each mother and the most different one of its partners."""
+        if any(getattr(type(self), name) is not getattr(NodeNetwork, name) for name in _OF_MATINGS):
+            return super().matings(genomes, mothers, partners, streams)
         return self._operators.matings(genomes, mothers, partners, streams)
 
     def distance(self, one: Genome, other: Genome) -> float:

@@ -196,4 +196,18 @@ def _check_many(subject: Representation) -> None:
     for one, row, found in zip(ones, rows, distances, strict=True):
         expected = [subject.distance(genomes[one], genomes[other]) for other in row]
         assert found.tolist() == expected, "distances_among must be those of two genomes each"
+    _check_matings(subject, genomes)
     assert subject.initials(Streams(1, "check", 0, [])).shape == (0, subject.genome_size)
+
+
+def _check_matings(subject: Representation, genomes: Genomes) -> None:
+    """The father must be the partner that is the most different; of equal ones the first."""
+    mothers, partners = np.array([2, 0, 1]), np.array([[1, 2, 6, 5], [3, 3, 4, 1], [1, 1, 1, 1]])
+    children = subject.matings(genomes, mothers, partners, Streams(4, "check", 1, range(3)))
+    assert children.dtype == np.float32, f"matings returns {children.dtype}, not float32"
+    for index, (mother, row) in enumerate(zip(mothers, partners, strict=True)):
+        father = max(row, key=lambda other: subject.distance(genomes[mother], genomes[other]))
+        child = subject.crossover(genomes[mother], genomes[father], Stream(4, "check", 1, index))
+        assert children[index].tobytes() == child.tobytes(), (
+            "matings must give the bits of crossover with the most different partner"
+        )

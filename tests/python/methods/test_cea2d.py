@@ -84,7 +84,7 @@ def test_close_fitness_is_not_reordered() -> None:
     fitness = np.linspace(2e-9, 1e-9, 100)
     method = told(new(width=100, height=2, obstacles=100), fitness)
     for cell in range(100):
-        elite = method._elite(cell)
+        elite = method._torus.elite(fitness, cell)
         assert elite == [min([cell, *method.neighbours[cell]])][: len(elite)]
 
 

@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarmwright.methods import METHODS
-from swarmwright.methods._triangular import triangular
 from swarmwright.methods.nnga import Nnga, NngaOptions, Shares
 from swarmwright.representations import Genomes
 from swarmwright.testing._common import representation
@@ -65,14 +64,6 @@ def test_it_finds_what_random_search_does_not() -> None:
 
     assert best_of("nnga") > 0.5 * best_of("random_search")
     assert best_of("nnga") > -20
-
-
-@given(st.integers(1, 300))
-@settings(max_examples=40)
-def test_random_survivors_are_drawn_by_falling_probability(members: int) -> None:
-    tickets = members * (members + 1) // 2
-    drawn = np.bincount([triangular(ticket, members) for ticket in range(tickets)], minlength=members)
-    assert drawn.tolist() == list(range(members, 0, -1))
 
 
 def test_survivors_are_different_members() -> None:

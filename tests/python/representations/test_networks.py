@@ -14,8 +14,8 @@ from swarmwright import Controller, _engine
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations._network import NodeNetwork
-from swarmwright.representations.layered import LayeredOptions
-from swarmwright.typing import Genome
+from swarmwright.representations.layered import Layered, LayeredOptions
+from swarmwright.typing import Genome, Genomes
 
 KINDS = ["layered", "fully_meshed"]
 SIZES = st.integers(1, 6)
@@ -225,3 +225,32 @@ def test_genomes_that_do_not_fit_are_refused() -> None:
         subject.mutate(genomes[0, :3], streams[0], severity=1, probability=1)
     with pytest.raises(_engine.InputError, match="index 3 found, but there are 3 genomes"):
         subject.distances_among(genomes, np.array([0]), np.array([[1, 3]]))
+
+
+def test_matings_follow_a_subclass_that_crosses_or_measures_otherwise() -> None:
+    class Contrary(Layered):
+        def distances_among(
+            self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+        ) -> NDArray[np.float64]:
+            return -super().distances_among(genomes, ones, others)
+
+    kinds = (Layered, Contrary)
+    subjects = [kind(LayeredOptions(hidden=[2]), sensors=3, actuators=1) for kind in kinds]
+    genomes = subjects[0].initials(Streams(1, "x", 0, range(3)))
+    far = int(np.argmax(subjects[0].distances(genomes[0], genomes[1:]))) + 1
+    for subject, father in zip(subjects, (far, 3 - far), strict=True):
+        found = subject.matings(genomes, np.array([0]), np.array([[1, 2]]), Streams(1, "y", 0, [0]))
+        child = subject.crossover(genomes[0], genomes[father], Stream(1, "y"))
+        assert found[0].tobytes() == child.tobytes()
+
+
+def test_matings_refuse_what_does_not_fit() -> None:
+    subject = network("layered")
+    genomes = subject.initials(Streams(1, "x", 0, range(3)))
+    streams = Streams(1, "y", 0, [0])
+    with pytest.raises(_engine.InputError, match="index 3 found, but there are 3 genomes"):
+        subject.matings(genomes, np.array([0]), np.array([[1, 3]]), streams)
+    with pytest.raises(_engine.InputError, match="one partner at least"):
+        subject.matings(genomes, np.array([0]), np.empty((1, 0), dtype=np.int64), streams)
+    with pytest.raises(_engine.InputError, match="a stream for each child"):
+        subject.matings(genomes, np.array([0, 1]), np.array([[1], [2]]), streams)
