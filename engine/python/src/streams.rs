@@ -90,28 +90,11 @@ impl PyStreams {
         seed: u64,
         purpose: &str,
         generation: u64,
-        candidates: Candidates<'_>,
+        candidates: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
         let key = evolution::purpose_key(purpose);
         let stream = |candidate| evolution::Stream::new(seed, key, generation, candidate);
-        Ok(Self(match candidates {
-            Candidates::Range(range) => match ascending(&range)? {
-                Some(range) => range.map(stream).collect(),
-                None => range
-                    .extract::<Vec<u64>>()?
-                    .into_iter()
-                    .map(stream)
-                    .collect(),
-            },
-            Candidates::Array(array) => {
-                let mut streams = Vec::with_capacity(array.len());
-                for candidate in array.as_array() {
-                    streams.push(stream(u64::try_from(*candidate)?));
-                }
-                streams
-            }
-            Candidates::Others(others) => others.into_iter().map(stream).collect(),
-        }))
+        Ok(Self(numbers(candidates)?.into_iter().map(stream).collect()))
     }
 
     fn __len__(&self) -> usize {
@@ -210,21 +193,28 @@ pub fn for_rows<T: Send>(
         .for_each(|(index, (stream, row))| make(index, stream, row));
 }
 
-/// Which candidates streams are for.
-#[derive(FromPyObject)]
-enum Candidates<'py> {
-    Range(Bound<'py, PyRange>),
-    Array(PyReadonlyArray1<'py, i64>),
-    Others(Vec<u64>),
+/// The numbers of a sequence; ranges and arrays of int64 without making objects of them.
+fn numbers(sequence: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
+    if let Some(range) = sequence.cast::<PyRange>().ok().and_then(ascending) {
+        return Ok(range.collect());
+    }
+    if let Ok(array) = sequence.extract::<PyReadonlyArray1<'_, i64>>() {
+        let mut numbers = Vec::with_capacity(array.len());
+        for number in array.as_array() {
+            numbers.push(u64::try_from(*number)?);
+        }
+        return Ok(numbers);
+    }
+    sequence.extract()
 }
 
-/// The numbers of a range in steps of 1, None for another one.
-fn ascending(range: &Bound<'_, PyRange>) -> PyResult<Option<Range<u64>>> {
-    if range.step()? != 1 || range.start()? < 0 {
-        return Ok(None);
+/// The numbers of a range in steps of 1; None for another one, and for one whose ends an i64 does not hold.
+fn ascending(range: &Bound<'_, PyRange>) -> Option<Range<u64>> {
+    let (start, stop) = (range.start().ok()?, range.stop().ok()?.max(0));
+    if range.step().ok()? != 1 {
+        return None;
     }
-    let (start, stop) = (range.start()?, range.stop()?.max(0));
-    Ok(Some(u64::try_from(start)?..u64::try_from(stop)?))
+    Some(u64::try_from(start).ok()?..u64::try_from(stop).ok()?)
 }
 
 /// How many integers to draw from, for all streams or for each.

@@ -123,3 +123,25 @@ def test_units_fill_their_interval() -> None:
 def test_uniform_stays_within_its_border(border: float, seed: int) -> None:
     values = Stream(seed, "test").uniform(np.full(20, border))
     assert (np.abs(values) <= border).all()
+
+
+@pytest.mark.parametrize("candidates", [range(3, 9), range(9, 3, -2), range(0), range(5, 2)])
+def test_candidates_may_be_a_range_or_an_array(candidates: range) -> None:
+    listed = Streams(5, "test", 2, list(candidates)).units(2)
+    assert Streams(5, "test", 2, candidates).units(2).tolist() == listed.tolist()
+    array = np.array(candidates, dtype=np.int64)
+    assert Streams(5, "test", 2, array).units(2).tolist() == listed.tolist()
+    assert Streams(5, "test", 2, np.repeat(array, 2)[::2]).units(2).tolist() == listed.tolist()
+
+
+def test_candidates_may_be_as_large_as_64_bits() -> None:
+    last = range(2**64 - 2, 2**64)
+    assert (
+        Streams(5, "test", 2, last).units(1).tolist() == Streams(5, "test", 2, list(last)).units(1).tolist()
+    )
+
+
+def test_candidates_are_not_negative() -> None:
+    for candidates in (range(-1, 3), [-1], np.array([3, -1])):
+        with pytest.raises(OverflowError):
+            Streams(5, "test", 2, candidates)
