@@ -5,7 +5,7 @@ use std::ops::Range;
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyOverflowError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyList, PyRange, PyRangeMethods};
 use rayon::prelude::*;
@@ -201,7 +201,8 @@ fn numbers(sequence: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
     if let Ok(array) = sequence.extract::<PyReadonlyArray1<'_, i64>>() {
         let mut numbers = Vec::with_capacity(array.len());
         for number in array.as_array() {
-            numbers.push(u64::try_from(*number)?);
+            let number = u64::try_from(*number);
+            numbers.push(number.map_err(|error| PyOverflowError::new_err(error.to_string()))?);
         }
         return Ok(numbers);
     }
