@@ -41,4 +41,4 @@ pub use ranking::{Ranks, survivors, triangular};
 pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
 pub use stream::{Stream, purpose_key};
 pub use swarm::{Flight, Swarm, spread};
-pub use torus::{Torus, Way, Ways, Worked};
+pub use torus::{Torus, Way, Ways};

@@ -4,8 +4,8 @@ use crate::stream::{Stream, purpose_key};
 
 /// Neighbours of a member at most.
 const NEAR: usize = 8;
-/// Members of a neighbourhood at most.
-const MOST: usize = NEAR + 1;
+/// Members of a neighbourhood at most, and a place for one that is not kept.
+const MOST: usize = NEAR + 2;
 
 /// Who meets whom, and how many of them stay. Members are numbered column by column.
 #[derive(Debug, Clone)]
@@ -38,35 +38,39 @@ pub enum Way {
     Cross(usize),
 }
 
-/// The members of a neighbourhood that did not fail, the best first.
-#[derive(Debug, Clone, Copy)]
-pub struct Worked {
-    members: [u32; MOST],
+/// A member and its fitness.
+type Member = (u32, f64);
+
+/// The members of a neighbourhood that did not fail, in no order.
+struct Worked {
+    members: [Member; MOST],
     count: usize,
-    elite: usize,
 }
 
 impl Worked {
-    /// All of them.
-    #[must_use]
-    pub fn members(&self) -> &[u32] {
-        &self.members[..self.count]
+    fn add(&mut self, fitness: &[f64], member: u32) {
+        let its = fitness[member as usize];
+        self.members[self.count] = (member, its);
+        self.count += usize::from(!its.is_nan());
     }
 
-    /// Those that stay.
-    #[must_use]
-    pub fn elite(&self) -> &[u32] {
-        &self.members[..self.elite]
-    }
-
-    fn insert(&mut self, fitness: &[f64], member: u32) {
-        let mut place = self.count;
-        while place > 0 && is_ahead(fitness, member as usize, self.members[place - 1] as usize) {
-            self.members[place] = self.members[place - 1];
-            place -= 1;
+    /// The one that so many are ahead of. Mostly that is none, so the best is found again and again instead of sorting all.
+    fn ranked(&self, ahead: usize) -> usize {
+        let mut members = self.members;
+        let mut left = &mut members[..self.count];
+        loop {
+            let (mut place, mut best) = (0, left[0]);
+            for (index, member) in left.iter().enumerate() {
+                let better = is_ahead(*member, best);
+                place = if better { index } else { place };
+                best = if better { *member } else { best };
+            }
+            if left.len() + ahead == self.count {
+                return best.0 as usize;
+            }
+            left.swap(0, place);
+            left = &mut left[1..];
         }
-        self.members[place] = member;
-        self.count += 1;
     }
 }
 
@@ -150,10 +154,12 @@ impl Torus {
     #[must_use]
     pub fn stays(&self, fitness: &[f64], member: usize) -> bool {
         let neighbours = self.neighbours(member);
-        let ahead = neighbours
-            .iter()
-            .filter(|other| is_ahead(fitness, **other as usize, member));
-        !fitness[member].is_nan() && ahead.count() < self.size(neighbours)
+        let its = (index(member as u64), fitness[member]);
+        let mut ahead = 0;
+        for other in neighbours {
+            ahead += usize::from(is_ahead((*other, fitness[*other as usize]), its));
+        }
+        !its.1.is_nan() && ahead < self.size(neighbours)
     }
 
     /// The first member from `cursor` on, round the torus, that does not stay.
@@ -163,21 +169,23 @@ impl Torus {
         all.into_iter().find(|member| !self.stays(fitness, *member))
     }
 
-    /// The members of a neighbourhood that did not fail.
+    /// The members of a neighbourhood that stay, the best first; failed ones never do.
     #[must_use]
-    pub fn worked(&self, fitness: &[f64], member: usize) -> Worked {
-        let neighbours = self.neighbours(member);
+    pub fn elite(&self, fitness: &[f64], member: usize) -> Vec<usize> {
+        let around = self.around(fitness, member);
+        let elite = self.size(self.neighbours(member)).min(around.count);
+        (0..elite).map(|rank| around.ranked(rank)).collect()
+    }
+
+    fn around(&self, fitness: &[f64], member: usize) -> Worked {
         let mut worked = Worked {
-            members: [0; MOST],
+            members: [(0, f64::NAN); MOST],
             count: 0,
-            elite: 0,
         };
-        for other in neighbours.iter().copied().chain([index(member as u64)]) {
-            if !fitness[other as usize].is_nan() {
-                worked.insert(fitness, other);
-            }
+        worked.add(fitness, index(member as u64));
+        for other in self.neighbours(member) {
+            worked.add(fitness, *other);
         }
-        worked.elite = self.size(neighbours).min(worked.count);
         worked
     }
 
@@ -185,20 +193,18 @@ impl Torus {
     #[must_use]
     pub fn choose(&self, fitness: &[f64], cell: usize, ways: Ways, drawn: [f64; 2]) -> Way {
         let share = drawn[0] * (1.0 - self.elite);
-        let worked = self.worked(fitness, cell);
-        if worked.count == 0 || share >= ways.mutate + ways.crossover {
+        let around = self.around(fitness, cell);
+        let elite = self.size(self.neighbours(cell)).min(around.count);
+        if around.count == 0 || share >= ways.mutate + ways.crossover {
             return Way::Renew;
         }
         // Without an elite FREVO crosses with any of the neighbourhood, and mutates a cell's own member.
-        let parents = match worked.elite() {
-            [] => worked.members(),
-            elite => elite,
-        };
-        let parent = parents[part(drawn[1], parents.len())] as usize;
+        let parents = if elite > 0 { elite } else { around.count };
+        let parent = around.ranked(part(drawn[1], parents));
         if fitness[cell].is_nan() {
             Way::Mutate(parent)
         } else if share < ways.mutate {
-            Way::Mutate(if worked.elite > 0 { parent } else { cell })
+            Way::Mutate(if elite > 0 { parent } else { cell })
         } else {
             Way::Cross(parent)
         }
@@ -218,9 +224,9 @@ impl Torus {
 
 /// Whether one member is better than another; those that failed are not.
 #[inline]
-fn is_ahead(fitness: &[f64], one: usize, other: usize) -> bool {
-    let (fitness, least) = (fitness[one], fitness[other]);
-    fitness > least || (fitness == least && one > other)
+fn is_ahead(one: Member, other: Member) -> bool {
+    // Without jumps, which would be guessed wrong half of the time.
+    (one.1 > other.1) | ((one.1 == other.1) & (one.0 > other.0))
 }
 
 /// In which of so many equal parts of 0 .. 1 a number lies.

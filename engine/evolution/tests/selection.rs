@@ -140,10 +140,18 @@ proptest! {
             all.sort_by(|one, other| {
                 fitness[*other as usize].partial_cmp(&fitness[*one as usize]).unwrap().then(other.cmp(one))
             });
-            let worked = torus.worked(&fitness, member);
-            prop_assert_eq!(worked.members(), &all[..]);
-            prop_assert_eq!(worked.elite(), &all[..size.min(all.len())]);
-            let stays = worked.elite().contains(&u32::try_from(member).unwrap());
+            let elite: Vec<usize> = all.iter().take(size).map(|one| *one as usize).collect();
+            let stays = elite.contains(&member);
+            prop_assert_eq!(torus.elite(&fitness, member), elite);
+            let ways = Ways { mutate: 0.0, crossover: 1.0 };
+            let parents = if size > 0 { size.min(all.len()) } else { all.len() };
+            for rank in 0..parents {
+                #[expect(clippy::cast_precision_loss)]
+                let place = (rank as f64 + 0.5) / parents as f64;
+                let parent = all[rank] as usize;
+                let way = if fitness[member].is_nan() { Way::Mutate(parent) } else { Way::Cross(parent) };
+                prop_assert_eq!(torus.choose(&fitness, member, ways, [0.0, place]), way);
+            }
             prop_assert_eq!(torus.stays(&fitness, member), stays);
         }
         let next = |cursor| (0..members).map(|step| (cursor + step) % members).find(|member| !torus.stays(&fitness, *member));

@@ -120,9 +120,9 @@ impl PyTorus {
         Ok(self.0.neighbours(member).to_vec())
     }
 
-    fn elite(&self, fitness: PyReadonlyArray1<'_, f64>, member: usize) -> PyResult<Vec<u32>> {
+    fn elite(&self, fitness: PyReadonlyArray1<'_, f64>, member: usize) -> PyResult<Vec<usize>> {
         self.member(member)?;
-        Ok(self.0.worked(self.all(&fitness)?, member).elite().to_vec())
+        Ok(self.0.elite(self.all(&fitness)?, member))
     }
 
     fn stays(&self, fitness: PyReadonlyArray1<'_, f64>, member: usize) -> PyResult<bool> {

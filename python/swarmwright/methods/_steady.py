@@ -2,6 +2,8 @@
 
 from abc import ABC
 from collections import deque
+from functools import cached_property
+from math import isfinite, nan
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -81,7 +83,7 @@ class SteadyState(ABC):
             raise InputError("there is nothing to tell: ask for a candidate first")
         # Make all candidates that must not depend on this result before it is told.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
-        value = float(fitness) if np.isfinite(fitness) else np.nan
+        value = float(fitness) if isfinite(fitness) else nan
         self._told(self.evaluations, self._untold.popleft(), value)
         self.evaluations += 1
         target = self.options.target
@@ -121,7 +123,7 @@ class SteadyState(ABC):
         if self.done:
             raise InputError(f"the method is done after {self.generation + 1} generation(s); start a new one")
 
-    @property
+    @cached_property
     def _last(self) -> int:
         """How many candidates there are in all: whole generations, at least one."""
         size, most = self.generation_size, self.options.evaluations
