@@ -10,6 +10,22 @@ from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.typing import Genome, Genomes, Limits
 
+MANY = 1 << 22
+"""So many numbers may be drawn at once: they take 32 MB."""
+FEW = 1 << 15
+"""So many are computed with at once: arrays of them stay in the processor's caches."""
+
+_MADE_OF = {
+    "initial": {"initials"},
+    "mutate": {"mutations"},
+    "crossover": {"crossovers", "matings"},
+    "crossovers": {"matings"},
+    "distance": {"distances", "distances_among", "matings"},
+    "distances": {"distances_among", "matings"},
+    "distances_among": {"matings"},
+}
+"""What calls an operator by default."""
+
 
 class Representation(ABC):
     """A genome is a flat row of float32 numbers; a representation decodes it to a controller.
@@ -22,7 +38,7 @@ class Representation(ABC):
 
     Each has a form for many genomes (`initials`, `mutations`, `crossovers`, `distances_among`, `matings`),
     which methods call. By default that is a loop; a representation may be faster, but must give the same
-    bits.
+    bits. A subclass that redefines an operator of one genome and not its form for many gets the loop back.
 
     Args:
         options: this representation's section of the experiment.
@@ -47,6 +63,15 @@ class Representation(ABC):
         self.options = options
         self.sensors = sensors
         self.actuators = actuators
+
+    def __init_subclass__(cls, **options: Any) -> None:  # noqa: ANN401 - those of other base classes
+        """Let forms for many genomes follow the operators that a subclass redefines."""
+        super().__init_subclass__(**options)
+        defined = set(vars(cls))
+        for operator, forms in _MADE_OF.items():
+            if operator in defined:
+                for form in forms - defined:
+                    setattr(cls, form, getattr(Representation, form))
 
     @property
     @abstractmethod
@@ -172,6 +197,12 @@ class Representation(ABC):
 
     def _rows(self, genomes: list[Genome]) -> Genomes:
         return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.genome_size)
+
+
+def in_parts(count: int, each: int) -> list[slice]:
+    """Return slices of `count` things of `each` numbers, so that arrays of a part stay small."""
+    step = max(1, FEW // max(each, 1))
+    return [slice(first, first + step) for first in range(0, count, step)]
 
 
 def shortest(genome: Genome) -> list[float]:

@@ -25,10 +25,6 @@ OUTPUT_RANGE = {
 """What a node's output is mapped from to become an actuator in -1..1, by activation."""
 
 
-_OF_MATINGS = ("crossovers", "distances_among")
-"""What a subclass may do otherwise, and `matings` then with it."""
-
-
 class NetworkOptions(Options):
     """Options that all networks have; those of the genetic operators are after FREVO's FullyMeshedNet."""
 
@@ -141,23 +137,25 @@ class NodeNetwork(Representation):
         self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
     ) -> Genomes:
         """Return a child of each mother and the most different one of its partners."""
-        if any(getattr(type(self), name) is not getattr(NodeNetwork, name) for name in _OF_MATINGS):
-            return super().matings(genomes, mothers, partners, streams)
         return self._operators.matings(genomes, mothers, partners, streams)
 
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the sum of absolute differences, added in the genome's order in binary64."""
-        return float(self.distances(one, other[np.newaxis])[0])
+        return float(_distances(one, other[np.newaxis])[0])
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
-        differences = np.abs(one.astype(np.float64) - others)
-        sums: NDArray[np.float64] = np.add.accumulate(differences, axis=1)[:, -1]
-        return sums
+        return _distances(one, others)
 
     def distances_among(
         self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Return the distances of genomes that are named by their index."""
         return _engine.distances(genomes, ones, others)
+
+
+def _distances(one: Genome, others: Genomes) -> NDArray[np.float64]:
+    # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
+    differences = np.abs(one.astype(np.float64) - others)
+    sums: NDArray[np.float64] = np.add.accumulate(differences, axis=1)[:, -1]
+    return sums

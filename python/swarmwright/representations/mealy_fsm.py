@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
-from swarmwright.core.random_numbers import Stream
-from swarmwright.representations._base import Representation, shortest
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.representations._base import MANY, Representation, in_parts, shortest
 from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_LEVELS = 1000
@@ -180,34 +180,70 @@ class MealyFsm(Representation):
 
     def initial(self, stream: Stream) -> Genome:
         """Return a table in which every next state and every output is equally likely."""
-        table = self._tables(stream.unit(self.genome_size))
-        table[:, 0] = np.floor(table[:, 0] * self.options.states)
+        return self._initial(stream.unit(self.genome_size))
+
+    def initials(self, streams: Streams) -> Genomes:
+        """Return a random table for each stream."""
+        if len(streams) * self.genome_size > MANY:
+            return super().initials(streams)
+        return self._initial(streams.units(self.genome_size))
+
+    def _initial(self, drawn: NDArray[np.float64]) -> Genomes:
+        """Return tables of (.., genome_size) numbers that are uniform in [0, 1)."""
+        tables = self._tables(drawn)
+        tables[..., 0] = np.floor(tables[..., 0] * self.options.states)
         if self.options.output_levels:
-            table[:, 1:] = self._value(np.floor(table[:, 1:] * self.options.output_levels))
+            tables[..., 1:] = self._value(np.floor(tables[..., 1:] * self.options.output_levels))
         else:
-            table[:, 1:] = table[:, 1:] * 2 - 1
-        return table.ravel().astype(np.float32)
+            tables[..., 1:] = tables[..., 1:] * 2 - 1
+        return tables.reshape(drawn.shape).astype(np.float32)
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which a part of the table is changed, see the class."""
-        table = self._tables(self.weights(genome))
-        chosen, drawn = (self._tables(stream.unit(self.genome_size)) for _ in range(2))
+        drawn = [stream.unit(self.genome_size) for _ in range(2)]
+        return self._mutated(genome, *drawn, severity=severity, probability=probability)
+
+    def mutations(
+        self, parents: Genomes, streams: Streams, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return a mutated copy of each parent."""
+        options = {"severity": severity, "probability": probability}
+        if parents.size > MANY:
+            return super().mutations(parents, streams, **options)
+        chosen, drawn = (streams.units(self.genome_size) for _ in range(2))
+        mutants = np.empty_like(parents)
+        for part in in_parts(len(parents), self.genome_size):
+            mutants[part] = self._mutated(parents[part], chosen[part], drawn[part], **options)
+        return mutants
+
+    def _mutated(
+        self,
+        genomes: Genomes,
+        which: NDArray[np.float64],
+        what: NDArray[np.float64],
+        *,
+        severity: float,
+        probability: float,
+    ) -> Genomes:
+        """Return mutated copies, (.., genome_size), by two numbers for each gene, uniform in [0, 1)."""
+        before = self.weights(genomes)
+        tables, chosen, drawn = self._tables(before), self._tables(which), self._tables(what)
         rare = chosen < probability * severity
-        states, outputs, drawn_outputs = table[:, 0], table[:, 1:], drawn[:, 1:]
-        states[...] = np.where(rare[:, 0], _another(states, self.options.states, drawn[:, 0]), states)
+        states, outputs, drawn_outputs = tables[..., 0], tables[..., 1:], drawn[..., 1:]
+        another = _another(states, self.options.states, drawn[..., 0])
+        states[...] = np.where(rare[..., 0], another, states)
         if self.options.output_levels:
             steps = self.options.output_levels - 1
             level = np.floor((outputs + 1) * (steps / 2) + 0.5)
             changed = self._value(_another(level, steps + 1, drawn_outputs))
-            outputs[...] = np.where(rare[:, 1:], changed, outputs)
+            outputs[...] = np.where(rare[..., 1:], changed, outputs)
         else:
             moved = outputs + (drawn_outputs * 2 - 1) * severity
             moved = np.where(moved > 1, 2 - moved, np.where(moved < -1, -2 - moved, moved))
-            outputs[...] = np.where(chosen[:, 1:] < probability, np.clip(moved, -1, 1), outputs)
-        mutant = table.ravel().astype(np.float32)
+            outputs[...] = np.where(chosen[..., 1:] < probability, np.clip(moved, -1, 1), outputs)
+        mutants = tables.reshape(genomes.shape).astype(np.float32)
         # A gene that is left alone stays as it is, also where it says less directly what it means.
-        kept = self.weights(mutant) == self.weights(genome)
-        return np.where(kept, genome, mutant).astype(np.float32)
+        return np.where(self.weights(mutants) == before, genomes, mutants).astype(np.float32)
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a copy of `mother` with a run of rows of `father`, at least one and not all."""
@@ -220,18 +256,43 @@ class MealyFsm(Representation):
         child[cut] = father[cut]
         return child
 
+    def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
+        """Return a child of each pair."""
+        unit = self._width if self.rows > 1 else 1
+        units = self.genome_size // unit
+        counts = streams.integers(units - 1, 1) + 1
+        firsts = streams.integers(units, 1)
+        row = np.arange(self.genome_size) // unit
+        return np.where((row >= firsts) & (row < firsts + counts), fathers, mothers)
+
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the number of next states that differ plus half of each difference of outputs."""
-        return float(self.distances(one, other[np.newaxis])[0])
+        tables = (self._tables(self.weights(genome)) for genome in (one, other))
+        return float(self._distances(*tables))
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        differences = np.abs(self._tables(self.weights(others)) - self._tables(self.weights(one)))
+        return self._distances(self._tables(self.weights(one)), self._tables(self.weights(others)))
+
+    def distances_among(
+        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the distances of genomes that are named by their index."""
+        weights = self.weights(genomes)
+        found = np.empty(others.shape)
+        for part in in_parts(len(ones), others.shape[1] * self.genome_size):
+            mothers = self._tables(weights[ones[part]])[:, np.newaxis]
+            found[part] = self._distances(mothers, self._tables(weights[others[part]]))
+        return found
+
+    def _distances(self, ones: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances of tables."""
+        differences = np.abs(others - ones)
         differences[..., 0] = differences[..., 0] > 0
         differences[..., 1:] *= 0.5
         # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
-        rows = differences.reshape(others.shape)
-        sums: NDArray[np.float64] = np.add.accumulate(rows, axis=1)[:, -1]
+        rows = differences.reshape(*differences.shape[:-2], self.genome_size)
+        sums: NDArray[np.float64] = np.add.accumulate(rows, axis=-1)[..., -1]
         return sums
 
     def _tables(self, numbers: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """Named parameters of simulations that steer their agents themselves."""
 
 from decimal import Decimal, localcontext
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -10,8 +11,8 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
-from swarmwright.core.random_numbers import Stream
-from swarmwright.representations._base import Representation
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.representations._base import Representation, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
 
 _LARGEST_INTEGER = 1 << 24
@@ -152,7 +153,7 @@ class ParameterSet(Representation):
         """0 to 1."""
         return np.zeros(self.genome_size), np.ones(self.genome_size)
 
-    @property
+    @cached_property
     def _categories(self) -> NDArray[np.float64]:
         """Number of choices of each parameter; 0 for numbers."""
         return np.array(
@@ -185,18 +186,35 @@ class ParameterSet(Representation):
         """Return genes that are uniform in 0..1."""
         return stream.unit(self.genome_size).astype(np.float32)
 
+    def initials(self, streams: Streams) -> Genomes:
+        """Return genes that are uniform in 0..1 for each stream."""
+        return streams.units(self.genome_size).astype(np.float32)
+
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which each parameter is changed with `probability`, see the class."""
-        chosen, drawn = (stream.unit(self.genome_size) for _ in range(2))
-        genes = genome.astype(np.float64)
-        moved = genes + (drawn * 2 - 1) * severity
+        drawn = [stream.unit(self.genome_size) for _ in range(2)]
+        return self._mutated(genome, *drawn, severity=severity, probability=probability)
+
+    def mutations(
+        self, parents: Genomes, streams: Streams, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return a mutated copy of each parent."""
+        drawn = [streams.units(self.genome_size) for _ in range(2)]
+        return self._mutated(parents, *drawn, severity=severity, probability=probability)
+
+    def _mutated(
+        self, genomes: Genomes, which: Numbers, what: Numbers, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return mutated copies, (.., genome_size), by two numbers for each gene, uniform in [0, 1)."""
+        genes = genomes.astype(np.float64)
+        moved = genes + (what * 2 - 1) * severity
         moved = np.where(moved > 1, 2 - moved, np.where(moved < 0, -moved, moved))
         choices = self._categories
         categorical, many = choices > 0, np.maximum(choices, 2)
-        another = (_part(genes, many) + 1 + np.floor(drawn * (many - 1))) % many
+        another = (_part(genes, many) + 1 + np.floor(what * (many - 1))) % many
         moved = np.where(categorical, (another + 0.5) / many, np.clip(moved, 0, 1))
         rate = np.where(categorical, probability * severity, probability)
-        return np.where(chosen < rate, moved, genome).astype(np.float32)
+        return np.where(which < rate, moved, genomes).astype(np.float32)
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a mixture of both, see the class."""
@@ -210,18 +228,39 @@ class ParameterSet(Representation):
             taken[stream.integer(self.genome_size)] ^= True
         return np.where(taken, father, mother).astype(np.float32)
 
+    def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
+        """Return a mixture of each pair."""
+        if self.genome_size == 1:
+            return super().crossovers(mothers, fathers, streams)
+        taken = streams.integers(2, self.genome_size) == 1
+        for row in np.flatnonzero(taken.all(axis=1) | ~taken.any(axis=1)).tolist():
+            taken[row, streams[row].integer(self.genome_size)] ^= True
+        return np.where(taken, fathers, mothers)
+
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the sum of differences of genes; two categories differ by 1."""
-        return float(self.distances(one, other[np.newaxis])[0])
+        return float(self._distances(one, other))
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
+        return self._distances(one, others)
+
+    def distances_among(
+        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the distances of genomes that are named by their index."""
+        found = np.empty(others.shape)
+        for part in in_parts(len(ones), others.shape[1] * self.genome_size):
+            found[part] = self._distances(genomes[ones[part]][:, np.newaxis], genomes[others[part]])
+        return found
+
+    def _distances(self, ones: Genomes, others: Genomes) -> Numbers:
         choices = self._categories
-        differences = np.abs(one.astype(np.float64) - others)
+        left, right = ones.astype(np.float64), others.astype(np.float64)
         many = np.maximum(choices, 1)
-        differ = _part(one.astype(np.float64), many) != _part(others.astype(np.float64), many)
-        parts = np.where(choices > 0, differ, differences)
-        sums: NDArray[np.float64] = np.add.accumulate(parts, axis=1)[:, -1]
+        parts = np.where(choices > 0, _part(left, many) != _part(right, many), np.abs(left - right))
+        # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
+        sums: Numbers = np.add.accumulate(parts, axis=-1)[..., -1]
         return sums
 
 

@@ -15,7 +15,7 @@ from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations._network import NodeNetwork
 from swarmwright.representations.layered import Layered, LayeredOptions
-from swarmwright.typing import Genome, Genomes
+from swarmwright.typing import Genome
 
 KINDS = ["layered", "fully_meshed"]
 SIZES = st.integers(1, 6)
@@ -227,12 +227,10 @@ def test_genomes_that_do_not_fit_are_refused() -> None:
         subject.distances_among(genomes, np.array([0]), np.array([[1, 3]]))
 
 
-def test_matings_follow_a_subclass_that_crosses_or_measures_otherwise() -> None:
+def test_matings_follow_a_subclass_that_measures_otherwise() -> None:
     class Contrary(Layered):
-        def distances_among(
-            self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
-        ) -> NDArray[np.float64]:
-            return -super().distances_among(genomes, ones, others)
+        def distance(self, one: Genome, other: Genome) -> float:
+            return -float(np.abs(one - other).sum())
 
     kinds = (Layered, Contrary)
     subjects = [kind(LayeredOptions(hidden=[2]), sensors=3, actuators=1) for kind in kinds]
