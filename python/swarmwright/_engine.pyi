@@ -313,6 +313,54 @@ def survivors(fitness: NDArray[np.float64], best: int, random: int, stream: Stre
 def distinct(genomes: NDArray[np.float32], known: Sequence[NDArray[np.float32]]) -> NDArray[np.int64]:
     """Return the indices of genomes that are, to the bit, the same as no earlier one and no row of `known`."""
 
+@final
+class Cma:
+    """A search by covariance matrix adaptation: `ask` for a sample, `tell` its fitness.
+
+    center: where it starts, as genes. reach: half of the initial range of each gene, > 0; its unit at first. lower, upper: bounds,
+    -inf and inf where there are none. All (genes,), genes >= 1. step: standard deviation in units, > 0. population: genomes of each
+    sample, >= 3. separable: whether the covariance matrix stays diagonal. Raises InputError for values that do not fit.
+    """
+
+    def __new__(
+        cls,
+        center: NDArray[np.float64],
+        *,
+        reach: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        step: float,
+        population: int,
+        separable: bool,
+    ) -> Cma: ...
+    def ask(self, streams: Streams) -> NDArray[np.float32]:
+        """(population, genes): a genome from each stream, within the bounds. Raises InputError for another number of streams."""
+    def tell(self, fitness: NDArray[np.float64]) -> str | None:
+        """Learn from the order of the fitness of the last sample, (population,): the largest is best, NaN (failed) worst.
+
+        Returns the criterion by which going on makes no sense, if so: infinite (numbers are no longer finite), tolfun, tolfunhist,
+        tolflatfitness, tolx, tolfacupx, tolconditioncov, noeffectaxis, noeffectcoord, tolstagnation or maxiter. Raises InputError
+        when nothing was asked for or the number of values is another.
+        """
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """(genes,): mean of the distribution, as genes before they are brought within bounds."""
+    @property
+    def sigma(self) -> float:
+        """The step size. The covariance matrix of the genes is sigma**2 * units * covariance * units."""
+    @property
+    def units(self) -> NDArray[np.float64]:
+        """(genes,): unit of each gene; if separable, its standard deviation without the step size."""
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """(genes,): evolution path of the step size."""
+    @property
+    def trail(self) -> NDArray[np.float64]:
+        """(genes,): evolution path of the covariance matrix, in units."""
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """(genes, genes): covariance matrix in units, without the step size; None if separable."""
+
 def samples(
     directions: NDArray[np.float64],
     center: NDArray[np.float64],

@@ -14,9 +14,12 @@
 //! assert_ne!(child, parent);
 //! ```
 
+mod cma;
 mod differential;
 mod distance;
 mod distinct;
+mod eigen;
+mod linear;
 mod matrix;
 mod network;
 mod normal;
@@ -28,9 +31,11 @@ mod stream;
 mod swarm;
 mod torus;
 
+pub use cma::{Cma, Start, Stop};
 pub use differential::{Base, Crossover, Differential};
 pub use distance::{Farthest, distance, distances};
 pub use distinct::distinct;
+pub use eigen::{Eigen, eigen};
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};

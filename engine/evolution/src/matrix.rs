@@ -1,5 +1,9 @@
 //! Products and exponentials of square matrices, in a written-down order of operations.
 
+use swarmwright_lanes::Level;
+
+use crate::linear::Product;
+
 /// Terms of the series of the exponential; with arguments of at most 1/2 the rest is below 2^-60.
 const TERMS: u32 = 14;
 
@@ -18,13 +22,12 @@ pub fn product(left: &[f64], right: &[f64], size: usize) -> Vec<f64> {
         return result;
     }
     assert_eq!(left.len() % size, 0);
-    for (row, sums) in left.chunks_exact(size).zip(result.chunks_exact_mut(size)) {
-        for (factor, line) in row.iter().zip(right.chunks_exact(size)) {
-            for (sum, value) in sums.iter_mut().zip(line) {
-                *sum += factor * value;
-            }
-        }
-    }
+    Level::best().run(Product {
+        left,
+        right,
+        size,
+        sums: &mut result,
+    });
     result
 }
 

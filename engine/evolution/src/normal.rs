@@ -1,5 +1,7 @@
 //! Normally distributed numbers, the same bits on every machine.
 
+use swarmwright_lanes::{Kernel, Lanes, Level};
+
 /// Numerator and denominator of a rational function, highest power first.
 struct Ratio([f64; 8], [f64; 8]);
 
@@ -117,14 +119,76 @@ pub(crate) fn of_unit(unit: f64) -> f64 {
     normal_at(unit + LEAST)
 }
 
+/// The normal numbers of units in place of them; as [`of_unit`], and faster for many.
+pub(crate) fn of_units(units: &mut [f64]) {
+    Level::best().run(Center(units));
+}
+
+/// Numbers that are computed together.
+const TOGETHER: usize = 64;
+
+struct Center<'a>(&'a mut [f64]);
+
+impl Kernel for Center<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for numbers in self.0.chunks_mut(TOGETHER) {
+            let mut shares = [0.5; TOGETHER];
+            for (share, number) in shares.iter_mut().zip(&*numbers) {
+                *share = number + LEAST;
+            }
+            let mut drawn = [0.0; TOGETHER];
+            for (number, share) in drawn.iter_mut().zip(&shares) {
+                let centered = share - 0.5;
+                *number = centered * CENTER.at(0.180_625 - centered * centered);
+            }
+            numbers.copy_from_slice(&drawn[..numbers.len()]);
+            tails(&shares, numbers);
+        }
+    }
+}
+
+/// Computes the numbers again that do not lie in the center.
+#[inline(always)]
+fn tails(shares: &[f64; TOGETHER], numbers: &mut [f64]) {
+    let mut places = [0; TOGETHER];
+    let mut count = 0;
+    for (index, share) in shares.iter().enumerate() {
+        places[count] = index;
+        count += usize::from((share - 0.5).abs() > 0.425);
+    }
+    let mut depths = [1.0; TOGETHER];
+    for (depth, place) in depths.iter_mut().zip(&places[..count]) {
+        let share = shares[*place];
+        *depth = if share < 0.5 { share } else { 1.0 - share };
+    }
+    let mut sizes = [0.0; TOGETHER];
+    let together = count.next_multiple_of(8);
+    for (size, depth) in sizes[..together].iter_mut().zip(&mut depths[..together]) {
+        *depth = (-logarithm(depth.max(LEAST))).sqrt();
+        *size = TAIL.at(*depth - 1.6);
+    }
+    for index in 0..count {
+        let (place, depth) = (places[index], depths[index]);
+        let size = if depth <= 5.0 {
+            sizes[index]
+        } else {
+            FAR.at(depth - 5.0)
+        };
+        numbers[place] = if shares[place] < 0.5 { -size } else { size };
+    }
+}
+
 impl Ratio {
-    #[inline]
+    #[inline(always)]
     fn at(&self, at: f64) -> f64 {
         polynomial(&self.0, at) / polynomial(&self.1, at)
     }
 }
 
-#[inline]
+#[inline(always)]
 fn polynomial(coefficients: &[f64], at: f64) -> f64 {
     coefficients[1..]
         .iter()
@@ -134,22 +198,19 @@ fn polynomial(coefficients: &[f64], at: f64) -> f64 {
 }
 
 /// The natural logarithm of a positive, normal number: the power of two apart, then the series of artanh.
-#[inline]
+#[inline(always)]
 fn logarithm(number: f64) -> f64 {
     const HALF: u64 = 1022 << 52;
     const FRACTION: u64 = (1 << 52) - 1;
+    /// 2^52: with it, the lowest bits of a number are those of an integer.
+    const INTEGER: f64 = 4_503_599_627_370_496.0;
     let bits = number.to_bits();
-    let (mut mantissa, mut exponent) = (
-        f64::from_bits(bits & FRACTION | HALF),
-        (bits >> 52).cast_signed() - 1022,
-    );
-    if mantissa < std::f64::consts::FRAC_1_SQRT_2 {
-        mantissa *= 2.0;
-        exponent -= 1;
-    }
+    let mantissa = f64::from_bits(bits & FRACTION | HALF);
+    let exponent = f64::from_bits(INTEGER.to_bits() | bits >> 52) - INTEGER - 1022.0;
+    let small = mantissa < std::f64::consts::FRAC_1_SQRT_2;
+    let mantissa = if small { mantissa * 2.0 } else { mantissa };
+    let power = if small { exponent - 1.0 } else { exponent };
     let ratio = (mantissa - 1.0) / (mantissa + 1.0); // at most 0.1716 in size
     let series = polynomial(&ODD, ratio * ratio);
-    #[expect(clippy::cast_precision_loss, reason = "exponents are small")]
-    let power = exponent as f64;
     power * std::f64::consts::LN_2 + 2.0 * ratio * series
 }

@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
-use crate::normal::of_unit;
+use crate::normal::{of_unit, of_units};
 use crate::philox::words;
 
 const WORDS: usize = 4;
@@ -108,6 +108,19 @@ impl Stream {
     #[inline]
     pub fn normal(&mut self) -> f64 {
         of_unit(self.unit())
+    }
+
+    /// As many normal numbers as there are places; as [`normal`](Self::normal), and faster for many.
+    pub fn normals(&mut self, numbers: &mut [f64]) {
+        self.units(numbers);
+        of_units(numbers);
+    }
+
+    /// As many units as there are places.
+    pub fn units(&mut self, numbers: &mut [f64]) {
+        for number in numbers {
+            *number = self.unit();
+        }
     }
 
     /// An integer, uniform in 0 .. below, without bias; words that would favour some are drawn in vain.

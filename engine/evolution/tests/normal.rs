@@ -39,6 +39,19 @@ fn bits_are_the_same_everywhere() {
 }
 
 #[test]
+fn many_numbers_are_the_same_as_one_after_another() {
+    for count in [0, 1, 7, 64, 65, 100_000] {
+        let (mut one, mut other) = (Stream::new(3, 5, 0, 0), Stream::new(3, 5, 0, 0));
+        let mut numbers = vec![0.0; count];
+        one.normals(&mut numbers);
+        for number in numbers {
+            assert_eq!(number.to_bits(), other.normal().to_bits());
+        }
+        assert_eq!(one.word(), other.word());
+    }
+}
+
+#[test]
 fn the_ends_are_finite() {
     assert!((normal_at(f64::EPSILON / 4.0) + 8.2924).abs() < 1e-3);
     assert!((normal_at(1.0) - 8.2924).abs() < 1e-3);

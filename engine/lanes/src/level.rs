@@ -27,27 +27,35 @@ impl Level {
     /// The instruction sets of this processor, the best one last.
     #[must_use]
     pub fn available() -> Vec<Self> {
-        let mut levels = vec![Self::Portable];
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx2") {
-                levels.push(Self::Avx2);
-            }
-            if is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-            {
-                levels.push(Self::Avx512);
-            }
-        }
-        levels
+        let all = [Self::Portable, Self::Avx2, Self::Avx512];
+        all.into_iter().filter(|level| level.is_here()).collect()
     }
 
     /// The best instruction set of this processor.
     #[must_use]
     pub fn best() -> Self {
-        Self::available().last().copied().unwrap_or(Self::Portable)
+        let best = [Self::Avx512, Self::Avx2];
+        best.into_iter()
+            .find(|level| level.is_here())
+            .unwrap_or(Self::Portable)
+    }
+
+    /// Whether this processor has the instruction set.
+    fn is_here(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx2 | Self::Avx512 => false,
+        }
     }
 
     /// Lanes of a vector.
@@ -73,11 +81,7 @@ impl Level {
     /// Runs a kernel. Panics when the processor lacks the instruction set.
     #[allow(unsafe_code)]
     pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
-        assert!(
-            Self::available().contains(&self),
-            "this processor has no {}",
-            self.name()
-        );
+        assert!(self.is_here(), "this processor has no {}", self.name());
         match self {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has the features that the function enables, as asserted above.

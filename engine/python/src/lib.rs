@@ -1,6 +1,7 @@
 //! Python bindings of the engine: the module `swarmwright._engine`, described in `_engine.pyi`.
 
 mod broker;
+mod cma;
 mod controller;
 mod errors;
 mod evolution;
@@ -52,6 +53,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
+    module.add_class::<cma::PyCma>()?;
     module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
     module.add_class::<selection::PyRanks>()?;
     module.add_class::<selection::PyTorus>()?;

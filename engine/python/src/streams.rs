@@ -122,7 +122,7 @@ impl PyStreams {
     }
 
     fn units<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.drawn(py, count, evolution::Stream::unit)
+        self.drawn(py, count, |stream, row| row.fill_with(|| stream.unit()))
     }
 
     fn normals<'py>(
@@ -130,7 +130,7 @@ impl PyStreams {
         py: Python<'py>,
         count: usize,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.drawn(py, count, evolution::Stream::normal)
+        self.drawn(py, count, evolution::Stream::normals)
     }
 
     fn integers<'py>(
@@ -152,18 +152,18 @@ impl PyStreams {
 }
 
 impl PyStreams {
-    /// (streams, count) numbers, made by `draw`; many of them on all processors.
+    /// (streams, count) numbers, rows made by `draw`; many of them on all processors.
     fn drawn<'py>(
         &mut self,
         py: Python<'py>,
         count: usize,
-        draw: impl Fn(&mut evolution::Stream) -> f64 + Sync,
+        draw: impl Fn(&mut evolution::Stream, &mut [f64]) + Sync,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let streams = self.0.len();
         let mut drawn = vec![0.0; streams * count];
         py.detach(|| {
             for_rows(&mut self.0, &mut drawn, count, |_, stream, row| {
-                row.fill_with(|| draw(stream));
+                draw(stream, row);
             });
         });
         PyArray1::from_vec(py, drawn).reshape([streams, count])

@@ -1,15 +1,16 @@
-"""CMA-ES by the library `cma`: what its two variants share."""
+"""CMA-ES: what its two variants share."""
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from swarmwright import _engine
 from swarmwright.core.random_numbers import Stream
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.methods._numbers import DISCRETE, center_and_reach, costs_near, one_thread, rounded
+from swarmwright.methods._gaussian import logarithm
+from swarmwright.methods._numbers import DISCRETE, center_and_reach
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness, Genomes
 
@@ -22,19 +23,19 @@ class CmaOptions(MethodOptions):
     step: float = Field(default=0.5, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     restart: Literal["none", "ipop", "bipop"] = "ipop"
-    """What happens when the library says that going on makes no sense. none: samples of the same distribution
-    until the budget is used. ipop: a new start from a random genome with twice the population. bipop: such
-    starts, and between them starts with small populations and steps, which get as many evaluations."""
+    """What happens when going on makes no sense, see the page on methods. none: samples of the same
+    distribution until the budget is used. ipop: a new start from a random genome with twice the population.
+    bipop: such starts, and between them starts with small populations and steps, which get as many
+    evaluations."""
 
 
 class Cma(Method):
     """The distribution of a normal sample follows the best half of each generation.
 
-    Everything is the library's: its defaults, its handling of bounds, its criteria for stopping. It is given
-    minus the fitness, and the points that it asked for, not their rounding to binary32: for the library
-    rounding is part of the function. Failed candidates are told as just worse than the worst of their
-    generation; a generation that failed as a whole is not told, and another sample of the same distribution
-    follows. The library's criteria look at fitness values, so values beyond +-1e100 are drawn together.
+    Every number is made by the engine, by single IEEE 754 operations in a fixed order, so it has the same
+    bits on every machine. It learns from the points that it drew, not from their rounding to binary32:
+    rounding is part of the function. Failed candidates are worse than all others; a generation that failed
+    as a whole teaches nothing, and another sample of the same distribution follows.
 
     A run ends with the generation in which `generations` x `population` evaluations are reached: starts with
     larger populations use up the budget in fewer generations.
@@ -43,30 +44,28 @@ class Cma(Method):
     options: CmaOptions
     options_model: ClassVar[type[CmaOptions]]
     start_as = "center"
-    libraries = ("cma", "scipy")
-    extra = "methods"
     generational_because = "its distribution is learned from the ranks within a generation"
     diagonal: ClassVar[bool]
     """Whether the covariance matrix stays diagonal."""
 
     def __init__(self, options: CmaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self.population = options.population or 4 + int(3 * math.log(representation.genome_size))
+        self.population = options.population or 4 + int(3 * logarithm(representation.genome_size))
         """Genomes in each generation of the first start."""
         self.starts = 0
         """How often the search has begun, the first time included."""
-        # The library uses NumPy's global generator. This is the same kind of generator, but not shared.
-        self._generator = np.random.RandomState(seed if seed < 1 << 32 else [seed & 0xFFFFFFFF, seed >> 32])
+        self.stopped: list[str] = []
+        """By which criterion each start has ended."""
         self._fitness: Fitness = np.empty(0)
-        self._points: list[NDArray[np.float64]] = []
         self._regimes = Regimes(options.restart, self.population)
-        self._search: Any = None
+        self._size = self.population
+        self._search: _engine.Cma | None = None
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with, and a single one."""
         if representation.genome_size < 2:
-            return "there is a single gene, which the library cannot work with; take de, pso or nnga"
+            return "there is a single gene, too few to learn how genes change; take de, pso or nnga"
         return None if representation.continuous else DISCRETE
 
     @property
@@ -81,64 +80,51 @@ class Cma(Method):
 
     def _ask(self) -> Genomes:
         if self._search is None:
-            self._start()
-        points = self._sample()
-        if not np.isfinite(points).all():  # the distribution has grown beyond all bounds
-            self._start()
-            points = self._sample()
-        return rounded(points, self.representation)
-
-    def _sample(self) -> NDArray[np.float64]:
-        with one_thread():
-            self._points = self._search.ask()
-        return np.stack(self._points)
+            self._search = self._begin()
+        return self._search.ask(self.streams(f"{self.kind}.direction", range(self._size)))
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        assert self._search is not None
         self._fitness = fitness
         self._regimes.spent(len(genomes))
         if np.isnan(fitness).all():
             return
-        with one_thread():
-            self._search.tell(self._points, costs_near(fitness).tolist())
-            stop = self.options.restart != "none" and (self._search.stop() or self._regimes.over)
-        if stop:
+        stop = self._search.tell(fitness)
+        if stop is None and self._regimes.over:
+            stop = "share"
+        # Without restarts the same distribution is sampled on and on, as long as it can be.
+        if stop == "infinite" or (stop is not None and self.options.restart != "none"):
+            self.stopped.append(stop)
             self._search = None
 
     def _exhausted(self) -> bool:
         return self.evaluations >= self.budget
 
-    def _start(self) -> None:
+    def _begin(self) -> _engine.Cma:
         """Begin the search, or begin it anew."""
-        import cma
-
         center, reach = center_and_reach(self.representation)
-        population, share = self.population, 1.0
+        share = 1.0
         if len(self.start) and not self.starts:
             center = self.start[0].astype(np.float64)
         if self.starts:
             center = self.representation.initial(Stream(self.seed, "cma.start", self.starts)).astype(
                 np.float64
             )
-            population, share = self._regimes.begin(
+            self._size, share = self._regimes.begin(
                 *Stream(self.seed, "cma.regime", self.starts).unit(2).tolist(),
                 left=min(self.budget, self.options.evaluations or self.budget) - self.evaluations,
             )
         self.starts += 1
         lower, upper = self.representation.bounds
-        bounds = [[float(limit) if np.isfinite(limit) else None for limit in side] for side in (lower, upper)]
-        settings = {
-            "popsize": population,
-            "CMA_stds": reach,
-            "CMA_diagonal": self.diagonal,
-            "randn": self._generator.randn,
-            "seed": np.nan,
-            "verbose": -10,  # says nothing, and reads no file of signals
-            "verb_log": 0,
-            "verb_disp": 0,
-        }
-        if np.isfinite(lower).any() or np.isfinite(upper).any():
-            settings["bounds"] = bounds
-        self._search = cma.CMAEvolutionStrategy(center, self.options.step * share, settings)
+        return _engine.Cma(
+            center,
+            reach=reach,
+            lower=lower.astype(np.float64),
+            upper=upper.astype(np.float64),
+            step=self.options.step * share,
+            population=self._size,
+            separable=self.diagonal,
+        )
 
 
 class Regimes:
@@ -181,9 +167,14 @@ class Regimes:
             self._regime = "small"
             self._most = self._spent["large"] / 2
             largest = self._population << self._doublings
-            factor = (largest / 2 / self._population) ** (one * one)
-            return max(self._population, int(self._population * factor)), 10 ** (-2 * other)
+            factor = _power(largest / 2 / self._population, one * one)
+            return max(self._population, int(self._population * factor)), _power(10.0, -2 * other)
         self._regime = "large"
         self._doublings += 1
         doubled = self._population << self._doublings
         return max(self._population, min(doubled, left)), 1.0
+
+
+def _power(base: float, exponent: float) -> float:
+    """Return a power of a positive number, the same bits on every machine."""
+    return float(_engine.exp(np.array([exponent * logarithm(base)]))[0])

@@ -10,7 +10,7 @@ _LARGEST = 5000
 
 
 class CmaEsOptions(CmaOptions):
-    """CMA-ES of the library `cma` with its defaults; it learns which genes must change together.
+    """CMA-ES with the defaults of the library `cma`; it learns which genes must change together.
 
     For up to 5000 genes.
     """
@@ -23,7 +23,7 @@ class CmaEs(Cma):
 
     Source: Hansen and Ostermeier, "Completely derandomized self-adaptation in evolution strategies",
     Evolutionary Computation 9(2), 2001; Hansen, "The CMA evolution strategy: a tutorial" (arXiv:1604.00772);
-    library `cma` (doi:10.5281/zenodo.2559634).
+    constants, bounds and criteria for stopping of the library `cma` 4.5 (doi:10.5281/zenodo.2559634).
     """
 
     kind: ClassVar[str] = "cma_es"

@@ -6,7 +6,7 @@ from swarmwright.methods._cma import Cma, CmaOptions
 
 
 class SepCmaEsOptions(CmaOptions):
-    """Separable CMA-ES of the library `cma` with its defaults: cheap with very many genes."""
+    """Separable CMA-ES with the defaults of the library `cma`: cheap with very many genes."""
 
     kind: Literal["sep_cma_es"] = "sep_cma_es"
 
@@ -15,7 +15,8 @@ class SepCmaEs(Cma):
     """CMA-ES whose covariance matrix is diagonal: time and memory grow with the number of genes alone.
 
     Source: Ros and Hansen, "A simple modification in CMA-ES achieving linear time and space complexity",
-    PPSN 2008; library `cma`, option CMA_diagonal.
+    PPSN 2008; constants of the library `cma` 4.5 with its option CMA_diagonal, where variances change by
+    exponential functions.
     """
 
     kind: ClassVar[str] = "sep_cma_es"
