@@ -254,5 +254,5 @@ $(VENV)/.bench: $(VENV)/.dev pyproject.toml
 # The engine, compiled into the package, and the package's dependencies.
 $(VENV)/.engine: $(VENV)/.tools $(ENGINE)
 	@mkdir -p build
-	$(BIN)/maturin develop --release --extras conformance,methods
+	$(BIN)/maturin develop --release --extras conformance
 	touch $@

@@ -58,7 +58,8 @@ class Case:
 
     def start(self, seed: int) -> Points:
         """Return where both begin, (genes,)."""
-        return np.random.default_rng(seed).uniform(-REACH, REACH, self.genes).astype(np.float32)
+        drawn = np.random.default_rng(seed).uniform(-REACH, REACH, self.genes)
+        return drawn.astype(np.float32).astype(np.float64)  # a genome that both can have
 
     def ours(self, seed: int) -> float:
         """Return the evaluations of the method; infinite beyond the limit."""
@@ -73,7 +74,7 @@ class Case:
             layered(network, sensors=self.genes - 1, actuators=1),
             seed=seed,
         )
-        method.start_from(self.start(seed)[np.newaxis])
+        method.start_from(self.start(seed)[np.newaxis].astype(np.float32))
         return self._evaluations(lambda: method.ask().astype(np.float64), method.tell)
 
     def theirs(self, seed: int) -> float:

@@ -25,6 +25,7 @@ __all__ = [
     "FAULTS",
     "TIMEOUTS",
     "Broker",
+    "Cma",
     "Controller",
     "EngineError",
     "Episode",

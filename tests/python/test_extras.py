@@ -5,11 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 EXTRAS = (
-    "cma",
-    "threadpoolctl",
     "paho",
     "msgpack",
     "pyarrow",
@@ -43,17 +39,6 @@ def program(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
         check=False,
         timeout=50,
         cwd=folder,
-    )
-
-
-@pytest.mark.parametrize(("method", "library"), [("cma_es", "cma"), ("sep_cma_es", "cma")])
-def test_a_method_without_its_library(method: str, library: str, tmp_path: Path) -> None:
-    (tmp_path / "x.yaml").write_text(f"simulation: minisim\nmethod:\n  kind: {method}\n")
-    done = program("optimize", "x.yaml", "--servers", "in-process", folder=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr == (
-        f"swarmwright: x.yaml:3: method.kind: {method} needs {library}, not installed here: "
-        "pip install 'swarmwright[methods]'\n"
     )
 
 

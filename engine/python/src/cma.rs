@@ -25,10 +25,6 @@ pub struct PyCma {
 impl PyCma {
     #[new]
     #[pyo3(signature = (center, *, reach, lower, upper, step, population, separable))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "pyo3 hands arguments over one by one"
-    )]
     fn new(
         center: PyReadonlyArray1<'_, f64>,
         reach: PyReadonlyArray1<'_, f64>,

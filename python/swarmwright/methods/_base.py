@@ -98,8 +98,6 @@ class Method(SteadyState):
     None: it cannot."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
-    extra: ClassVar[str] = ""
-    """The extra of Swarmwright that installs `libraries`; "" where pip installs them by their names."""
     generational_because: ClassVar[str] = "it learns from whole generations"
     """Why the method cannot work in steady state, when it cannot; the end of a sentence."""
 
@@ -152,8 +150,9 @@ class Method(SteadyState):
         missing = [library for library in cls.libraries if find_spec(library) is None]
         if not missing:
             return None
-        package = f"'swarmwright[{cls.extra}]'" if cls.extra else " ".join(missing)
-        return f"{cls.kind} needs {' and '.join(missing)}, not installed here: pip install {package}"
+        return (
+            f"{cls.kind} needs {' and '.join(missing)}, not installed here: pip install {' '.join(missing)}"
+        )
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:
