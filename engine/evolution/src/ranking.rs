@@ -24,18 +24,34 @@ const fn tickets(members: u64) -> u64 {
 /// Of equal ones the first is ahead; failed ones (NaN) never stay.
 #[must_use]
 pub fn survivors(fitness: &[f64], best: usize, random: usize, stream: &mut Stream) -> Vec<usize> {
-    let mut ranks: Vec<_> = (0..).zip(fitness).map(rank).collect();
-    ranks.retain(|rank| rank.0 != FAILED);
-    ranks.sort_unstable();
-    let (elite, others) = ranks.split_at(best.min(ranks.len()));
-    let mut staying: Vec<_> = elite.iter().map(|rank| member(*rank)).collect();
+    let ranked = best_first(fitness);
+    let (elite, others) = ranked.split_at(best.min(ranked.len()));
+    let mut staying: Vec<_> = elite.iter().map(|member| *member as usize).collect();
     let mut remaining = Remaining::new(others.len());
     for left in (1..=others.len()).rev().take(random) {
         let left = left as u64;
         let place = triangular(stream.integer(tickets(left)), left);
-        staying.push(member(others[remaining.take(place)]));
+        staying.push(others[remaining.take(place)] as usize);
     }
     staying
+}
+
+/// The members that have not failed, the best first, of equal ones the first.
+fn best_first(fitness: &[f64]) -> Vec<u32> {
+    let keys: Vec<u64> = (0..).zip(fitness).map(|one| rank(one).0).collect();
+    // Plain integers are sorted three times as fast as pairs. The index takes the place of the lowest bits of the key, which seldom
+    // decide; the second sort, of what is mostly sorted, goes by all of them.
+    let low = keys.len().next_power_of_two() as u64 - 1;
+    let worked = (0..).zip(&keys).filter(|(_, key)| **key != FAILED);
+    let mut sorted: Vec<u64> = worked.map(|(member, key)| key & !low | member).collect();
+    sorted.sort_unstable();
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "members are counted in u32"
+    )]
+    let mut order: Vec<u32> = sorted.iter().map(|one| (one & low) as u32).collect();
+    order.sort_by_key(|member| keys[*member as usize]);
+    order
 }
 
 /// A key that is the lower the better a member is, and its index.

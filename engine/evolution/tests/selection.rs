@@ -21,6 +21,8 @@ fn fitness(most: usize) -> impl Strategy<Value = Vec<f64>> {
         Just(-0.0),
         (-3..4).prop_map(f64::from),
         any::<f64>().prop_filter("finite", |value| value.is_finite()),
+        // Neighbours, which differ in their lowest bits.
+        (0_u64..9).prop_map(|next| f64::from_bits(1.0_f64.to_bits() + next)),
     ];
     prop::collection::vec(value, 1..most)
 }
@@ -145,10 +147,10 @@ proptest! {
             prop_assert_eq!(torus.elite(&fitness, member), elite);
             let ways = Ways { mutate: 0.0, crossover: 1.0 };
             let parents = if size > 0 { size.min(all.len()) } else { all.len() };
-            for rank in 0..parents {
+            for (rank, parent) in all[..parents].iter().enumerate() {
                 #[expect(clippy::cast_precision_loss)]
                 let place = (rank as f64 + 0.5) / parents as f64;
-                let parent = all[rank] as usize;
+                let parent = *parent as usize;
                 let way = if fitness[member].is_nan() { Way::Mutate(parent) } else { Way::Cross(parent) };
                 prop_assert_eq!(torus.choose(&fitness, member, ways, [0.0, place]), way);
             }

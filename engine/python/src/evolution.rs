@@ -190,13 +190,18 @@ impl PyNodeNetwork {
 
 /// Indices of genomes, checked.
 fn members(indices: &[i64], count: usize) -> PyResult<Vec<usize>> {
-    let checked = |index: &i64| match usize::try_from(*index) {
-        Ok(index) if index < count => Ok(index),
-        _ => Err(input(format!(
-            "index {index} found, but there are {count} genomes"
+    // A negative one becomes too large; looking for a wrong one first is faster than stopping at each.
+    let checked: Vec<usize> = indices
+        .iter()
+        .map(|index| index.cast_unsigned() as usize)
+        .collect();
+    match checked.iter().position(|index| *index >= count) {
+        Some(wrong) => Err(input(format!(
+            "index {} found, but there are {count} genomes",
+            indices[wrong]
         ))),
-    };
-    indices.iter().map(checked).collect()
+        None => Ok(checked),
+    }
 }
 
 impl PyNodeNetwork {

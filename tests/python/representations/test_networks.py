@@ -248,6 +248,8 @@ def test_matings_refuse_what_does_not_fit() -> None:
     streams = Streams(1, "y", 0, [0])
     with pytest.raises(_engine.InputError, match="index 3 found, but there are 3 genomes"):
         subject.matings(genomes, np.array([0]), np.array([[1, 3]]), streams)
+    with pytest.raises(_engine.InputError, match="index -1 found, but there are 3 genomes"):
+        subject.matings(genomes, np.array([-1]), np.array([[1, 2]]), streams)
     with pytest.raises(_engine.InputError, match="one partner at least"):
         subject.matings(genomes, np.array([0]), np.empty((1, 0), dtype=np.int64), streams)
     with pytest.raises(_engine.InputError, match="a stream for each child"):
