@@ -118,8 +118,13 @@ impl Stream {
 
     /// As many units as there are places.
     pub fn units(&mut self, numbers: &mut [f64]) {
-        for number in numbers {
-            *number = self.unit();
+        let mut words = [0; 16 * WORDS];
+        for part in numbers.chunks_mut(words.len()) {
+            let words = &mut words[..part.len()];
+            self.fill(words);
+            for (number, word) in part.iter_mut().zip(words) {
+                *number = unit(*word);
+            }
         }
     }
 

@@ -122,7 +122,7 @@ impl PyStreams {
     }
 
     fn units<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.drawn(py, count, |stream, row| row.fill_with(|| stream.unit()))
+        self.drawn(py, count, evolution::Stream::units)
     }
 
     fn normals<'py>(
