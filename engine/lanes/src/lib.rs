@@ -160,6 +160,12 @@ pub trait Int: Copy {
     fn lookup_eight(self, table: &[i32; 8]) -> Self;
     /// `table[self]` per lane. Panics when a lane lies outside of the table.
     fn lookup(self, table: &[i32]) -> Self;
+    /// `table[self]` where the condition holds, else `other`: memory is read for those lanes alone where the processor can
+    /// do that. Panics when any lane lies outside of the table.
+    #[inline(always)]
+    fn lookup_where(self, table: &[i32], other: Self, condition: Self::Mask) -> Self {
+        self.lookup(table).select(other, condition)
+    }
     /// The four bytes from `bytes[self]` on, the first one lowest, per lane. Panics when one of them lies outside.
     fn lookup_bytes(self, bytes: &[u8]) -> Self;
 }

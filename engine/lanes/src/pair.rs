@@ -176,6 +176,13 @@ impl<L: Lanes> Int for PairInt<L> {
         Self(self.0.lookup(table), self.1.lookup(table))
     }
     #[inline(always)]
+    fn lookup_where(self, table: &[i32], other: Self, condition: PairMask<L>) -> Self {
+        Self(
+            self.0.lookup_where(table, other.0, condition.0),
+            self.1.lookup_where(table, other.1, condition.1),
+        )
+    }
+    #[inline(always)]
     fn lookup_bytes(self, bytes: &[u8]) -> Self {
         Self(self.0.lookup_bytes(bytes), self.1.lookup_bytes(bytes))
     }

@@ -80,6 +80,8 @@ impl All<'_> {
                 i.select(j, i.lt(j)),
                 small.floor(),
                 i.and(L::Int::splat(3)).lookup(&[7, -5, 1 << 30, 0]),
+                i.and(L::Int::splat(3))
+                    .lookup_where(&[7, -5, 1 << 30, 0], j, i.lt(j)),
                 i.and(L::Int::splat(3)).lookup_bytes(&BYTES),
                 i.lookup_eight(&EIGHT),
             ];
@@ -137,7 +139,7 @@ fn number_in_table(row: usize, column: usize) -> f32 {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 32 + COLUMNS];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 33 + COLUMNS];
     for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -177,6 +179,11 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             if i < j { i } else { j },
             small.floor() as i32,
             [7, -5, 1 << 30, 0][(i & 3) as usize],
+            if i < j {
+                [7, -5, 1 << 30, 0][(i & 3) as usize]
+            } else {
+                j
+            },
             i32::from_le_bytes(std::array::from_fn(|byte| BYTES[(i & 3) as usize + byte])),
             EIGHT[(i & 7) as usize],
         ];
@@ -235,19 +242,24 @@ proptest! {
     }
 }
 
-struct Outside {
-    bytes: bool,
+#[derive(Debug, Clone, Copy)]
+enum Lookup {
+    Everywhere,
+    Nowhere,
+    Bytes,
 }
+
+struct Outside(Lookup);
 impl Kernel for Outside {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let mut out = vec![0; L::WIDTH];
         let index = L::Int::splat(4);
-        let found = if self.bytes {
-            index.lookup_bytes(&BYTES)
-        } else {
-            index.lookup(&[1, 2, 3, 4])
+        let found = match self.0 {
+            Lookup::Everywhere => index.lookup(&[1, 2, 3, 4]),
+            Lookup::Nowhere => index.lookup_where(&[1, 2, 3, 4], index, index.lt(index)),
+            Lookup::Bytes => index.lookup_bytes(&BYTES),
         };
         found.store(&mut out);
     }
@@ -256,10 +268,10 @@ impl Kernel for Outside {
 #[test]
 fn a_lookup_outside_of_the_table_panics() {
     for level in Level::available() {
-        for bytes in [false, true] {
+        for lookup in [Lookup::Everywhere, Lookup::Nowhere, Lookup::Bytes] {
             assert!(
-                std::panic::catch_unwind(|| level.run(Outside { bytes })).is_err(),
-                "{} bytes: {bytes}",
+                std::panic::catch_unwind(|| level.run(Outside(lookup))).is_err(),
+                "{} {lookup:?}",
                 level.name()
             );
         }

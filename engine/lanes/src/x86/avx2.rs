@@ -129,6 +129,24 @@ impl Mask for Conditions {
     }
 }
 
+impl I32s {
+    #[inline(always)]
+    #[expect(
+        clippy::cast_sign_loss,
+        reason = "a negative index lies outside of any table"
+    )]
+    fn assert_inside(self, table: &[i32]) {
+        let mut indices = [0; WIDTH];
+        self.store(&mut indices);
+        assert!(
+            indices
+                .iter()
+                .all(|&index| (index as u32 as usize) < table.len()),
+            "an index lies outside of the table"
+        );
+    }
+}
+
 impl Int for I32s {
     type Mask = Conditions;
 
@@ -207,21 +225,19 @@ impl Int for I32s {
         )))
     }
     #[inline(always)]
-    #[expect(
-        clippy::cast_sign_loss,
-        reason = "a negative index lies outside of any table"
-    )]
     fn lookup(self, table: &[i32]) -> Self {
-        let mut indices = [0; WIDTH];
-        self.store(&mut indices);
-        assert!(
-            indices
-                .iter()
-                .all(|&index| (index as u32 as usize) < table.len()),
-            "an index lies outside of the table"
-        );
+        self.assert_inside(table);
         // SAFETY: every lane's index lies within the table, as asserted.
         Self(unsafe { _mm256_i32gather_epi32::<4>(table.as_ptr(), self.0) })
+    }
+    #[inline(always)]
+    fn lookup_where(self, table: &[i32], other: Self, condition: Conditions) -> Self {
+        self.assert_inside(table);
+        // SAFETY: every lane's index lies within the table, as asserted.
+        Self(unsafe {
+            let mask = _mm256_castps_si256(condition.0);
+            _mm256_mask_i32gather_epi32::<4>(other.0, table.as_ptr(), self.0, mask)
+        })
     }
     #[inline(always)]
     #[expect(clippy::cast_possible_wrap, reason = "compared without a sign")]

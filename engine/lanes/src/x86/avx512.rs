@@ -174,6 +174,13 @@ impl I32s {
     }
 
     #[inline(always)]
+    fn assert_inside(self, table: &[i32]) {
+        let length = i32::try_from(table.len()).unwrap_or(i32::MAX);
+        let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
+        assert!(inside == u16::MAX, "an index lies outside of the table");
+    }
+
+    #[inline(always)]
     fn of_halves(low: __m256i, high: __m256i) -> Self {
         let low = simd!(_mm512_castsi256_si512(low));
         Self(simd!(_mm512_inserti64x4::<1>(low, high)))
@@ -279,15 +286,29 @@ impl Int for I32s {
     }
     #[inline(always)]
     fn lookup(self, table: &[i32]) -> Self {
-        let length = i32::try_from(table.len()).unwrap_or(i32::MAX);
-        let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
-        assert!(inside == u16::MAX, "an index lies outside of the table");
+        self.assert_inside(table);
         let (low, high) = self.halves();
         // SAFETY: every lane's index lies within the table, as asserted.
         let (low, high) = unsafe {
             (
                 _mm256_i32gather_epi32::<4>(table.as_ptr(), low),
                 _mm256_i32gather_epi32::<4>(table.as_ptr(), high),
+            )
+        };
+        Self::of_halves(low, high)
+    }
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "a half of the lanes")]
+    fn lookup_where(self, table: &[i32], other: Self, condition: Conditions) -> Self {
+        self.assert_inside(table);
+        let (low, high) = self.halves();
+        let (other_low, other_high) = other.halves();
+        let (in_low, in_high) = (condition.0 as u8, (condition.0 >> 8) as u8);
+        // SAFETY: every lane's index lies within the table, as asserted.
+        let (low, high) = unsafe {
+            (
+                _mm256_mmask_i32gather_epi32::<4>(other_low, in_low, low, table.as_ptr()),
+                _mm256_mmask_i32gather_epi32::<4>(other_high, in_high, high, table.as_ptr()),
             )
         };
         Self::of_halves(low, high)

@@ -258,7 +258,11 @@ impl<L: Lanes> Room<L> {
             .add(there.lookup_eight(&world.corrections))
             .select(place, moved);
         self.places[agent] = there;
-        self.ways[agent] = there.add(self.terrains).lookup(&world.ways);
+        // Only where it moved: elsewhere the table need not be read.
+        self.ways[agent] =
+            there
+                .add(self.terrains)
+                .lookup_where(&world.ways, self.ways[agent], moved);
     }
 
     /// Takes those who stand on an exit out. Returns the lanes in which the agent is still inside.
