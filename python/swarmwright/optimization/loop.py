@@ -211,6 +211,8 @@ class Loop:
     def _commit(self, evaluated: Evaluated, journal: Journal, on_generation: OnGeneration | None) -> bool:
         """Store a generation and report it; return whether to go on."""
         self._store.commit(evaluated, journal)
+        if on_generation is not None:
+            self._store.keep()  # what is reported is kept, even when the process is killed
         self._stored = evaluated.generation + 1
         now = time.monotonic()
         generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))

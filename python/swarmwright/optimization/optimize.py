@@ -289,7 +289,7 @@ def _post_evaluate(
 ) -> None:
     """Evaluate the best on held-out seeds where that is informative; the run is complete without it."""
     try:
-        found = after_run(experiment, StoreReader(store.folder), backend, on_progress)
+        found = after_run(experiment, store.reader(), backend, on_progress)
     except RunError as error:
         logging.getLogger("swarmwright").warning(
             "the best was not evaluated on held-out seeds: %s; the run itself is finished, and "

@@ -55,11 +55,15 @@ class StoreReader:
     """Reads the store in a run folder.
 
     Raises InputError, here and in every method, when the store is missing, damaged, or of another version.
+
+    Args:
+        folder: of the run.
+        name: of the file in it.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, name: str = FILE) -> None:
         self._folder = folder
-        self.file = folder / FILE
+        self.file = folder / name
         """The store itself."""
         _ = self._facts  # report errors now rather than later
 

@@ -4,13 +4,14 @@ import json
 import platform
 import socket
 import sqlite3
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from swarmwright.store.database import (
     code_of,
     create,
     errors,
+    flush,
+    open_published,
+    publish,
     reopen,
     seal_facts,
     transaction,
@@ -51,20 +55,42 @@ _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?
 _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 
 
+_TOGETHER = 0.02
+"""Seconds within which generations are written in one transaction."""
+_DRAFT = 0.5
+"""Seconds for which a new store is a draft, which the end of the process at any moment would take."""
+
+
+class _Finished(NamedTuple):
+    """A generation that is to be written."""
+
+    evaluated: Evaluated
+    journal: Journal
+    seconds: float
+    """Since the session began."""
+
+
 class StoreWriter:
     """Writes a run folder's store. A context manager around one session.
 
-    Made by `create` or `resume`. Only one writer is possible at a time.
+    Made by `create` or `resume`. Only one writer is possible at a time. What is written is in the store at
+    once, or 20 ms later where generations follow each other faster. In the first half second of a new run the
+    store is a draft under another name, which only `reader` finds. `keep` ends both.
     """
 
-    def __init__(self, folder: Path, connection: sqlite3.Connection, lock: Lock) -> None:
+    def __init__(
+        self, folder: Path, connection: sqlite3.Connection, lock: Lock, *, draft: bool = False
+    ) -> None:
         self.folder = folder
         self.file = folder / FILE
         self._connection = connection
         self._lock = lock
+        self._draft = draft
         self._session = 0
-        self._started = time.monotonic()
+        self._started = self._written = time.monotonic()
         self._outcome: str | None = None
+        self._finished: list[_Finished] = []
+        self._digest: str | None = None  # of the last generation, once it is known
 
     @classmethod
     def create(
@@ -104,7 +130,7 @@ class StoreWriter:
                 facts[f"{CODE}.1"] = copy.digest
             facts["experiment"] = json.dumps(values, allow_nan=False)
             write_text(folder / EXPERIMENT, dump(values))
-            return cls(folder, create(folder / FILE, facts), lock)
+            return cls(folder, create(folder / FILE, facts), lock, draft=True)
         except OSError as error:
             lock.close()
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
@@ -189,33 +215,71 @@ class StoreWriter:
 
         Raises RunError when the disk does not take it; what was written before is kept.
         """
+        now = time.monotonic()
+        self._finished.append(_Finished(evaluated, journal, now - self._started))
+        if now - self._written >= _TOGETHER:
+            self._flush()
+        if self._draft and now - self._started >= _DRAFT:
+            self.keep()
+
+    def keep(self) -> None:
+        """See to it that the end of the process does not take anything. Raises RunError as `commit`."""
+        self._flush()
+        if self._draft:
+            publish(self._connection, self.file)
+            self._draft = False
+            self._connection = open_published(self.file)
+
+    def _flush(self) -> None:
+        """Write what is finished."""
+        if self._finished:
+            with self._writing():
+                pass  # it writes that before anything else
+
+    def reader(self) -> StoreReader:
+        """Return a reader of what has been written so far, all that is finished among it."""
+        self._flush()
+        return StoreReader(self.folder, NEW if self._draft else FILE)
+
+    def _write_finished(self) -> str | None:
+        """Write the generations that are finished, within a transaction; return the digest of the last."""
+        digest = self._digest
+        for evaluated, journal, seconds in self._finished:
+            if digest is None:
+                digest = digest_before(self._connection, evaluated.generation)
+            digest = self._write(evaluated, journal, seconds, digest)
+        return digest
+
+    def _write(self, evaluated: Evaluated, journal: Journal, seconds: float, previous: str) -> str:
+        """Write a generation; return its digest, which goes on from the previous one's."""
         summary, number = evaluated.summary, evaluated.generation
         first = summary.evaluations - len(evaluated.genomes)
         seeds, total = json.dumps(evaluated.seeds), EvaluationsDigest()
-        with self._writing():
-            self._note(number, journal)
-            for block in encoded(evaluated, first):
-                total.add(block)
-                self._connection.execute(_BLOCK, block)
-            digest = total.hexdigest(first, number, len(evaluated.genomes))
-            row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
-            self._connection.execute(
-                _GENERATION,
-                (
-                    number,
-                    first,
-                    seeds,
-                    summary.evaluations,
-                    *(summary.best, summary.mean, summary.best_so_far),
-                    *(summary.lower_quartile, summary.median, summary.upper_quartile),
-                    summary.failed,
-                    evaluated.leader,
-                    self._session,
-                    time.monotonic() - self._started,
-                    row.evaluations_digest,
-                    row.digest_after(digest_before(self._connection, number)),
-                ),
-            )
+        self._note(number, journal)
+        for block in encoded(evaluated, first):
+            total.add(block)
+            self._connection.execute(_BLOCK, block)
+        digest = total.hexdigest(first, number, len(evaluated.genomes))
+        row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
+        after = row.digest_after(previous)
+        self._connection.execute(
+            _GENERATION,
+            (
+                number,
+                first,
+                seeds,
+                summary.evaluations,
+                *(summary.best, summary.mean, summary.best_so_far),
+                *(summary.lower_quartile, summary.median, summary.upper_quartile),
+                summary.failed,
+                evaluated.leader,
+                self._session,
+                seconds,
+                row.evaluations_digest,
+                after,
+            ),
+        )
+        return after
 
     def note(self, generation: int, journal: Journal) -> None:
         """Write the attempts of evaluations that do not count: those of an incomplete generation."""
@@ -224,7 +288,10 @@ class StoreWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Commit all or nothing. Raises RunError when the disk does not take it, or another process wrote."""
+        """Commit all or nothing, what is finished first.
+
+        Raises RunError when the disk does not take it, or another process wrote.
+        """
         with transaction(self._connection, self.file):
             if self._session:
                 # The lock was deleted by another program, or is not effective on this file system.
@@ -234,7 +301,10 @@ class StoreWriter:
                         f"{self.folder}: another process has gone on with this run, although this one had "
                         "reserved it; what it writes counts, and this one ends"
                     )
+            digest = self._write_finished()
             yield
+        self._finished.clear()
+        self._digest, self._written = digest, time.monotonic()
 
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
@@ -275,7 +345,7 @@ class StoreWriter:
 
     def save_best(self, representation: Representation) -> None:
         """Write best.json, the best controller so far, for programs that want nothing else."""
-        best = StoreReader(self.folder).best()
+        best = self.reader().best()
         if best is None:
             return
         values = {
@@ -325,14 +395,22 @@ class StoreWriter:
         except RunError as error:
             failed = error
         try:
-            # The log becomes part of the file, so that the folder can be copied and read anywhere.
-            with errors(self.file, RunError):
-                self._connection.execute("PRAGMA busy_timeout = 100")
-                self._connection.execute("PRAGMA journal_mode = DELETE")
+            self._finish_file()
         except RunError as error:
             if not _in_use(error):  # an open reader keeps the log, which does no harm
                 failed = failed or error
         return failed
+
+    def _finish_file(self) -> None:
+        """Make one file of the store, so that the folder can be copied and read anywhere. Raises RunError."""
+        if self._draft:
+            publish(self._connection, self.file)
+            # In a thread: so that a power cut does not take the run either, which nobody has to wait for.
+            threading.Thread(target=flush, args=(self.file,)).start()
+            return
+        with errors(self.file, RunError):
+            self._connection.execute("PRAGMA busy_timeout = 100")
+            self._connection.execute("PRAGMA journal_mode = DELETE")
 
 
 def _recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
