@@ -29,9 +29,11 @@ __all__ = [
     "Controller",
     "EngineError",
     "Episode",
+    "Evaluator",
     "InputError",
     "NoBrokerError",
     "NodeNetwork",
+    "Normals",
     "Pool",
     "Ranks",
     "Stream",
@@ -40,6 +42,7 @@ __all__ = [
     "Torus",
     "Watcher",
     "__version__",
+    "centered_ranks",
     "certificates",
     "check_parameters",
     "decimals",
@@ -67,6 +70,7 @@ __all__ = [
     "steers_itself",
     "survivors",
     "trials",
+    "utilities",
     "weighted_products",
     "weighted_sum",
 ]
@@ -210,6 +214,14 @@ class Streams:
 
         below: one for all streams, or one for each. Raises InputError unless 1 <= below < 2**63.
         """
+
+@final
+class Normals:
+    """Standard normal numbers (candidates, count) for generation after generation, as of `Streams`, whose generation they are."""
+
+    def __new__(cls, seed: int, purpose: str, candidates: int, count: int) -> Normals: ...
+    def draw(self, generation: int, *, ahead: bool) -> NDArray[np.float64]:
+        """The numbers of a generation; ahead: those of the next one are drawn from now on, in the engine's threads."""
 
 @final
 class NodeNetwork:
@@ -446,6 +458,16 @@ def matrix_product(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDA
 def matrix_exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the exponential of a square matrix; None when it has no finite one. Raises InputError when it is not square."""
 
+def centered_ranks(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ranks from -0.5 (worst) to 0.5 (best), (n,), n >= 2; equal values share the mean, failed ones (NaN) are worst."""
+
+def utilities(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights of natural evolution strategies, (n,), n >= 2, with the sum 0 but for rounding.
+
+    The k-th best has max(0, ln(n / 2 + 1) - ln(k)), scaled to the sum 1, less 1 / n; equal values share the mean, failed ones
+    (NaN) are worst. Source: Wierstra et al., "Natural evolution strategies", JMLR 15, 2014, section 3.1.
+    """
+
 def exp(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the exponential function of each value, (n,), the same bits on every machine."""
 
@@ -463,6 +485,29 @@ def distances(
 
 def levels() -> list[str]:
     """How this processor can evaluate, the fastest last: scalar, then instruction sets (portable, avx2, avx512)."""
+
+@final
+class Evaluator:
+    """Evaluates controllers of one architecture in this process; arguments as of the function `evaluate`."""
+
+    def __new__(
+        cls,
+        title: str,
+        parameters: dict[str, Any],
+        architecture: dict[str, Any],
+        *,
+        metrics: Sequence[str] | None = None,
+        level: str = "auto",
+        threads: int = 0,
+    ) -> Evaluator: ...
+    def evaluate(
+        self,
+        genomes: NDArray[np.float32],
+        seeds: Sequence[int],
+        on_progress: Callable[[int, int, str], None] | None = None,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Evaluate as the function does; `meanwhile` is called once, while the engine is at work."""
 
 def evaluate(
     title: str,

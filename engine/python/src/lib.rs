@@ -52,6 +52,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<watch::PyWatcher>()?;
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;
+    module.add_class::<streams::PyNormals>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;
     module.add_class::<cma::PyCma>()?;
     module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
@@ -59,6 +60,8 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<selection::PyTorus>()?;
     module.add_function(wrap_pyfunction!(selection::distinct, module)?)?;
     module.add_function(wrap_pyfunction!(selection::survivors, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::centered_ranks, module)?)?;
+    module.add_function(wrap_pyfunction!(sampling::utilities, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::exp, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::log, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::matrix_exponential, module)?)?;
@@ -75,6 +78,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(worlds::check_parameters, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::steers_itself, module)?)?;
     module.add_function(wrap_pyfunction!(genomes::decimals, module)?)?;
+    module.add_class::<local::PyEvaluator>()?;
     module.add_function(wrap_pyfunction!(local::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::evaluate_host, module)?)?;
     module.add_function(wrap_pyfunction!(local::levels, module)?)?;

@@ -1,13 +1,16 @@
 //! Evaluation in this process.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
 use swarmwright_pool::{check_work, rectangle};
-use swarmwright_worlds::{self as worlds, Block, Means, RolloutError};
+use swarmwright_worlds::{self as worlds, Block, Means, Parameters, RolloutError};
 
 use crate::errors::input;
 use crate::genomes::{architecture, rows};
@@ -17,7 +20,7 @@ use crate::worlds::known;
 
 /// Work between two looks at Ctrl-C.
 const PART: Duration = Duration::from_millis(30);
-/// Evaluations of the first part, which tells how long they take.
+/// Evaluations of the very first part, which tells how long they take.
 const FIRST: usize = 64;
 /// Pause between two reports.
 pub const REPORT: Duration = Duration::from_millis(100);
@@ -51,11 +54,173 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
     Ok(Means { level, threads })
 }
 
-/// Evaluates controllers in this process.
+/// Evaluates controllers of one architecture in this process.
+#[pyclass(name = "Evaluator", module = "swarmwright._engine")]
+pub struct PyEvaluator {
+    title: String,
+    parameters: Parameters,
+    architecture: Architecture,
+    /// Those that are wanted, by their index in the simulation's description.
+    metrics: Vec<usize>,
+    means: Means,
+    /// Evaluations that take about as long as `PART`, as far as is known.
+    most: AtomicUsize,
+}
+
+#[pymethods]
+impl PyEvaluator {
+    #[new]
+    #[pyo3(signature = (title, parameters, architecture, *, metrics=None, level="auto", threads=0))]
+    fn new(
+        title: &str,
+        parameters: &Bound<'_, PyDict>,
+        architecture: &Bound<'_, PyDict>,
+        metrics: Option<Vec<String>>,
+        level: &str,
+        threads: usize,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            metrics: known(title)?
+                .metrics_named(&metrics.unwrap_or_default())
+                .map_err(input)?,
+            title: title.to_owned(),
+            parameters: object("parameters", parameters)?,
+            architecture: self::architecture(architecture)?.0,
+            means: means(level, threads)?,
+            most: AtomicUsize::new(FIRST),
+        })
+    }
+
+    #[pyo3(signature = (genomes, seeds, on_progress=None, meanwhile=None))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        genomes: PyReadonlyArray2<'py, f32>,
+        seeds: Vec<u64>,
+        on_progress: Option<Py<PyAny>>,
+        meanwhile: Option<Py<PyAny>>,
+    ) -> PyResult<(Fitness<'py>, Metrics<'py>)> {
+        let rows = rows(&self.architecture, &genomes)?;
+        check_work(&self.architecture, &rows, &seeds).map_err(input)?;
+        let block = Block {
+            architecture: &self.architecture,
+            genomes: &rows,
+            parameters: &self.parameters,
+            seeds: &seeds,
+            metrics: &self.metrics,
+            stop: None,
+        };
+        let total = block.len();
+        let raised = Mutex::new(None);
+        let ask = |question: &dyn Fn(Python<'_>) -> PyResult<()>| {
+            let answer = Python::attach(question);
+            answer.map_err(|error| *lock(&raised) = Some(error)).is_ok()
+        };
+        let results = py
+            .detach(|| {
+                self.in_parts(
+                    &block,
+                    meanwhile.map(|call| move || ask(&|py| call.call0(py).map(|_| ()))),
+                    |done, report| {
+                        ask(&|py| {
+                            py.check_signals()?;
+                            match on_progress.as_ref().filter(|_| report) {
+                                Some(call) => call.call1(py, (done, total, "")).map(|_| ()),
+                                None => Ok(()),
+                            }
+                        })
+                    },
+                )
+            })
+            .map_err(input)?;
+        lock(&raised).take().map_or(Ok(()), Err)?;
+        let shape = [block.candidates(), seeds.len(), self.metrics.len()];
+        let (fitness, values) = apart(results, block.numbers());
+        arrays(py, fitness, values, shape)
+    }
+}
+
+impl PyEvaluator {
+    /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each, and `meanwhile` during the first.
+    fn in_parts(
+        &self,
+        whole: &Block<'_>,
+        mut meanwhile: Option<impl FnOnce() -> bool>,
+        mut go_on: impl FnMut(usize, bool) -> bool,
+    ) -> Result<Vec<f64>, RolloutError> {
+        let (total, episodes) = (whole.len(), whole.seeds.len());
+        let weights = whole.architecture.weight_count();
+        let numbers = whole.numbers();
+        let mut results = Vec::new();
+        let mut reported = Instant::now();
+        while results.len() < total * numbers {
+            let first = results.len() / numbers;
+            let most = self.most.load(Ordering::Relaxed);
+            let count = rectangle(&(first..total), episodes, most);
+            let (candidate, episode) = (first / episodes, first % episodes);
+            let candidates = candidate..candidate + count.div_ceil(episodes);
+            let block = Block {
+                genomes: &whole.genomes[candidates.start * weights..candidates.end * weights],
+                seeds: &whole.seeds[episode..episode + count.min(episodes)],
+                ..*whole
+            };
+            let work = || {
+                let began = Instant::now();
+                let part = worlds::evaluate(&self.title, &block, self.means);
+                let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
+                self.most.store(scaled(count, factor), Ordering::Relaxed);
+                part
+            };
+            let (part, wanted) = match meanwhile.take() {
+                Some(meanwhile) => beside(work, meanwhile),
+                None => (work(), true),
+            };
+            let Some(part) = part else {
+                break;
+            };
+            if results.is_empty() {
+                results = part?;
+            } else {
+                results.extend(part?);
+            }
+            let done = results.len() / numbers;
+            let report = done == total || reported.elapsed() >= REPORT;
+            if report {
+                reported = Instant::now();
+            }
+            if !wanted || !go_on(done, report) {
+                break;
+            }
+        }
+        Ok(results)
+    }
+}
+
+/// Does one thing in the engine's threads and the other in this one.
+fn beside<A: Send, B>(
+    one: impl FnOnce() -> Option<A> + Send,
+    other: impl FnOnce() -> B,
+) -> (Option<A>, B) {
+    let mut result = None;
+    let answer = rayon::in_place_scope(|scope| {
+        scope.spawn(|_| result = one());
+        other()
+    });
+    (result, answer)
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Evaluates controllers in this process, once.
 #[pyfunction]
 #[pyo3(signature = (title, parameters, architecture, genomes, seeds, on_progress=None, *, metrics=None, level="auto", threads=0))]
 #[expect(
-    clippy::needless_pass_by_value,
     clippy::too_many_arguments,
     reason = "pyo3 hands arguments over by value, keywords in Python"
 )]
@@ -71,84 +236,8 @@ pub fn evaluate<'py>(
     level: &str,
     threads: usize,
 ) -> PyResult<(Fitness<'py>, Metrics<'py>)> {
-    let metrics = known(title)?
-        .metrics_named(&metrics.unwrap_or_default())
-        .map_err(input)?;
-    let means = means(level, threads)?;
-    let parameters = object("parameters", parameters)?;
-    let (architecture, _) = self::architecture(architecture)?;
-    let rows = rows(&architecture, &genomes)?;
-    check_work(&architecture, &rows, &seeds).map_err(input)?;
-    let block = Block {
-        architecture: &architecture,
-        genomes: &rows,
-        parameters: &parameters,
-        seeds: &seeds,
-        metrics: &metrics,
-        stop: None,
-    };
-    let total = block.len();
-    let mut raised: Option<PyErr> = None;
-    let results = py
-        .detach(|| {
-            in_parts(title, &block, means, |done, report| {
-                let called = Python::attach(|py| {
-                    py.check_signals()?;
-                    match on_progress.as_ref().filter(|_| report) {
-                        Some(call) => call.call1(py, (done, total, "")).map(|_| ()),
-                        None => Ok(()),
-                    }
-                });
-                called.map_err(|error| raised = Some(error)).is_ok()
-            })
-        })
-        .map_err(input)?;
-    raised.map_or(Ok(()), Err)?;
-    let shape = [block.candidates(), seeds.len(), metrics.len()];
-    let (fitness, values) = apart(results, block.numbers());
-    arrays(py, fitness, values, shape)
-}
-
-/// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each.
-fn in_parts(
-    title: &str,
-    whole: &Block<'_>,
-    means: Means,
-    mut go_on: impl FnMut(usize, bool) -> bool,
-) -> Result<Vec<f64>, RolloutError> {
-    let (total, episodes) = (whole.len(), whole.seeds.len());
-    let weights = whole.architecture.weight_count();
-    let numbers = whole.numbers();
-    let mut results = Vec::with_capacity(total * numbers);
-    let mut most = FIRST;
-    let mut reported = Instant::now();
-    while results.len() < total * numbers {
-        let first = results.len() / numbers;
-        let count = rectangle(&(first..total), episodes, most);
-        let (candidate, episode) = (first / episodes, first % episodes);
-        let candidates = candidate..candidate + count.div_ceil(episodes);
-        let block = Block {
-            genomes: &whole.genomes[candidates.start * weights..candidates.end * weights],
-            seeds: &whole.seeds[episode..episode + count.min(episodes)],
-            ..*whole
-        };
-        let began = Instant::now();
-        let Some(part) = worlds::evaluate(title, &block, means) else {
-            break;
-        };
-        results.extend(part?);
-        let done = results.len() / numbers;
-        let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
-        most = scaled(count, factor);
-        let report = done == total || reported.elapsed() >= REPORT;
-        if report {
-            reported = Instant::now();
-        }
-        if !go_on(done, report) {
-            break;
-        }
-    }
-    Ok(results)
+    let evaluator = PyEvaluator::new(title, parameters, architecture, metrics, level, threads)?;
+    evaluator.evaluate(py, genomes, seeds, on_progress, None)
 }
 
 #[expect(

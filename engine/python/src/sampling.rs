@@ -9,9 +9,13 @@ use numpy::{
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
+use rayon::prelude::*;
 use swarmwright_evolution::{self as evolution, Scale};
 
 use crate::errors::input;
+
+/// Numbers of samples that are made in less time than another thread takes to begin.
+const FEW: usize = 16384;
 
 #[pyfunction]
 #[pyo3(signature = (directions, center, deviation, *, middle, reach, lower, upper, mirrored))]
@@ -48,7 +52,17 @@ pub fn samples<'py>(
     let (directions, center) = (directions.as_slice()?, center.as_slice()?);
     let deviation = deviation.as_slice()?;
     py.detach(|| {
-        evolution::samples(directions, center, deviation, scale, mirrored, &mut genomes);
+        if genomes.is_empty() {
+            return;
+        }
+        let rows = FEW.div_ceil(genes) * genes;
+        let each = if mirrored { 2 } else { 1 };
+        directions
+            .par_chunks(rows)
+            .zip(genomes.par_chunks_mut(each * rows))
+            .for_each(|(directions, genomes)| {
+                evolution::samples(directions, center, deviation, scale, mirrored, genomes);
+            });
     });
     PyArray1::from_vec(py, genomes).reshape([count, genes])
 }
@@ -130,6 +144,22 @@ pub fn log<'py>(
     values: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     of_each(py, &values, evolution::log)
+}
+
+#[pyfunction]
+pub fn centered_ranks<'py>(
+    py: Python<'py>,
+    fitness: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    Ok(evolution::centered_ranks(fitness.as_slice()?).into_pyarray(py))
+}
+
+#[pyfunction]
+pub fn utilities<'py>(
+    py: Python<'py>,
+    fitness: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    Ok(evolution::utilities(fitness.as_slice()?).into_pyarray(py))
 }
 
 fn of_each<'py>(

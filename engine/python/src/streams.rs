@@ -1,6 +1,8 @@
 //! Random numbers by counter.
 
 use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, channel};
 
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods,
@@ -167,6 +169,70 @@ impl PyStreams {
             });
         });
         PyArray1::from_vec(py, drawn).reshape([streams, count])
+    }
+}
+
+/// Standard normal numbers for generation after generation; those of the next one are drawn while this one is used.
+#[pyclass(name = "Normals", module = "swarmwright._engine")]
+pub struct PyNormals {
+    seed: u64,
+    key: u64,
+    candidates: u64,
+    count: usize,
+    /// A generation, and where its numbers arrive.
+    next: Option<(u64, Mutex<Receiver<Vec<f64>>>)>,
+}
+
+#[pymethods]
+impl PyNormals {
+    #[new]
+    fn new(seed: u64, purpose: &str, candidates: u64, count: usize) -> Self {
+        Self {
+            seed,
+            key: evolution::purpose_key(purpose),
+            candidates,
+            count,
+            next: None,
+        }
+    }
+
+    #[pyo3(signature = (generation, *, ahead))]
+    fn draw<'py>(
+        &mut self,
+        py: Python<'py>,
+        generation: u64,
+        ahead: bool,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let ready = self.next.take().filter(|(of, _)| *of == generation);
+        let drawn = py.detach(|| {
+            ready
+                .and_then(|(_, numbers)| numbers.into_inner().ok()?.recv().ok())
+                .unwrap_or_else(|| self.drawn(generation)())
+        });
+        if ahead {
+            let (send, receive) = channel();
+            let work = self.drawn(generation + 1);
+            rayon::spawn(move || drop(send.send(work())));
+            self.next = Some((generation + 1, Mutex::new(receive)));
+        }
+        let rows = drawn.len() / self.count.max(1);
+        PyArray1::from_vec(py, drawn).reshape([rows, self.count])
+    }
+}
+
+impl PyNormals {
+    /// What draws the numbers of a generation.
+    fn drawn(&self, generation: u64) -> impl FnOnce() -> Vec<f64> + Send + use<> {
+        let (seed, key, candidates, count) = (self.seed, self.key, self.candidates, self.count);
+        move || {
+            let stream = |candidate| evolution::Stream::new(seed, key, generation, candidate);
+            let mut streams: Vec<_> = (0..candidates).map(stream).collect();
+            let mut drawn = vec![0.0; streams.len() * count];
+            for_rows(&mut streams, &mut drawn, count, |_, stream, row| {
+                stream.normals(row)
+            });
+            drawn
+        }
     }
 }
 

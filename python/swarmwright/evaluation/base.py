@@ -67,8 +67,17 @@ class Backend(Protocol):
     description: str
     """Where the work is done, for people and the journal."""
 
-    def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
-        """Run every controller in an episode of every seed."""
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Results:
+        """Run every controller in an episode of every seed.
+
+        meanwhile: work of the caller's, done once, where possible while the evaluation is under way.
+        """
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

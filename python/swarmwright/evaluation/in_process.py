@@ -1,7 +1,8 @@
 """Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,35 +29,54 @@ class InProcessBackend:
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression)
         self._failed = 0
+        self._evaluator: tuple[dict[str, Any], _engine.Evaluator] | None = None  # of the last architecture
 
-    def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Results:
         """Return the results; an episode fails where the fitness expression or the simulation's code does."""
-        return self._evaluate(controllers, seeds, on_progress)
+        return self._evaluate(controllers, seeds, on_progress, meanwhile=meanwhile)
 
     def _evaluate(
-        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress, first: int = 0
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        first: int = 0,
+        meanwhile: Callable[[], None] | None = None,
     ) -> Results:
         """Return the results; candidates are counted from `first` on in what is said of them."""
         with engine_errors():
-            results = self.compute(controllers, seeds, on_progress)
-        journal = Journal()
-        journal.extend(results.journal, first)
+            results = self.compute(controllers, seeds, on_progress, meanwhile)
+        if first:
+            journal = Journal()
+            journal.extend(results.journal, first)
+            results = Results(results.fitness, results.metrics, journal)
         numbers = range(first, first + len(controllers.weights))
-        results = Results(results.fitness, results.metrics, journal)
         results = apply_expression(self._expression, results, numbers)
-        self._failed += int(np.isnan(results.fitness).sum())
+        self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
         return results
 
-    def compute(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+    def compute(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None,
+    ) -> Results:
         """Return the results with the simulation's own fitness. Raises the engine's errors."""
-        fitness, metrics = _engine.evaluate(
-            self._simulation,
-            self.parameters,
-            controllers.architecture,
-            controllers.weights,
-            list(seeds),
-            on_progress,
-            metrics=self.metrics,
+        architecture = controllers.architecture
+        if self._evaluator is None or self._evaluator[0] != architecture:
+            evaluator = _engine.Evaluator(
+                self._simulation, self.parameters, architecture, metrics=self.metrics
+            )
+            self._evaluator = architecture, evaluator
+        fitness, metrics = self._evaluator[1].evaluate(
+            controllers.weights, list(seeds), on_progress, meanwhile
         )
         return Results(fitness, metrics, Journal())
 
@@ -103,8 +123,16 @@ class PythonBackend(InProcessBackend):
         super().__init__(experiment)
         self._host = Host(load(experiment.simulation))
 
-    def compute(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+    def compute(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None,
+    ) -> Results:
         """Return the results, NaN where the code failed, and why it did. Raises the engine's errors."""
+        if meanwhile is not None:
+            meanwhile()
         fitness, metrics, failures = _engine.evaluate_host(
             self._host,
             self.parameters,

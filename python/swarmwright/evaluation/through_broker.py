@@ -1,6 +1,6 @@
 """Evaluation on simulation servers, through an MQTT broker."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -93,8 +93,16 @@ class BrokerBackend:
         missing = [name for name in self.metrics if name not in announced]
         return next((hint for name in missing if (hint := did_you_mean(name, announced))), "")
 
-    def evaluate(self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress) -> Results:
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Results:
         """Return the results, NaN where it failed, and what the pool did for them."""
+        if meanwhile is not None:
+            meanwhile()
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()

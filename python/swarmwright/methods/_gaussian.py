@@ -16,6 +16,7 @@ from swarmwright.typing import Fitness, Genome, Genomes
 Numbers = NDArray[np.float64]
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8  # the defaults of Adam
 _LEAST, _MOST = 1e-30, 1e30
+_AHEAD = 1 << 23  # normal numbers, 64 MiB: larger samples are not drawn ahead
 
 
 class Gaussian(Method):
@@ -40,6 +41,9 @@ class Gaussian(Method):
         self._center: Numbers = np.zeros_like(self._middle)
         self._directions: Numbers = np.empty(0)
         self._fitness: Fitness = np.empty(0)
+        self._normals: _engine.Normals | None = None
+        self._drawn = 0  # rows of them
+        self._limits = limits(representation)
 
     def start_from(self, genomes: Genomes) -> None:
         """Put the center there, instead of the middle of the initial range."""
@@ -84,12 +88,16 @@ class Gaussian(Method):
 
     def _draw(self) -> Numbers:
         """Return standard normal directions, (n, genome_size): one for each sample, or for each pair."""
-        count = self.population // 2 if self.mirrored else self.population
-        return self.streams(f"{self.kind}.direction", range(count)).normals(len(self._center))
+        count, genes = self.population // 2 if self.mirrored else self.population, len(self._center)
+        if self._normals is None or count != self._drawn:
+            self._normals = _engine.Normals(self.seed, f"{self.kind}.direction", count, genes)
+            self._drawn = count
+        ahead = count * genes <= _AHEAD and not self._exhausted()
+        return self._normals.draw(self.generation, ahead=ahead)
 
     def _sample(self, directions: Numbers, deviation: Numbers) -> Genomes:
         """Return the genomes at `center` plus (and minus) `deviation` (genome_size,) times each direction."""
-        lower, upper = limits(self.representation)
+        lower, upper = self._limits
         return _engine.samples(
             directions,
             self._center,
@@ -103,7 +111,7 @@ class Gaussian(Method):
 
     def _move(self, step: Numbers) -> None:
         """Move the center, and keep it within the bounds of the genes."""
-        lower, upper = ((limit - self._middle) / self._reach for limit in limits(self.representation))
+        lower, upper = ((limit - self._middle) / self._reach for limit in self._limits)
         self._center = np.clip(self._center + step, lower, upper)
 
 
@@ -131,37 +139,6 @@ class Adam:
         return np.asarray(size * self._mean / (np.sqrt(self._square) + _TINY))
 
 
-def centered_ranks(fitness: Fitness) -> Numbers:
-    """Return ranks from -0.5 (worst) to 0.5 (best); equal values share the mean, failed ones are worst.
-
-    Shape (n,), n >= 2.
-    """
-    places, counts = _places(fitness)
-    ends = np.cumsum(counts)
-    means = ends - (counts + 1) / 2
-    ranks: Numbers = means[places] / (len(fitness) - 1) - 0.5
-    return ranks
-
-
-def utilities(fitness: Fitness) -> Numbers:
-    """Return the weights of natural evolution strategies, (n,), with the sum 0 but for rounding.
-
-    The k-th best has max(0, ln(n / 2 + 1) - ln(k)), scaled to the sum 1, less 1 / n; equal values share the
-    mean, failed ones are worst.
-
-    Source: Wierstra et al., "Natural evolution strategies", JMLR 15, 2014, section 3.1.
-    """
-    size = len(fitness)
-    logarithms = _engine.log(np.append(np.arange(1.0, size + 1), size / 2 + 1))
-    # From the worst to the best, added one after another.
-    sums = np.append(0.0, np.cumsum(np.maximum(logarithms[-1] - logarithms[:-1], 0.0)[::-1]))
-    places, counts = _places(fitness)
-    ends = np.cumsum(counts)
-    means = (sums[ends] - sums[ends - counts]) / counts
-    weights: Numbers = (means[places] - sums[-1] / size) / sums[-1]
-    return weights
-
-
 def limited(deviation: Numbers) -> Numbers:
     """Return standard deviations within limits in which nothing overflows."""
     return np.clip(deviation, _LEAST, _MOST)
@@ -170,11 +147,3 @@ def limited(deviation: Numbers) -> Numbers:
 def logarithm(number: float) -> float:
     """Return the natural logarithm, the same bits on every machine."""
     return float(_engine.log(np.array([float(number)]))[0])
-
-
-def _places(fitness: Fitness) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the place of each value among the different ones, worst first, and how often each is there."""
-    # A failed candidate is put in order as minus infinity; nothing is computed with that.
-    order = np.where(np.isnan(fitness), -np.inf, fitness)
-    _, places, counts = np.unique(order, return_inverse=True, return_counts=True)
-    return places, counts

@@ -7,8 +7,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm, utilities
+from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness
 
@@ -75,7 +76,7 @@ class Nes(Gaussian):
         """Return the largest standard deviation."""
 
     def _learn(self, fitness: Fitness) -> None:
-        self._follow(utilities(fitness))
+        self._follow(_engine.utilities(fitness))
         best = float(np.nanmax(fitness))
         self._unchanged = self._unchanged + 1 if best == self._best else 0
         self._best = best

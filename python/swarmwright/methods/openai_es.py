@@ -7,7 +7,7 @@ from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._gaussian import Adam, Gaussian, centered_ranks
+from swarmwright.methods._gaussian import Adam, Gaussian
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness
 
@@ -58,6 +58,6 @@ class OpenaiEs(Gaussian):
         self._adam = Adam(options.step)
 
     def _learn(self, fitness: Fitness) -> None:
-        ranks = centered_ranks(fitness)
+        ranks = _engine.centered_ranks(fitness)
         gradient = _engine.weighted_sum(self._directions, ranks[::2] - ranks[1::2])
         self._move(self._adam.climb(gradient / len(fitness) - self.options.decay * self._center))

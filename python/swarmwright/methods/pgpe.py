@@ -7,7 +7,7 @@ from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._gaussian import Adam, Gaussian, centered_ranks, limited
+from swarmwright.methods._gaussian import Adam, Gaussian, limited
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Fitness
 
@@ -57,7 +57,7 @@ class Pgpe(Gaussian):
         self._adam = Adam(options.step)
 
     def _learn(self, fitness: Fitness) -> None:
-        ranks = centered_ranks(fitness)
+        ranks = _engine.centered_ranks(fitness)
         first, second = ranks[::2], ranks[1::2]
         pairs = len(fitness) / 2
         gradient = self._deviation * _engine.weighted_sum(self._directions, (first - second) / 2) / pairs

@@ -20,7 +20,7 @@ from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
 from swarmwright.optimization.memory import LARGE, candidates, progress
-from swarmwright.rankings._base import Ranking, best_first
+from swarmwright.rankings._base import Ranking
 from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
 from swarmwright.typing import Fitness, Genomes
@@ -58,6 +58,43 @@ class Generation:
     """Share of that limit which is used, 0 to 1."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """A generation that the method has been told of, and what is known of the run then."""
+
+    generation: int
+    seeds: list[int]
+    genomes: Genomes
+    results: Results
+    fitness: Fitness
+    population: Fitness
+    """Fitness of the method's population."""
+    evaluations: int
+    """Since the start."""
+    best_so_far: float
+    leader: int
+
+    def evaluated(self) -> Evaluated:
+        """Return what is to be stored."""
+        summary = summarize(
+            self.population,
+            generation=self.generation,
+            evaluations=self.evaluations,
+            best_so_far=self.best_so_far,
+            failed=int(np.count_nonzero(np.isnan(self.fitness))),
+        )
+        return Evaluated(
+            generation=self.generation,
+            seeds=self.seeds,
+            genomes=self.genomes,
+            episodes=self.results.fitness,
+            metrics=self.results.metrics,
+            fitness=self.fitness,
+            summary=summary,
+            leader=self.leader,
+        )
+
+
 _MOST = 10**15  # evaluations, where there is no limit
 
 OnGeneration = Callable[[Generation], bool | None]
@@ -79,6 +116,7 @@ class Loop:
         self._first_seed = experiment.first_seed
         self._representation = representation
         self._store = store
+        self._name = store.folder.resolve().name
         self._asked = 0
         self._evaluations = 0
         self._leader = -1
@@ -92,6 +130,7 @@ class Loop:
         self._before = 0.0  # seconds of earlier sessions
         self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
         self._large = candidates(experiment) >= LARGE
+        self._unstored: Told | None = None  # the last generation, until it is handed to the store
 
     @property
     def done(self) -> bool:
@@ -164,7 +203,10 @@ class Loop:
         """
         self._started = self._latest = time.monotonic()
         try:
-            stopped = self._continue(backend, on_generation, on_progress)
+            try:
+                stopped = self._continue(backend, on_generation, on_progress)
+            finally:
+                self._store_last()
         except KeyboardInterrupt:
             if not self._stored:
                 raise
@@ -184,12 +226,15 @@ class Loop:
             self._announce(backend, number)
             self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
             results = backend.evaluate(
-                Controllers.of(self._representation, genomes), seeds, self._watched(on_progress)
+                Controllers.of(self._representation, genomes),
+                seeds,
+                self._watched(on_progress),
+                self._store_last,
             )
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
-                evaluated = self._tell(genomes, seeds, results)
-            if not self._commit(evaluated, results.journal, on_generation):
+                self._unstored = self._tell(genomes, seeds, results)
+            if on_generation is not None and not self._report_last(on_generation):
                 return True
         return False
 
@@ -208,16 +253,32 @@ class Loop:
         if self._large:
             progress.info("%s", what)
 
-    def _commit(self, evaluated: Evaluated, journal: Journal, on_generation: OnGeneration | None) -> bool:
-        """Store a generation and report it; return whether to go on."""
+    def _store_last(self) -> None:
+        """Hand the last generation to the store; where nobody waits for it, while the next is evaluated."""
+        told, self._unstored = self._unstored, None
+        if told is not None:
+            self._commit(told.evaluated(), told.results.journal)
+
+    def _report_last(self, on_generation: OnGeneration) -> bool:
+        """Store the last generation and report it; return whether to go on."""
+        told, self._unstored = self._unstored, None
+        assert told is not None
+        return self._finish(told.evaluated(), told.results.journal, on_generation)
+
+    def _commit(self, evaluated: Evaluated, journal: Journal) -> None:
         self._store.commit(evaluated, journal)
-        if on_generation is not None:
-            self._store.keep()  # what is reported is kept, even when the process is killed
         self._stored = evaluated.generation + 1
+
+    def _finish(self, evaluated: Evaluated, journal: Journal, on_generation: OnGeneration | None) -> bool:
+        """Store a generation and report it; return whether to go on."""
+        self._commit(evaluated, journal)
+        if on_generation is None:
+            return True
+        self._store.keep()  # what is reported is kept, even when the process is killed
         now = time.monotonic()
         generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))
         self._latest = now
-        return on_generation is None or on_generation(generation) is not False
+        return on_generation(generation) is not False
 
     @contextmanager
     def _kept(self, generation: int, journal: Journal) -> Iterator[None]:
@@ -244,9 +305,8 @@ class Loop:
         self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
     ) -> None:
         """Tell the backend which generation it works for, for watchers."""
-        run = self._store.folder.resolve().name
         generations = self._budget.expected_generations(self._stored, self._evaluations)
-        backend.about(run, generation, generations, evaluations)
+        backend.about(self._name, generation, generations, evaluations)
 
     def _watched(self, on_progress: Progress | None) -> Progress:
         """Return the callback that also notes what is waited for."""
@@ -258,36 +318,30 @@ class Loop:
 
         return progress
 
-    def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Evaluated:
-        """Rank the results, tell the method, and return what is to be stored."""
+    def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Told:
+        """Rank the results and tell the method."""
         number = self._method.generation
         fitness = self._ranking.score(results.fitness, genomes)
         self._check(fitness, number)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)
-        return self._evaluated(number, genomes, seeds, results, fitness)
+        return self._told(number, genomes, seeds, results, fitness)
 
-    def _evaluated(
+    def _told(
         self, number: int, genomes: Genomes, seeds: list[int], results: Results, fitness: Fitness
-    ) -> Evaluated:
-        """Return what is to be stored of a generation that the method has been told of."""
+    ) -> Told:
+        """Return a generation that the method has been told of."""
         self._lead(fitness)
         self._evaluations += len(fitness)
-        summary = summarize(
-            self._method.population_fitness,
-            generation=number,
-            evaluations=self._evaluations,
-            best_so_far=self._best_so_far,
-            failed=int(np.isnan(fitness).sum()),
-        )
-        return Evaluated(
+        return Told(
             generation=number,
             seeds=seeds,
             genomes=genomes,
-            episodes=results.fitness,
-            metrics=results.metrics,
+            results=results,
             fitness=fitness,
-            summary=summary,
+            population=self._method.population_fitness,
+            evaluations=self._evaluations,
+            best_so_far=self._best_so_far,
             leader=self._leader,
         )
 
@@ -302,7 +356,9 @@ class Loop:
 
     def _lead(self, fitness: Fitness) -> None:
         """Note the best evaluation so far; with re-evaluation, of this generation."""
-        leader = int(best_first(fitness)[0])
+        leader = int(fitness.argmax())  # of equals, the first; or one that failed
+        if np.isnan(fitness[leader]):
+            leader = int(np.nanargmax(fitness))
         value = float(fitness[leader])
         self._best_seen = max(self._best_seen, value)
         if value > self._best_so_far or self._ranking.options.reevaluate:

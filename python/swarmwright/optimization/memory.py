@@ -24,7 +24,7 @@ def check_memory(experiment: Experiment, representation: Representation) -> None
     count = candidates(experiment)
     if count < LARGE:
         return
-    episodes = experiment.ranking.episodes * (1 + len(_metrics(experiment)))
+    episodes = _numbers(experiment)
     genomes = count * representation.genome_size * 4
     needed = _COPIES * genomes + count * (16 * episodes + _BESIDE)
     free = available()
@@ -44,6 +44,11 @@ def check_memory(experiment: Experiment, representation: Representation) -> None
     )
 
 
+def stored(experiment: Experiment, representation: Representation) -> int:
+    """Return how many bytes of numbers the first generation has in the store."""
+    return candidates(experiment) * (8 + 8 * _numbers(experiment) + 4 * representation.genome_size)
+
+
 def candidates(experiment: Experiment) -> int:
     """Return how many candidates the first generation has, 0 where the experiment does not say."""
     options = experiment.method
@@ -53,9 +58,10 @@ def candidates(experiment: Experiment) -> int:
     return population * int(getattr(options, "populations", 1))
 
 
-def _metrics(experiment: Experiment) -> tuple[str, ...]:
+def _numbers(experiment: Experiment) -> int:
+    """Return how many numbers come out of a candidate's evaluation."""
     expression = experiment.fitness_expression
-    return () if expression is None else expression.metrics
+    return experiment.ranking.episodes * (1 + (0 if expression is None else len(expression.metrics)))
 
 
 def available() -> int | None:

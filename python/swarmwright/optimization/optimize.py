@@ -13,7 +13,7 @@ from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
-from swarmwright.optimization.memory import check_memory
+from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.representations import Representation
@@ -53,8 +53,9 @@ def optimize(
     """Evolve a controller; return the run, whose folder holds everything.
 
     Without a broker (here or in the experiment) an embedded one is started, with servers; with one, the
-    servers found there are used. Every generation is stored before the next is asked for, so that `resume`
-    can continue after any failure. Ctrl-C ends the run early: the results of all finished generations are
+    servers found there are used. Every generation is stored before it is reported to `on_generation`, so that
+    `resume` can continue after any failure; without a callback within 20 ms, those of the first second when
+    that is over. Ctrl-C ends the run early: the results of all finished generations are
     kept, and the run that is returned has `interrupted` set. Before the first generation is finished there is
     nothing to keep: KeyboardInterrupt is raised, and no run folder is left.
 
@@ -98,7 +99,8 @@ def optimize(
             check_memory(experiment, representation)
             folder = default_folder(experiment) if out is None else Path(out)
             code = parts_of(experiment)
-            with StoreWriter.create(folder, resolved, backend.metrics, code) as store:
+            size = stored(resolved, representation)
+            with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store:
                 loop = _new_loop(resolved, representation, store)
                 store.begin(backend.description, (*loop.libraries, *distributions(code)), 1 if code else None)
                 _run(resolved, store, loop, backend, on_generation, on_progress)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import RunError
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended
-from swarmwright.optimization.loop import Loop, OnGeneration, strayed
-from swarmwright.store import Evaluated, Journal, StoreReader
+from swarmwright.optimization.loop import Loop, OnGeneration, Told, strayed
+from swarmwright.store import Journal, StoreReader
 from swarmwright.typing import Genome, Genomes
 
 
@@ -56,7 +56,7 @@ class SteadyLoop(Loop):
                 if not self._flying or self._flying[0].tobytes() != genome.tobytes():
                     raise RunError(strayed(reader, evaluated.generation))
                 self._tell_first(episodes, metrics)
-            again = self._evaluated_part()
+            again = self._told_part()
             if again.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
         self._continue_from(reader)
@@ -80,13 +80,13 @@ class SteadyLoop(Loop):
         part.fitness.append(fitness)
         self._method.tell_next(fitness)
 
-    def _evaluated_part(self) -> Evaluated:
+    def _told_part(self) -> Told:
         """Return the candidates told as a generation, and begin the next one."""
         part, self._part = self._part, _Part()
         number = self._evaluations // self._method.generation_size
         genomes: Genomes = np.array(part.genomes, dtype=np.float32)
         fitness = np.array(part.fitness)
-        return self._evaluated(number, genomes, self._seeds, part.results(), fitness)
+        return self._told(number, genomes, self._seeds, part.results(), fitness)
 
     def _continue(
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
@@ -133,7 +133,7 @@ class SteadyLoop(Loop):
         journal, self._journal = self._journal, Journal()
         with self._kept(number, journal):
             self._check(fitness, number)
-        goes_on = self._commit(self._evaluated_part(), journal, on_generation)
+        goes_on = self._finish(self._told_part().evaluated(), journal, on_generation)
         self._over = goes_on and not self._method.done and self._time_is_over()
         return goes_on and not self._over
 

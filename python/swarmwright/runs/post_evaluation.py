@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.statistics import Estimate, estimate, quantile
+from swarmwright.core.statistics import Estimate, Summary, estimate, quantile
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Servers
 from swarmwright.evaluation.opening import open_backend
@@ -195,13 +195,13 @@ def after_run(
 
     Raises RunError as `post_evaluate`.
     """
-    best = reader.evaluation(None, None)
-    used = reader.used_seeds()
+    last = reader.last()
     asked = experiment.ranking.unseen_episodes
-    count = _affordable(experiment, reader) if asked is None else asked
-    if count == 0 or not (asked or _depends(experiment, reader, backend)):
+    count = _affordable(experiment, last) if asked is None else asked
+    if last is None or count == 0 or not (asked or _depends(experiment, reader, last, backend)):
         return None
-    seeds = unseen_seeds(experiment.first_seed, used, count)
+    best = reader.evaluation(None, None)
+    seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count)
     values = _evaluated(experiment, backend, best.genome, seeds, on_progress)
     found = PostEvaluation(
         number=best.number,
@@ -252,24 +252,24 @@ def _evaluated(
     return values
 
 
-def _affordable(experiment: Experiment, reader: StoreReader) -> int:
+def _affordable(experiment: Experiment, last: Summary | None) -> int:
     """Return how many episodes the budget allows: whole groups as the ranking takes them, 0 for too few."""
     group = experiment.ranking.episodes
-    spent = reader.history()[-1].evaluations * group
+    spent = 0 if last is None else last.evaluations * group
     count = min(max(EPISODES, 4 * group), int(spent * _SHARE))
     count -= count % group
     return count if count >= max(_LEAST, group) else 0
 
 
-def _depends(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
+def _depends(experiment: Experiment, reader: StoreReader, last: Summary, backend: Backend) -> bool:
     """Whether fitness depends on the seed."""
     ranking = experiment.ranking
     if ranking.seeds == "new":
         return True
-    last = reader.history()[-1].generation
     if ranking.episodes > 1:
-        return any(_differ(one.episodes) for one in (*reader.one_generation(last), *reader.one_generation(0)))
-    return _tried(experiment, reader, backend)
+        ends = (*reader.one_generation(last.generation), *reader.one_generation(0))
+        return any(_differ(one.episodes) for one in ends)
+    return _tried(experiment, reader, last, backend)
 
 
 def _differ(rows: NDArray[np.float64]) -> bool:
@@ -277,12 +277,11 @@ def _differ(rows: NDArray[np.float64]) -> bool:
     return bool(((rows != rows[:, :1]) & np.isfinite(rows) & np.isfinite(rows[:, :1])).any())
 
 
-def _tried(experiment: Experiment, reader: StoreReader, backend: Backend) -> bool:
+def _tried(experiment: Experiment, reader: StoreReader, last: Summary, backend: Backend) -> bool:
     """Try two candidates with other seeds, where the simulation is here."""
     from swarmwright.evaluation.in_process import InProcessBackend  # noqa: PLC0415 - only where it is evaluated here
 
-    evaluations = reader.history()[-1].evaluations
-    if not catalogue.is_here(experiment.simulation) or evaluations < _PROBED:
+    if not catalogue.is_here(experiment.simulation) or last.evaluations < _PROBED:
         return False
     if experiment.simulation in catalogue.titles():
         backend = InProcessBackend(experiment)  # costs almost nothing, without network traffic

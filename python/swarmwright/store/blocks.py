@@ -20,7 +20,8 @@ _KINDS = ("<f8", "<f8", "<f8", "<f4")
 COLUMNS = "first, generation, evaluations, fitness, episodes, metrics, genomes"
 """Columns of the table `block`."""
 
-Block = tuple[int, int, int, bytes, bytes, bytes, bytes]
+Column = bytes | memoryview
+Block = tuple[int, int, int, Column, Column, Column, Column]
 """A row of the table."""
 
 
@@ -84,7 +85,8 @@ class EvaluationsDigest:
 def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
     """Yield the blocks of a generation; `first` is the number of its first evaluation."""
     # One representation of each value: NaN has many, and zero has two.
-    fitness = np.where(np.isnan(evaluated.fitness), np.nan, evaluated.fitness + 0.0)
+    fitness = evaluated.fitness + 0.0
+    fitness[np.isnan(fitness)] = np.nan
     columns = [
         np.ascontiguousarray(column, dtype=kind)
         for column, kind in zip(
@@ -97,8 +99,12 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
         parts = [column[start : start + size] for column in columns]
         yield (
             *(first + start, evaluated.generation, len(parts[0])),
-            *(parts[0].tobytes(), parts[1].tobytes(), parts[2].tobytes(), parts[3].tobytes()),
+            *(_column(parts[0]), _column(parts[1]), _column(parts[2]), _column(parts[3])),
         )
+
+
+def _column(part: NDArray[Any]) -> Column:
+    return part.data if part.size else b""  # no copy; but there is none of what is empty
 
 
 def decoded(block: Block, first: int) -> Record:

@@ -16,7 +16,9 @@ NEW = f"{FILE}.new"
 """What it is called while it is made."""
 FORMAT = 3
 """Version of the run folder: 1 had text files only, 2 a row for each evaluation."""
-_PAGE = 16384  # bytes; half the time of 4,096, while a short run has a file of 100 KiB
+_PAGES = ((1 << 20, 65536), (1 << 17, 16384), (0, 4096))
+"""Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
+where generations do not fill them."""
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
 
 _TABLES = """
@@ -43,11 +45,13 @@ CREATE TABLE event (
 """
 
 
-def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
+def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3.Connection:
     """Return a connection to a draft of a store that holds these facts.
 
     It is a file of another name until `publish`, so that a store under its name is always readable; a draft
     whose process is killed is lost. In return, nothing waits for the disk.
+
+    generation: bytes that a generation is going to have, about.
 
     Raises InputError when it cannot be created there, RunError when the disk is full or fails.
     """
@@ -56,7 +60,8 @@ def create(file: Path, facts: Mapping[str, str]) -> sqlite3.Connection:
         new.write_bytes(b"")  # what another process left behind when it was killed
         connection = sqlite3.connect(new, isolation_level=None)
         try:
-            connection.execute(f"PRAGMA page_size = {_PAGE}")
+            page = next(page for least, page in _PAGES if generation >= least)
+            connection.execute(f"PRAGMA page_size = {page}")
             connection.execute("PRAGMA journal_mode = MEMORY")
             connection.execute("PRAGMA synchronous = OFF")
             connection.executescript(
@@ -75,20 +80,35 @@ def publish(draft: sqlite3.Connection, file: Path) -> None:
     """Close a draft and give it the store's name. Raises RunError when the disk refuses it."""
     with errors(file, RunError):
         draft.close()
+        new = file.with_name(NEW)
         try:
-            file.with_name(NEW).rename(file)
+            if new.exists() or not file.exists():  # it may have been interrupted before
+                new.rename(file)
         except OSError as error:
             raise RunError(f"{file}: cannot be written: {error.strerror}") from error
 
 
-def open_published(file: Path) -> sqlite3.Connection:
-    """Return a connection to go on with a store that was a draft, now on the disk. Raises RunError."""
+def published(draft: sqlite3.Connection, file: Path) -> sqlite3.Connection:
+    """Return a connection to go on with a draft in which what is written stays. Raises RunError.
+
+    It may be called again after an interrupt, whatever was done by then.
+    """
+    publish(draft, file)
     flush(file)
     with errors(file, RunError):
         connection = sqlite3.connect(file, isolation_level=None)
         connection.execute("PRAGMA journal_mode = WAL")
         _settle(connection)
     return connection
+
+
+def is_open(connection: sqlite3.Connection) -> bool:
+    """Whether a connection has not been closed."""
+    try:
+        _ = connection.total_changes
+    except sqlite3.ProgrammingError:
+        return False
+    return True
 
 
 def flush(file: Path) -> None:

@@ -64,8 +64,8 @@ def without_store(folder: Path) -> InputError:
         if is_locked(folder):
             return InputError(f"{folder}: another process is just creating this run; try again in a moment")
         return InputError(
-            f"{folder}: is not a run folder: the process that began it ended before anything was computed; "
-            f"begin again: swarmwright optimize FILE --out {folder}"
+            f"{folder}: is not a run folder: the process that began it ended in its first second, before "
+            f"anything was kept; begin again: swarmwright optimize FILE --out {folder}"
         )
     older = (folder / "record.csv").exists() and (folder / "generations.csv").exists()
     hint = "; it was written by Swarmwright 0.0, which this version does not read" if older else ""

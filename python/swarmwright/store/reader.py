@@ -115,6 +115,12 @@ class StoreReader:
         with self._generations() as generations:
             return [row.summary for row in generations.rows()]
 
+    def last(self) -> Summary | None:
+        """Return the figures of the last finished generation; None without one."""
+        with self._generations() as generations:
+            row = generations.last()
+        return None if row is None else row.summary
+
     def generations(self) -> Iterator[Evaluated]:
         """Yield the generations in order, one in memory at a time."""
         with self._generations() as generations:

@@ -29,8 +29,9 @@ from swarmwright.store.database import (
     create,
     errors,
     flush,
-    open_published,
+    is_open,
     publish,
+    published,
     reopen,
     seal_facts,
     transaction,
@@ -57,7 +58,7 @@ _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 
 _TOGETHER = 0.02
 """Seconds within which generations are written in one transaction."""
-_DRAFT = 0.5
+_DRAFT = 1.0
 """Seconds for which a new store is a draft, which the end of the process at any moment would take."""
 
 
@@ -74,7 +75,7 @@ class StoreWriter:
     """Writes a run folder's store. A context manager around one session.
 
     Made by `create` or `resume`. Only one writer is possible at a time. What is written is in the store at
-    once, or 20 ms later where generations follow each other faster. In the first half second of a new run the
+    once, or 20 ms later where generations follow each other faster. In the first second of a new run the
     store is a draft under another name, which only `reader` finds. `keep` ends both.
     """
 
@@ -90,11 +91,15 @@ class StoreWriter:
         self._started = self._written = time.monotonic()
         self._outcome: str | None = None
         self._finished: list[_Finished] = []
-        self._digest: str | None = None  # of the last generation, once it is known
 
     @classmethod
     def create(
-        cls, folder: Path, experiment: "Experiment", metrics: Sequence[str], code: Sequence[Part] = ()
+        cls,
+        folder: Path,
+        experiment: "Experiment",
+        metrics: Sequence[str],
+        code: Sequence[Part] = (),
+        generation: int = 0,
     ) -> Self:
         """Make a run folder with an empty store.
 
@@ -103,6 +108,7 @@ class StoreWriter:
             experiment: as it is run, sensors and actuators known.
             metrics: names, in the order in which they are stored.
             code: the source that is not Swarmwright's own, of which a copy is kept.
+            generation: bytes that a generation is going to have, about.
 
         Raises:
             InputError: the folder cannot be written, or is not empty.
@@ -130,7 +136,7 @@ class StoreWriter:
                 facts[f"{CODE}.1"] = copy.digest
             facts["experiment"] = json.dumps(values, allow_nan=False)
             write_text(folder / EXPERIMENT, dump(values))
-            return cls(folder, create(folder / FILE, facts), lock, draft=True)
+            return cls(folder, create(folder / FILE, facts, generation), lock, draft=True)
         except OSError as error:
             lock.close()
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
@@ -226,29 +232,54 @@ class StoreWriter:
         """See to it that the end of the process does not take anything. Raises RunError as `commit`."""
         self._flush()
         if self._draft:
-            publish(self._connection, self.file)
-            self._draft = False
-            self._connection = open_published(self.file)
+            self._publish()
+
+    def _reopen(self) -> None:
+        """Go on where Ctrl-C came while the draft was published."""
+        if not is_open(self._connection):
+            self._publish()
+
+    def _publish(self) -> None:
+        connection = published(self._connection, self.file)
+        self._draft = False
+        self._connection = connection
 
     def _flush(self) -> None:
-        """Write what is finished."""
-        if self._finished:
-            with self._writing():
-                pass  # it writes that before anything else
+        """Write what is finished; where the disk is nearly full, as many generations as there is room for."""
+        try:
+            if self._finished:
+                with self._writing():
+                    pass  # it writes that before anything else
+        except RunError:
+            finished = self._finished
+            if len(finished) == 1:
+                raise
+            while finished:
+                self._finished = finished[:1]
+                try:
+                    with self._writing():
+                        pass
+                except RunError:
+                    self._finished = finished
+                    raise
+                del finished[0]
 
     def reader(self) -> StoreReader:
         """Return a reader of what has been written so far, all that is finished among it."""
         self._flush()
+        self._reopen()
         return StoreReader(self.folder, NEW if self._draft else FILE)
 
-    def _write_finished(self) -> str | None:
-        """Write the generations that are finished, within a transaction; return the digest of the last."""
-        digest = self._digest
-        for evaluated, journal, seconds in self._finished:
-            if digest is None:
-                digest = digest_before(self._connection, evaluated.generation)
+    def _write_finished(self) -> None:
+        """Write the generations that are finished, within a transaction."""
+        if not self._finished:
+            return
+        # After an interrupt some of them may have been committed.
+        (last,) = self._connection.execute("SELECT max(generation) FROM generation").fetchone()
+        left = [one for one in self._finished if last is None or one.evaluated.generation > last]
+        digest = digest_before(self._connection, left[0].evaluated.generation) if left else ""
+        for evaluated, journal, seconds in left:
             digest = self._write(evaluated, journal, seconds, digest)
-        return digest
 
     def _write(self, evaluated: Evaluated, journal: Journal, seconds: float, previous: str) -> str:
         """Write a generation; return its digest, which goes on from the previous one's."""
@@ -292,6 +323,7 @@ class StoreWriter:
 
         Raises RunError when the disk does not take it, or another process wrote.
         """
+        self._reopen()
         with transaction(self._connection, self.file):
             if self._session:
                 # The lock was deleted by another program, or is not effective on this file system.
@@ -301,10 +333,10 @@ class StoreWriter:
                         f"{self.folder}: another process has gone on with this run, although this one had "
                         "reserved it; what it writes counts, and this one ends"
                     )
-            digest = self._write_finished()
+            self._write_finished()
             yield
         self._finished.clear()
-        self._digest, self._written = digest, time.monotonic()
+        self._written = time.monotonic()
 
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
@@ -386,6 +418,11 @@ class StoreWriter:
         """Write how the session ended, make one file of the store; return why the disk did not take it."""
         failed = None
         try:
+            self._flush()
+        except RunError as error:
+            failed = error
+            self._finished.clear()  # there is no room for it, but perhaps for how the session ended
+        try:
             if self._session:
                 with self._writing():
                     self._connection.execute(
@@ -393,7 +430,7 @@ class StoreWriter:
                         (time.monotonic() - self._started, self._outcome, self._session),
                     )
         except RunError as error:
-            failed = error
+            failed = failed or error
         try:
             self._finish_file()
         except RunError as error:

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import _engine
-from swarmwright.methods._gaussian import Adam, centered_ranks, logarithm, utilities
+from swarmwright._engine import centered_ranks, utilities
+from swarmwright.methods._gaussian import Adam, logarithm
 
 
 def test_ranks_are_centered_and_shared_by_equals() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from swarmwright import Experiment, evaluate
-from swarmwright.methods._gaussian import utilities
+from swarmwright._engine import utilities
 from swarmwright.methods._nes import Nes
 from swarmwright.methods.snes import Snes
 from swarmwright.methods.xnes import Xnes

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import Experiment, evaluate
-from swarmwright.methods._gaussian import centered_ranks
+from swarmwright._engine import centered_ranks
 from swarmwright.methods.pgpe import Pgpe, PgpeOptions
 from tests.python.methods.functions import Points, conversation, new, sphere
 

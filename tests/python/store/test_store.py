@@ -191,7 +191,7 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
         with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
     assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3
-    with pytest.raises(InputError, match="ended before anything was computed; begin again"):
+    with pytest.raises(InputError, match="ended in its first second, before anything was kept; begin again"):
         Run.open(folder)
     assert optimize(EXPERIMENT, out=folder).state == "done", "nothing is lost by beginning anew"
 

@@ -1,0 +1,119 @@
+"""A new store is a draft at first: who can read it when, and what the end of the process leaves."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swarmwright import InputError, Run, optimize, resume
+from swarmwright.store import FILE, StoreWriter, database
+from swarmwright.store.database import NEW
+from tests.python.records import EXPERIMENT, same_record
+
+ENDLESS = EXPERIMENT.replace(method={"generations": 100_000}, servers="in-process")
+RUNNING = """
+import sys
+from swarmwright import optimize
+optimize(sys.argv[1], out=sys.argv[2])
+"""
+
+
+def test_a_short_run_writes_its_store_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, seen = tmp_path / "run", []
+    commit = StoreWriter.commit
+
+    def look(store: StoreWriter, *rest: object) -> None:
+        commit(store, *rest)  # type: ignore[arg-type] # as it was called
+        history = store.reader().history()
+        seen.append((len(history), (folder / FILE).exists(), (folder / NEW).exists()))
+
+    monkeypatch.setattr(StoreWriter, "commit", look)
+    run = optimize(EXPERIMENT, out=folder)
+    assert seen == [(count, False, True) for count in (1, 2, 3, 4)]
+    assert sorted(path.name for path in folder.glob("run.*")) == [FILE]
+    assert Run.open(folder).history == run.history
+
+
+def test_what_is_reported_is_in_the_store(tmp_path: Path) -> None:
+    folder, kept = tmp_path / "run", []
+    run = optimize(EXPERIMENT, lambda _: kept.append(Run.open(folder).generations), out=folder)
+    assert kept == [1, 2, 3, 4]
+    same_record(run, optimize(EXPERIMENT, out=tmp_path / "draft"))
+
+
+@pytest.mark.parametrize("after", [0.0, 0.4])
+def test_killed_after_its_first_second(after: float, tmp_path: Path) -> None:
+    """kill -9 of a run that nobody watches; it goes on with what it had committed."""
+    ENDLESS.save(tmp_path / "x.yaml")
+    folder = tmp_path / "run"
+    with subprocess.Popen([sys.executable, "-c", RUNNING, str(tmp_path / "x.yaml"), str(folder)]) as process:
+        deadline = time.monotonic() + 30
+        while not (folder / FILE).exists():
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.002)
+        time.sleep(after)
+        process.kill()
+    run = Run.open(folder)
+    assert run.state == "killed"
+    assert run.generations > 10
+    until = run.generations + 5
+    gone_on = resume(folder, lambda now: now.generation + 1 < until)
+    same_record(gone_on, optimize(ENDLESS, lambda now: now.generation + 1 < until, out=tmp_path / "whole"))
+
+
+def test_killed_in_its_first_second(tmp_path: Path) -> None:
+    ENDLESS.save(tmp_path / "x.yaml")
+    folder = tmp_path / "run"
+    with subprocess.Popen([sys.executable, "-c", RUNNING, str(tmp_path / "x.yaml"), str(folder)]) as process:
+        deadline = time.monotonic() + 30
+        while not (folder / NEW).exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+        process.send_signal(signal.SIGKILL)
+    with pytest.raises(InputError, match=r"ended in its first second, before anything was kept; begin again"):
+        Run.open(folder)
+    run = optimize(EXPERIMENT, out=folder)  # what is left there is in nobody's way
+    assert run.state == "done"
+
+
+def test_the_last_generation_is_kept_when_the_next_one_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is handed to the store during the evaluation of the next one, or else at the end."""
+    from swarmwright.evaluation.in_process import InProcessBackend
+
+    whole = optimize(EXPERIMENT, out=tmp_path / "whole")
+    compute, calls = InProcessBackend.compute, []
+
+    def interrupted(*arguments: object) -> object:
+        calls.append(arguments)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return compute(*arguments)  # type: ignore[arg-type] # as it was called
+
+    monkeypatch.setattr(InProcessBackend, "compute", interrupted)
+    run = optimize(EXPERIMENT.replace(servers="in-process"), out=tmp_path / "run")
+    assert (run.interrupted, run.generations) == (True, 2)
+    monkeypatch.undo()
+    same_record(resume(run), whole)
+
+
+@pytest.mark.parametrize("at", ["publish", "flush", "_settle"])
+def test_an_interrupt_while_the_draft_is_published_loses_nothing(
+    at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = getattr(database, at)
+
+    def interrupted(*arguments: object) -> None:
+        monkeypatch.undo()  # only the first time
+        done(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(database, at, interrupted)
+    run = optimize(EXPERIMENT, lambda _: None, out=tmp_path / "run")
+    assert (run.state, run.generations) == ("interrupted", 1)
+    same_record(resume(run), optimize(EXPERIMENT, out=tmp_path / "whole"))
