@@ -1,7 +1,5 @@
 """Output of the commands of `swarmwright runs`."""
 
-import math
-from collections import Counter
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +73,7 @@ def describe(output: Output, run: "Run") -> None:
     from swarmwright.runs.code import remarks
 
     facts = facts_of(run)
-    servers = _servers(run)
+    servers = [share._asdict() for share in run.store.servers()]
     code = [{"version": version, "sha256": digest} for version, digest in run.code.items()]
     edited = remarks(run)
     sessions = [vars(session) for session in run.sessions]
@@ -168,27 +166,6 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         words = unseen_words(unseen)
         output.text(f"  {words[0].lower()}{words[1:]}")
     output.text(f"  record SHA-256 {run.digest}")
-
-
-def _servers(run: "Run") -> list[dict[str, Any]]:
-    evaluations: Counter[int] = Counter()
-    failed: Counter[int] = Counter()
-    seconds: dict[int, list[float]] = {}
-    for attempt in run.attempts():
-        seconds.setdefault(attempt.server, []).append(attempt.seconds)
-        if attempt.error is None:
-            evaluations[attempt.server] += attempt.candidates * attempt.episodes
-        else:
-            failed[attempt.server] += 1
-    return [
-        {
-            "server": server,
-            "evaluations": evaluations[server],
-            "failed": failed[server],
-            "seconds": math.fsum(seconds[server]),
-        }
-        for server in sorted(seconds)
-    ]
 
 
 def verified_line(output: Output, run: "Path", found: "Verified") -> None:

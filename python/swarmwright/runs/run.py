@@ -1,6 +1,5 @@
 """Reading run folders, the results of optimizations."""
 
-import hashlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
-from swarmwright.runs.export import csv_lines, write_table
+from swarmwright.runs.export import write_table
 from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.store.lock import is_locked
@@ -208,11 +207,11 @@ class Run:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256, in hexadecimal, of the record as `export` writes it: the same for the same results."""
-        text = hashlib.sha256()
-        for line in csv_lines(self.store):
-            text.update(line.encode())
-        return text.hexdigest()
+        """SHA-256, in hexadecimal, of the record: the same for the same results.
+
+        It is that of the last generation in the store, which goes on from those of all generations before.
+        """
+        return self.store.digest()
 
     def export(self, path: str | Path) -> None:
         """Write the record as a table, a line per evaluation, sorted by generation and candidate.

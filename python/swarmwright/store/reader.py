@@ -1,5 +1,6 @@
 """Reading a store, while a run writes it or afterwards."""
 
+import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from swarmwright.rankings._base import best_first
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import FILE, checked_facts, reading
 from swarmwright.store.generations import Generations, Row
-from swarmwright.store.rows import Attempt, Evaluated, Event, Session, journal_line
+from swarmwright.store.rows import Attempt, Evaluated, Event, ServerShare, Session, journal_line
 from swarmwright.typing import Genome
 
 
@@ -120,6 +121,12 @@ class StoreReader:
         with self._generations() as generations:
             row = generations.last()
         return None if row is None else row.summary
+
+    def digest(self) -> str:
+        """Return the digest of the whole record, that of its last generation; of none, of nothing."""
+        with self._generations() as generations:
+            row = generations.last()
+        return hashlib.sha256().hexdigest() if row is None else row.digest
 
     def generations(self) -> Iterator[Evaluated]:
         """Yield the generations in order, one in memory at a time."""
@@ -279,6 +286,18 @@ class StoreReader:
     def attempts(self) -> Iterator[Attempt]:
         """Yield every attempt at evaluations, in the order in which they ended."""
         yield from self._each(Attempt, "attempt")
+
+    def servers(self) -> list[ServerShare]:
+        """Return what each server did, by its number."""
+        with self._reading() as connection:
+            cursor = connection.execute(
+                "SELECT server, sum(iif(error IS NULL, candidates * episodes, 0)), "
+                "sum(error IS NOT NULL), sum(seconds) FROM attempt GROUP BY server ORDER BY server"
+            )
+            return [
+                ServerShare(int(server), int(evaluations), int(failed), float(seconds))
+                for server, evaluations, failed, seconds in cursor
+            ]
 
     def events(self) -> Iterator[Event]:
         """Yield the warnings, in order."""

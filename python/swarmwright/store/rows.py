@@ -84,6 +84,17 @@ class Attempt:
     """Where in the simulation's code, where that is known: the first attempt with this error has it."""
 
 
+class ServerShare(NamedTuple):
+    """What a server did in a run."""
+
+    server: int
+    evaluations: int
+    failed: int
+    """Attempts that failed."""
+    seconds: float
+    """Of all its attempts together."""
+
+
 class AttemptEntry(NamedTuple):
     """An attempt as a pool reports it: the fields of `Attempt` from `mode` on."""
 
