@@ -1,10 +1,9 @@
 """Opening the store, and the errors when it cannot be used."""
 
-import os
 import shutil
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, RunError
@@ -48,7 +47,7 @@ CREATE TABLE event (
 def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3.Connection:
     """Return a connection to a draft of a store that holds these facts.
 
-    It is a file of another name until `publish`, so that a store under its name is always readable; a draft
+    It is a file of another name, see `OpenStore`, so that a store under its name is always readable; a draft
     whose process is killed is lost. In return, nothing waits for the disk.
 
     generation: bytes that a generation is going to have, about.
@@ -76,45 +75,13 @@ def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3
     return connection
 
 
-def publish(draft: sqlite3.Connection, file: Path) -> None:
-    """Close a draft and give it the store's name. Raises RunError when the disk refuses it."""
-    with errors(file, RunError):
-        draft.close()
-        new = file.with_name(NEW)
-        try:
-            if new.exists() or not file.exists():  # it may have been interrupted before
-                new.rename(file)
-        except OSError as error:
-            raise RunError(f"{file}: cannot be written: {error.strerror}") from error
-
-
-def published(draft: sqlite3.Connection, file: Path) -> sqlite3.Connection:
-    """Return a connection to go on with a draft in which what is written stays. Raises RunError.
-
-    It may be called again after an interrupt, whatever was done by then.
-    """
-    publish(draft, file)
-    flush(file)
+def connect(file: Path) -> sqlite3.Connection:
+    """Return a connection to write on in a store that this process has created. Raises RunError."""
     with errors(file, RunError):
         connection = sqlite3.connect(file, isolation_level=None)
         connection.execute("PRAGMA journal_mode = WAL")
         _settle(connection)
     return connection
-
-
-def is_open(connection: sqlite3.Connection) -> bool:
-    """Whether a connection has not been closed."""
-    try:
-        _ = connection.total_changes
-    except sqlite3.ProgrammingError:
-        return False
-    return True
-
-
-def flush(file: Path) -> None:
-    """Wait until a file is on the disk, so that a power cut does not take it; for what can be."""
-    with suppress(OSError), file.open("rb") as opened:
-        os.fsync(opened.fileno())
 
 
 def reopen(file: Path) -> sqlite3.Connection:

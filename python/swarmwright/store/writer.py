@@ -4,41 +4,24 @@ import json
 import platform
 import socket
 import sqlite3
-import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-import numpy as np
-
-from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
-from swarmwright.core.simulation_names import SimulationName, is_environment
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.blocks import EvaluationsDigest, encoded
-from swarmwright.store.database import (
-    FILE,
-    NEW,
-    code_of,
-    create,
-    errors,
-    flush,
-    is_open,
-    publish,
-    published,
-    reopen,
-    seal_facts,
-    transaction,
-)
+from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import Row, digest_before
 from swarmwright.store.lock import Lock
+from swarmwright.store.open_store import OpenStore
+from swarmwright.store.provenance import now, recorded, versions
 from swarmwright.store.reader import StoreReader
 from swarmwright.store.rows import Evaluated, Journal
 from swarmwright.user_code.copying import FOLDER as CODE
@@ -79,14 +62,11 @@ class StoreWriter:
     store is a draft under another name, which only `reader` finds. `keep` ends both.
     """
 
-    def __init__(
-        self, folder: Path, connection: sqlite3.Connection, lock: Lock, *, draft: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, store: OpenStore, lock: Lock) -> None:
         self.folder = folder
-        self.file = folder / FILE
-        self._connection = connection
+        self.file = store.file
+        self._store = store
         self._lock = lock
-        self._draft = draft
         self._session = 0
         self._started = self._written = time.monotonic()
         self._outcome: str | None = None
@@ -117,7 +97,7 @@ class StoreWriter:
         facts = {
             "name": experiment.path.stem if experiment.path is not None else experiment.label,
             "metrics": json.dumps(list(metrics)),
-            "created": _now(),
+            "created": now(),
         }
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -131,12 +111,12 @@ class StoreWriter:
             remove_copies(folder)  # of a process that ended before there was a store
             copy = Copy.write(folder, 1, code) if code else None
             remember(code)
-            values = _recorded(experiment, folder, copy)
+            values = recorded(experiment, folder, copy)
             if copy is not None:
                 facts[f"{CODE}.1"] = copy.digest
             facts["experiment"] = json.dumps(values, allow_nan=False)
             write_text(folder / EXPERIMENT, dump(values))
-            return cls(folder, create(folder / FILE, facts, generation), lock, draft=True)
+            return cls(folder, OpenStore.create(folder / FILE, facts, generation), lock)
         except OSError as error:
             lock.close()
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
@@ -159,7 +139,7 @@ class StoreWriter:
         try:
             if not (folder / EXPERIMENT).exists():
                 write_text(folder / EXPERIMENT, dump(StoreReader(folder).experiment()))
-            return cls(folder, reopen(file), lock)
+            return cls(folder, OpenStore.reopen(file), lock)
         except BaseException:
             lock.close()
             raise
@@ -169,12 +149,12 @@ class StoreWriter:
 
         copy: of the code with which the run goes on; None when there is none.
         """
-        values = _recorded(experiment, self.folder, copy)
+        values = recorded(experiment, self.folder, copy)
         with self._writing():
-            self._connection.execute(
+            self._store.connection.execute(
                 "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)
             )
-            seal_facts(self._connection)
+            seal_facts(self._store.connection)
         write_text(self.folder / EXPERIMENT, dump(values))
 
     def keep_code(self, version: int, code: Sequence[Part]) -> Copy:
@@ -185,10 +165,10 @@ class StoreWriter:
         except OSError as error:
             raise RunError(f"{self.folder}: cannot be written: {error.strerror}") from error
         with self._writing():
-            self._connection.execute(
+            self._store.connection.execute(
                 "INSERT OR REPLACE INTO fact VALUES (?, ?)", (f"{CODE}.{version}", copy.digest)
             )
-            seal_facts(self._connection)
+            seal_facts(self._store.connection)
         return copy
 
     def begin(
@@ -204,17 +184,17 @@ class StoreWriter:
         """
         self._started = time.monotonic()
         with self._writing():
-            cursor = self._connection.execute(
+            cursor = self._store.connection.execute(
                 "INSERT INTO session (started, place, host, machine, versions, code) "
                 "VALUES (?, ?, ?, ?, ?, ?)",
                 (
-                    *(_now(), place, socket.gethostname(), platform.platform()),
-                    *(json.dumps(_versions(libraries)), code),
+                    *(now(), place, socket.gethostname(), platform.platform()),
+                    *(json.dumps(versions(libraries)), code),
                 ),
             )
             self._session = int(cursor.lastrowid or 0)
             for note in notes:
-                self._connection.execute(_EVENT, (self._session, None, _now(), "changed", note))
+                self._store.connection.execute(_EVENT, (self._session, None, now(), "changed", note))
 
     def commit(self, evaluated: Evaluated, journal: Journal) -> None:
         """Write a generation and how it was evaluated, wholly or not at all.
@@ -225,24 +205,13 @@ class StoreWriter:
         self._finished.append(_Finished(evaluated, journal, now - self._started))
         if now - self._written >= _TOGETHER:
             self._flush()
-        if self._draft and now - self._started >= _DRAFT:
+        if self._store.draft and now - self._started >= _DRAFT:
             self.keep()
 
     def keep(self) -> None:
         """See to it that the end of the process does not take anything. Raises RunError as `commit`."""
         self._flush()
-        if self._draft:
-            self._publish()
-
-    def _reopen(self) -> None:
-        """Go on where Ctrl-C came while the draft was published."""
-        if not is_open(self._connection):
-            self._publish()
-
-    def _publish(self) -> None:
-        connection = published(self._connection, self.file)
-        self._draft = False
-        self._connection = connection
+        self._store.keep()
 
     def _flush(self) -> None:
         """Write what is finished; where the disk is nearly full, as many generations as there is room for."""
@@ -267,17 +236,16 @@ class StoreWriter:
     def reader(self) -> StoreReader:
         """Return a reader of what has been written so far, all that is finished among it."""
         self._flush()
-        self._reopen()
-        return StoreReader(self.folder, NEW if self._draft else FILE)
+        return StoreReader(self.folder, self._store.name)
 
     def _write_finished(self) -> None:
         """Write the generations that are finished, within a transaction."""
         if not self._finished:
             return
         # After an interrupt some of them may have been committed.
-        (last,) = self._connection.execute("SELECT max(generation) FROM generation").fetchone()
+        (last,) = self._store.connection.execute("SELECT max(generation) FROM generation").fetchone()
         left = [one for one in self._finished if last is None or one.evaluated.generation > last]
-        digest = digest_before(self._connection, left[0].evaluated.generation) if left else ""
+        digest = digest_before(self._store.connection, left[0].evaluated.generation) if left else ""
         for evaluated, journal, seconds in left:
             digest = self._write(evaluated, journal, seconds, digest)
 
@@ -289,11 +257,11 @@ class StoreWriter:
         self._note(number, journal)
         for block in encoded(evaluated, first):
             total.add(block)
-            self._connection.execute(_BLOCK, block)
+            self._store.connection.execute(_BLOCK, block)
         digest = total.hexdigest(first, number, len(evaluated.genomes))
         row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
         after = row.digest_after(previous)
-        self._connection.execute(
+        self._store.connection.execute(
             _GENERATION,
             (
                 number,
@@ -323,11 +291,10 @@ class StoreWriter:
 
         Raises RunError when the disk does not take it, or another process wrote.
         """
-        self._reopen()
-        with transaction(self._connection, self.file):
+        with transaction(self._store.connection, self.file):
             if self._session:
                 # The lock was deleted by another program, or is not effective on this file system.
-                (latest,) = self._connection.execute("SELECT max(session) FROM session").fetchone()
+                (latest,) = self._store.connection.execute("SELECT max(session) FROM session").fetchone()
                 if latest != self._session:
                     raise RunError(
                         f"{self.folder}: another process has gone on with this run, although this one had "
@@ -340,10 +307,10 @@ class StoreWriter:
 
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
-        self._connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
+        self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
         for text, candidate, _ in journal.warnings:
             whose = "" if candidate is None else f"candidate {candidate}, "
-            self._connection.execute(_EVENT, (*place, _now(), "warning", whose + text))
+            self._store.connection.execute(_EVENT, (*place, now(), "warning", whose + text))
 
     def incidents(self, counts: Mapping[str, int]) -> None:
         """Write how often faults occurred in this session, and how often countermeasures were taken."""
@@ -351,20 +318,20 @@ class StoreWriter:
             return
         text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
         with suppress(RunError), self._writing():
-            self._connection.execute(_EVENT, (self._session, None, _now(), "incidents", text))
+            self._store.connection.execute(_EVENT, (self._session, None, now(), "incidents", text))
 
     def note_unseen(self, values: Mapping[str, Any]) -> None:
         """Write the results of the best on held-out seeds; they are not part of the record."""
         text = json.dumps(dict(values), allow_nan=False)
         with self._writing():
-            self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
-            seal_facts(self._connection)
+            self._store.connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
+            seal_facts(self._store.connection)
 
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
         with self._writing():
-            self._connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
-            seal_facts(self._connection)
+            self._store.connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
+            seal_facts(self._store.connection)
 
     def conclude(self, outcome: str) -> None:
         """Say how this session ended: done, interrupted, stopped, or why it failed."""
@@ -408,7 +375,7 @@ class StoreWriter:
         try:
             failed = self._close()
         finally:
-            self._connection.close()
+            self._store.close()
             self._lock.close()
         # What ended the session otherwise says more; an interrupt does not.
         if failed is not None and (kind is None or issubclass(kind, KeyboardInterrupt)):
@@ -425,59 +392,19 @@ class StoreWriter:
         try:
             if self._session:
                 with self._writing():
-                    self._connection.execute(
+                    self._store.connection.execute(
                         "UPDATE session SET seconds = ?, outcome = ? WHERE session = ?",
                         (time.monotonic() - self._started, self._outcome, self._session),
                     )
         except RunError as error:
             failed = failed or error
         try:
-            self._finish_file()
+            self._store.finish()
         except RunError as error:
             if not _in_use(error):  # an open reader keeps the log, which does no harm
                 failed = failed or error
         return failed
 
-    def _finish_file(self) -> None:
-        """Make one file of the store, so that the folder can be copied and read anywhere. Raises RunError."""
-        if self._draft:
-            publish(self._connection, self.file)
-            # In a thread: so that a power cut does not take the run either, which nobody has to wait for.
-            threading.Thread(target=flush, args=(self.file,)).start()
-            return
-        with errors(self.file, RunError):
-            self._connection.execute("PRAGMA busy_timeout = 100")
-            self._connection.execute("PRAGMA journal_mode = DELETE")
-
-
-def _recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
-    """Return the experiment as it is written: with the run's copy of its class, relative to the folder."""
-    values = experiment.to_mapping()
-    kept = None if copy is None else copy.parts.get("simulation")
-    if copy is not None and kept is not None and not is_environment(kept.component):
-        place = copy.place(kept).relative_to(folder).as_posix()
-        values["simulation"] = SimulationName.parse(kept.component).in_file(place)
-    return values
-
 
 def _in_use(error: RunError) -> bool:
     return code_of(error.__cause__) in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _versions(libraries: Sequence[str]) -> dict[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - only where a run starts
-
-    versions = {
-        "swarmwright": _engine.__version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "sqlite": sqlite3.sqlite_version,
-    }
-    for library in libraries:
-        with suppress(PackageNotFoundError):  # the method reports what is missing
-            versions[library] = version(library)
-    return versions

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError, Run, optimize, resume
-from swarmwright.store import FILE, StoreWriter, database
+from swarmwright.store import FILE, StoreWriter, open_store
 from swarmwright.store.database import NEW
 from tests.python.records import EXPERIMENT, same_record
 
@@ -102,18 +102,18 @@ def test_the_last_generation_is_kept_when_the_next_one_fails(
     same_record(resume(run), whole)
 
 
-@pytest.mark.parametrize("at", ["publish", "flush", "_settle"])
+@pytest.mark.parametrize("at", ["_flush", "connect"])
 def test_an_interrupt_while_the_draft_is_published_loses_nothing(
     at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = getattr(database, at)
+    done = getattr(open_store, at)
 
     def interrupted(*arguments: object) -> None:
         monkeypatch.undo()  # only the first time
         done(*arguments)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(database, at, interrupted)
+    monkeypatch.setattr(open_store, at, interrupted)
     run = optimize(EXPERIMENT, lambda _: None, out=tmp_path / "run")
     assert (run.state, run.generations) == ("interrupted", 1)
     same_record(resume(run), optimize(EXPERIMENT, out=tmp_path / "whole"))

@@ -187,7 +187,7 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
         raise SystemExit  # as good as killed: nobody tidies up
 
     with monkeypatch.context() as patch:
-        patch.setattr("swarmwright.store.writer.create", interrupted)
+        patch.setattr("swarmwright.store.open_store.create", interrupted)
         with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
     assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3

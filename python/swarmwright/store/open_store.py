@@ -1,0 +1,103 @@
+"""A store that is being written: at first a draft under another name, which the end of the process takes."""
+
+import os
+import sqlite3
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+from swarmwright.core.errors import RunError
+from swarmwright.store.database import FILE, NEW, connect, create, errors, reopen
+
+
+class OpenStore:
+    """The connection to a store that is being written.
+
+    An interrupt (Ctrl-C) may come at any place, and then everything here can be called again.
+    """
+
+    def __init__(self, file: Path, connection: sqlite3.Connection, *, draft: bool) -> None:
+        self.file = file
+        self.draft = draft
+        """Whether it is a draft."""
+        self._connection = connection
+
+    @classmethod
+    def create(cls, file: Path, facts: Mapping[str, str], generation: int) -> Self:
+        """Begin a new store with a draft; arguments and errors as of `database.create`."""
+        return cls(file, create(file, facts, generation), draft=True)
+
+    @classmethod
+    def reopen(cls, file: Path) -> Self:
+        """Go on with a store; errors as of `database.reopen`."""
+        return cls(file, reopen(file), draft=False)
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection to write on. Raises RunError when it cannot be opened again after an interrupt."""
+        if not _is_open(self._connection):
+            self._go_on()
+        return self._connection
+
+    @property
+    def name(self) -> str:
+        """Of the file that it is in now."""
+        _ = self.connection
+        return NEW if self.draft else FILE
+
+    def keep(self) -> None:
+        """Make a store of a draft: from now on, what is committed survives the end of the process.
+
+        Raises RunError when the disk refuses it.
+        """
+        if self.draft:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        self._publish()
+        _flush(self.file)
+        connection = connect(self.file)
+        self.draft = False
+        self._connection = connection
+
+    def _publish(self) -> None:
+        """Close the draft and give it the store's name."""
+        with errors(self.file, RunError):
+            self._connection.close()
+            new = self.file.with_name(NEW)
+            try:
+                if new.exists() or not self.file.exists():  # it may have been interrupted before
+                    new.rename(self.file)
+            except OSError as error:
+                raise RunError(f"{self.file}: cannot be written: {error.strerror}") from error
+
+    def finish(self) -> None:
+        """Make one file of the store, so that the folder can be copied and read anywhere. Raises RunError."""
+        if self.draft:
+            self._publish()
+            # A power cut must not take the run either, but nobody has to wait for that.
+            threading.Thread(target=_flush, args=(self.file,)).start()
+            return
+        with errors(self.file, RunError):
+            self.connection.execute("PRAGMA busy_timeout = 100")
+            self.connection.execute("PRAGMA journal_mode = DELETE")
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+
+def _is_open(connection: sqlite3.Connection) -> bool:
+    try:
+        _ = connection.total_changes
+    except sqlite3.ProgrammingError:
+        return False
+    return True
+
+
+def _flush(file: Path) -> None:
+    """Wait until a file is on the disk, as far as the system offers that."""
+    with suppress(OSError), file.open("rb") as opened:
+        os.fsync(opened.fileno())

@@ -1,0 +1,49 @@
+"""What a store notes of where a run comes from: the experiment, when, and with which versions."""
+
+import platform
+import sqlite3
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright.core.simulation_names import SimulationName, is_environment
+from swarmwright.user_code.copying import Copy
+
+if TYPE_CHECKING:
+    from swarmwright.experiment.experiment import Experiment
+
+
+def recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
+    """Return the experiment as it is written: with the run's copy of its class, relative to the folder."""
+    values = experiment.to_mapping()
+    kept = None if copy is None else copy.parts.get("simulation")
+    if copy is not None and kept is not None and not is_environment(kept.component):
+        place = copy.place(kept).relative_to(folder).as_posix()
+        values["simulation"] = SimulationName.parse(kept.component).in_file(place)
+    return values
+
+
+def now() -> str:
+    """Return the time, ISO 8601, UTC."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def versions(libraries: Sequence[str]) -> dict[str, str]:
+    """Return the versions of what computes a run; `libraries` that are not installed are left out."""
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - only where a run starts
+
+    found = {
+        "swarmwright": _engine.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "sqlite": sqlite3.sqlite_version,
+    }
+    for library in libraries:
+        with suppress(PackageNotFoundError):  # the method reports what is missing
+            found[library] = version(library)
+    return found
