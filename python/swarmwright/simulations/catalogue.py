@@ -10,6 +10,7 @@ from swarmwright.core.simulation_names import is_python
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
+    from swarmwright.core.engine_types import Description
     from swarmwright.simulations.host import Host
 
 
@@ -87,8 +88,13 @@ def description(simulation: str) -> dict[str, Any]:
     if is_python(simulation):
         plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
+    return {**_built_in(simulation)}
+
+
+@cache
+def _built_in(simulation: str) -> "Description":
     with engine_errors():
-        return {**_engine.describe(simulation)}
+        return _engine.describe(simulation)
 
 
 def parameter_names(simulation: str) -> list[str]:
