@@ -1,5 +1,7 @@
 //! Flights of particle swarms (Kennedy and Eberhart, ICNN 1995), and how far a swarm is spread (Zhan et al., 2009).
 
+use swarmwright_lanes::{Kernel, Lanes, Level};
+
 use crate::Stream;
 use crate::differential::within;
 use crate::polynomial::mutate;
@@ -98,28 +100,66 @@ impl Swarm<'_> {
 pub fn spread(places: &[f32], best: &[f32], width: &[f64]) -> f64 {
     let genes = width.len();
     assert_eq!(best.len(), genes);
-    let rows: Vec<&[f32]> = places.chunks_exact(genes.max(1)).collect();
-    let mean = |from: &[f32], among: f64| {
-        rows.iter().map(|row| away(from, row, width)).sum::<f64>() / among
+    let count = places.len().checked_div(genes).unwrap_or(0);
+    assert_eq!(places.len(), count * genes);
+    // A row for each gene, so that what is computed for all places side by side lies side by side.
+    let mut columns = vec![0.0; places.len()];
+    for (place, row) in places.chunks_exact(genes.max(1)).enumerate() {
+        for (gene, value) in scaled(row, width).enumerate() {
+            columns[gene * count + place] = value;
+        }
+    }
+    let mut distances = vec![0.0; count];
+    let mut mean = |from: &[f64], among: f64| {
+        Level::best().run(Distances {
+            from,
+            columns: &columns,
+            distances: &mut distances,
+        });
+        distances.iter().sum::<f64>() / among
     };
     #[expect(clippy::cast_precision_loss, reason = "numbers of particles are small")]
-    let count = rows.len() as f64;
+    let others = count as f64 - 1.0;
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
-    for row in &rows {
-        let distance = mean(row, count - 1.0);
+    for row in places.chunks_exact(genes.max(1)) {
+        let row: Vec<f64> = scaled(row, width).collect();
+        let distance = mean(&row, others);
         (least, most) = (least.min(distance), most.max(distance));
     }
-    (mean(best, count) - least) / (most - least + 1e-32)
+    let best: Vec<f64> = scaled(best, width).collect();
+    (mean(&best, others + 1.0) - least) / (most - least + 1e-32)
 }
 
-fn away(one: &[f32], other: &[f32], width: &[f64]) -> f64 {
-    let squares = one
-        .iter()
-        .zip(other)
+fn scaled<'a>(row: &'a [f32], width: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+    row.iter()
         .zip(width)
-        .map(|((one, other), width)| {
-            let difference = (f64::from(*one) - f64::from(*other)) / width;
-            difference * difference
-        });
-    squares.sum::<f64>().sqrt()
+        .map(|(value, width)| f64::from(*value) / width)
+}
+
+/// Distances of one place to all; its squares are added gene after gene.
+struct Distances<'a> {
+    from: &'a [f64],
+    /// (genes, places)
+    columns: &'a [f64],
+    distances: &'a mut [f64],
+}
+
+impl Kernel for Distances<'_> {
+    type Output = ();
+
+    /// Lanes of binary64 are left to the compiler: no distance depends on another.
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        self.distances.fill(0.0);
+        let columns = self.columns.chunks_exact(self.distances.len().max(1));
+        for (from, column) in self.from.iter().zip(columns) {
+            for (square, place) in self.distances.iter_mut().zip(column) {
+                let difference = from - place;
+                *square += difference * difference;
+            }
+        }
+        for distance in &mut *self.distances {
+            *distance = distance.sqrt();
+        }
+    }
 }
