@@ -20,7 +20,7 @@ class CmaOptions(MethodOptions):
 
     population: int | None = Field(default=None, ge=3, le=1_000_000)
     """Genomes in each generation. Default: 4 + 3 ln(genes), rounded down."""
-    step: float = Field(default=0.5, gt=0, le=1000)
+    step: float = Field(default=0.3, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     restart: Literal["none", "ipop", "bipop"] = "ipop"
     """What happens when going on makes no sense, see the page on methods. none: samples of the same

@@ -21,7 +21,7 @@ class NesOptions(MethodOptions):
 
     population: int | None = Field(default=None, ge=4, le=10_000_000)
     """Genomes in each generation. Default: 4 + 3 ln(genes), rounded down, and at least 20."""
-    step: float = Field(default=0.5, gt=0, le=1000)
+    step: float = Field(default=0.2, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     rate: float | None = Field(default=None, gt=0, le=1)
     """How fast standard deviations are learned. Default: the source's, by the number of genes."""

@@ -13,17 +13,17 @@ from swarmwright.typing import Fitness
 
 
 class OpenaiEsOptions(MethodOptions):
-    """The evolution strategy of Salimans et al. with their defaults.
+    """The evolution strategy of Salimans et al. with defaults for small networks.
 
     Sizes are shares of half the initial range of a gene.
     """
 
     kind: Literal["openai_es"] = "openai_es"
-    population: int = Field(default=100, ge=2, le=10_000_000, multiple_of=2)
+    population: int = Field(default=20, ge=2, le=10_000_000, multiple_of=2)
     """Genomes in each generation: pairs on opposite sides of the center, so an even number."""
-    noise: float = Field(default=0.1, gt=0, le=1000)
+    noise: float = Field(default=0.07, gt=0, le=1000)
     """Standard deviation of the genomes around the center."""
-    step: float = Field(default=0.05, gt=0, le=1000)
+    step: float = Field(default=0.03, gt=0, le=1000)
     """Step size of Adam, which moves the center."""
     decay: float = Field(default=0.005, ge=0, le=1)
     """Weight decay: pulls genes towards the middle of their initial range."""

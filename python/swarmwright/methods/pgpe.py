@@ -19,11 +19,11 @@ class PgpeOptions(MethodOptions):
     """
 
     kind: Literal["pgpe"] = "pgpe"
-    population: int = Field(default=100, ge=2, le=10_000_000, multiple_of=2)
+    population: int = Field(default=20, ge=2, le=10_000_000, multiple_of=2)
     """Genomes in each generation: pairs on opposite sides of the center, so an even number."""
-    noise: float = Field(default=0.1, gt=0, le=1000)
+    noise: float = Field(default=0.07, gt=0, le=1000)
     """Initial standard deviation of the genomes around the center."""
-    step: float = Field(default=0.05, gt=0, le=1000)
+    step: float = Field(default=0.03, gt=0, le=1000)
     """Step size of Adam, which moves the center."""
     rate: float = Field(default=0.1, ge=0, le=10)
     """Learning rate of the standard deviations."""

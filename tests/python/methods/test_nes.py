@@ -118,7 +118,7 @@ def test_a_plateau_and_a_failed_generation_change_nothing(kind: str) -> None:
     method.ask()
     method.tell(np.full(len(before), np.nan))
     assert method.center.tolist() == [0.0] * 10
-    assert method._widest() == pytest.approx(0.5)
+    assert method._widest() == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -143,7 +143,7 @@ def test_one_that_has_converged_starts_again(kind: str) -> None:
         method.tell(-away(genomes.astype(np.float64)))
     assert method.population == 2 * first
     assert away(genomes.astype(np.float64)).max() < 0.01
-    assert method._widest() == pytest.approx(0.5)
+    assert method._widest() == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("kind", KINDS)

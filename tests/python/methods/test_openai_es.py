@@ -93,7 +93,7 @@ def test_a_generation_that_failed_moves_nothing() -> None:
 
 
 def test_genes_are_cut_to_their_bounds() -> None:
-    method = new("openai_es", subject=BoundedGenes(), step=1.0)
+    method = new("openai_es", subject=BoundedGenes(), step=1.0, population=100)
     assert isinstance(method, OpenaiEs)
     for _ in range(10):
         method.tell(method.ask().sum(axis=1))

@@ -64,7 +64,7 @@ def test_a_plateau_and_a_failed_generation_change_nothing() -> None:
     method.tell(np.zeros(len(method.ask())))
     method.tell(np.full(len(method.ask()), np.nan))
     assert method.center.tolist() == [0.0] * 10
-    assert method._deviation.tolist() == [0.1] * 10
+    assert method._deviation.tolist() == [0.07] * 10
 
 
 @pytest.mark.parametrize("seed", range(1, 11))

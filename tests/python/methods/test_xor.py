@@ -44,9 +44,8 @@ def last_best(method: Method, evaluations: int = 10**9) -> tuple[float, Genome]:
     [
         ("nnga", 100),
         ("cea2d", 50),
-        ("de", 60),
+        ("de", 120),
         ("pso", 100),
-        ("snes", 200),
     ],
 )
 @pytest.mark.parametrize("seed", [1, 2, 3])
