@@ -13,7 +13,7 @@ from swarmwright.runs.post_evaluation import unseen_seeds
 NOISY: dict[str, Any] = {
     "simulation": "minisim",
     "parameters": {"numAgents": 3, "numDefenders": 3, "placement": "random", "speedDefenders": 0.5},
-    "method": {"kind": "cma_es", "population": 20, "generations": 15},
+    "method": {"kind": "cma_es", "population": 20, "generations": 15, "step": 0.5},
     "ranking": {"episodes": 2, "seeds": "new"},
     "servers": "local",
 }
