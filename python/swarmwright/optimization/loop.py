@@ -313,6 +313,7 @@ class Loop:
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._waiting_for = waiting_for if done < total else ""
+            self._store.keep_soon()  # also while the first generation takes long
             if on_progress is not None:
                 on_progress(done, total, waiting_for)
 

@@ -205,7 +205,11 @@ class StoreWriter:
         self._finished.append(_Finished(evaluated, journal, now - self._started))
         if now - self._written >= _TOGETHER:
             self._flush()
-        if self._store.draft and now - self._started >= _DRAFT:
+        self.keep_soon()
+
+    def keep_soon(self) -> None:
+        """End the draft when its time is over; called from time to time. Raises RunError as `commit`."""
+        if self._store.draft and time.monotonic() - self._started >= _DRAFT:
             self.keep()
 
     def keep(self) -> None:

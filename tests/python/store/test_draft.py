@@ -14,6 +14,27 @@ from swarmwright.store.database import NEW
 from tests.python.records import EXPERIMENT, same_record
 
 ENDLESS = EXPERIMENT.replace(method={"generations": 100_000}, servers="in-process")
+SLOW = """
+import time
+from swarmwright import Simulation
+
+
+class Slow(Simulation):
+    sensors = actuators = 1
+
+    def reset(self, parameters, seed):
+        return [[0.0]]
+
+    def step(self, actions):
+        time.sleep(1)
+        return [[0.0]]
+
+    def done(self):
+        return False
+
+    def fitness(self):
+        return 0.0
+"""
 RUNNING = """
 import sys
 from swarmwright import optimize
@@ -63,6 +84,24 @@ def test_killed_after_its_first_second(after: float, tmp_path: Path) -> None:
     until = run.generations + 5
     gone_on = resume(folder, lambda now: now.generation + 1 < until)
     same_record(gone_on, optimize(ENDLESS, lambda now: now.generation + 1 < until, out=tmp_path / "whole"))
+
+
+def test_killed_in_a_first_generation_that_takes_long(tmp_path: Path) -> None:
+    """Nothing was computed to the end, but the run is there, and goes on."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    experiment = EXPERIMENT.replace(simulation=f"{tmp_path / 'slow.py'}:Slow", parameters={})
+    experiment.save(tmp_path / "x.yaml")
+    folder = tmp_path / "run"
+    with subprocess.Popen([sys.executable, "-c", RUNNING, str(tmp_path / "x.yaml"), str(folder)]) as process:
+        deadline = time.monotonic() + 30
+        while not (folder / FILE).exists():
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.01)
+        assert Run.open(folder).state == "running"
+        process.kill()
+    run = Run.open(folder)
+    assert (run.state, run.generations) == ("killed", 0)
 
 
 def test_killed_in_its_first_second(tmp_path: Path) -> None:
