@@ -92,9 +92,7 @@ def _evolve(
     observing: Observing,
 ) -> int:
     from swarmwright.optimization.optimize import InterruptedWithResults
-    from swarmwright.runs import picture
 
-    picture.prepare()  # this process ends soon after the run
     reader = Reader()
     with ExitStack() as stack:
         observer = stack.enter_context(observed(output, observing))

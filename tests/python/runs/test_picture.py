@@ -29,34 +29,6 @@ def test_plots_of_many_runs_are_drawn_before_the_process_ends(tmp_path: Path) ->
             assert len(set(image.convert("RGB").get_flattened_data())) > 20
 
 
-def test_a_process_that_was_started_ahead_draws(tmp_path: Path) -> None:
-    program = (
-        "import sys; from swarmwright import Experiment, optimize; from swarmwright.runs import picture\n"
-        f"experiment = Experiment.from_mapping({EXPERIMENT.to_mapping()!r})\n"
-        "picture.prepare(); print(picture._ready.pid)\n"
-        "for name in sys.argv[2:]: optimize(experiment, out=f'{sys.argv[1]}/{name}')\n"
-    )
-    for names in (["it's", "zw\u00f6lf"], []):
-        done = subprocess.run(
-            [sys.executable, "-c", program, str(tmp_path), *names],
-            capture_output=True, text=True, check=True, timeout=60,
-        )  # fmt: skip
-        assert done.stderr == ""
-        assert all((tmp_path / name / picture.FILE).stat().st_size > 10_000 for name in names)
-        assert not Path(f"/proc/{done.stdout.strip()}").exists(), "without a run it is ended"
-
-
-def test_a_process_that_waited_for_too_long_is_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gone = subprocess.Popen([sys.executable, "-c", ""], stdin=subprocess.PIPE)
-    gone.wait()
-    monkeypatch.setattr(picture, "_ready", gone)
-    run = optimize(EXPERIMENT, out=tmp_path / "run")
-    picture.wait()
-    assert (run.path / picture.FILE).exists()
-
-
 def test_what_cannot_be_drawn_is_said(
     finished: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
