@@ -365,10 +365,10 @@ class Cma:
     def units(self) -> NDArray[np.float64]:
         """(genes,): unit of each gene; if separable, its standard deviation without the step size."""
     @property
-    def path(self) -> NDArray[np.float64]:
+    def step_path(self) -> NDArray[np.float64]:
         """(genes,): evolution path of the step size."""
     @property
-    def trail(self) -> NDArray[np.float64]:
+    def covariance_path(self) -> NDArray[np.float64]:
         """(genes,): evolution path of the covariance matrix, in units."""
     @property
     def covariance(self) -> NDArray[np.float64] | None:

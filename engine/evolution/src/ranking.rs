@@ -38,7 +38,7 @@ pub fn survivors(fitness: &[f64], best: usize, random: usize, stream: &mut Strea
 
 /// The members that have not failed, the best first, of equal ones the first.
 fn best_first(fitness: &[f64]) -> Vec<u32> {
-    let keys: Vec<u64> = (0..).zip(fitness).map(|one| rank(one).0).collect();
+    let keys: Vec<u64> = fitness.iter().map(|fitness| key(*fitness)).collect();
     // Plain integers are sorted three times as fast as pairs. The index takes the place of the lowest bits of the key, which seldom
     // decide; the second sort, of what is mostly sorted, goes by all of them.
     let low = keys.len().next_power_of_two() as u64 - 1;
@@ -58,11 +58,15 @@ fn best_first(fitness: &[f64]) -> Vec<u32> {
 type Rank = (u64, u32);
 
 fn rank((member, fitness): (u32, &f64)) -> Rank {
+    (key(*fitness), member)
+}
+
+/// A number that is the lower the better a fitness is; that of failed ones (NaN) is the highest.
+pub(crate) fn key(fitness: f64) -> u64 {
     // Adding 0.0 turns -0.0 into 0.0, which is its equal.
     let bits = (fitness + 0.0).to_bits();
     let ascending = if bits & SIGN == 0 { bits | SIGN } else { !bits };
-    let key = if fitness.is_nan() { FAILED } else { !ascending };
-    (key, member)
+    if fitness.is_nan() { FAILED } else { !ascending }
 }
 
 const fn member(rank: Rank) -> usize {

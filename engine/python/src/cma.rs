@@ -115,13 +115,13 @@ impl PyCma {
     }
 
     #[getter]
-    fn path<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.search.path())
+    fn step_path<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.search.step_path())
     }
 
     #[getter]
-    fn trail<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.search.trail())
+    fn covariance_path<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.search.covariance_path())
     }
 
     #[getter]

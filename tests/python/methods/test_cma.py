@@ -69,12 +69,12 @@ class Reference:
         self.weights = np.array(strategy.weights)
         self.parents, self.effective = strategy.weights.mu, strategy.weights.mueff
         rates = library.sm.parameters(mueff=self.effective, lam=population)
-        self.one, self.all, self.trail = (
+        self.one, self.all, self.c_c = (
             (strategy.c1_sep, strategy.cmu_sep, strategy.cc_sep)
             if separable
             else (rates["c1"], rates["cmu"], strategy.cc)
         )
-        self.path, self.damping, self.expected = adaptation.cs, adaptation.damps, library.const.chiN
+        self.c_sigma, self.damping, self.expected = adaptation.cs, adaptation.damps, library.const.chiN
         self.gap = 1 / (self.one + self.all) / genes / 10
         self.told, self.computed, self.root = 0, 0, np.eye(genes)
         self.stalled = 0
@@ -94,26 +94,27 @@ class Reference:
         self.told += 1
         steps = ((genomes - before.mean) / (before.sigma * before.units))[order]
         shift = self.weights[: self.parents] @ steps[: self.parents]
-        path = (1 - self.path) * before.path
-        path = path + np.sqrt(self.path * (2 - self.path) * self.effective) * (root @ shift)
-        length = (path**2).sum() / (1 - (1 - self.path) ** (2 * self.told))
+        path = (1 - self.c_sigma) * before.step_path
+        path = path + np.sqrt(self.c_sigma * (2 - self.c_sigma) * self.effective) * (root @ shift)
+        length = (path**2).sum() / (1 - (1 - self.c_sigma) ** (2 * self.told))
         moving = length / self.genes < 2 + 4 / (self.genes + 1)
         self.stalled += not moving
-        trail = (1 - self.trail) * before.trail
-        trail = trail + moving * np.sqrt(self.trail * (2 - self.trail) * self.effective) * shift
-        one = self.one * (1 - (not moving) * self.trail * (2 - self.trail))
+        along = (1 - self.c_c) * before.covariance_path
+        along = along + moving * np.sqrt(self.c_c * (2 - self.c_c) * self.effective) * shift
+        one = self.one * (1 - (not moving) * self.c_c * (2 - self.c_c))
         total = one + self.all * self.weights.sum()
-        found = {"mean": before.mean + before.sigma * before.units * shift, "path": path, "trail": trail}
-        change = self.path / self.damping * (np.sqrt((path**2).sum()) / self.expected - 1)
+        mean = before.mean + before.sigma * before.units * shift
+        found = {"mean": mean, "step_path": path, "covariance_path": along}
+        change = self.c_sigma / self.damping * (np.sqrt((path**2).sum()) / self.expected - 1)
         found["sigma"] = before.sigma * np.exp(np.clip(change, -1, 1))
         if self.separable:
-            average = one * trail**2 + self.all * self.weights @ steps**2
+            average = one * along**2 + self.all * self.weights @ steps**2
             found["units"] = before.units * np.exp(np.log(2) * (average - total) / 2)
             return found
         weights = np.where(
             self.weights < 0, self.weights * self.genes / (lengths[order] + 1e-9) ** 2, self.weights
         )
-        found["covariance"] = (1 - total) * covariance + self.one * np.outer(trail, trail)
+        found["covariance"] = (1 - total) * covariance + self.one * np.outer(along, along)
         found["covariance"] += self.all * (weights * steps.T) @ steps
         return found
 
@@ -349,7 +350,7 @@ def test_a_generation_that_failed_teaches_nothing(kind: str) -> None:
     second = method.ask()
     assert first.tobytes() != second.tobytes()
     assert method._search is search
-    assert (search.sigma, search.mean.tolist(), search.path.tolist()) == (0.3, [0.0] * 10, [0.0] * 10)
+    assert (search.sigma, search.mean.tolist(), search.step_path.tolist()) == (0.3, [0.0] * 10, [0.0] * 10)
 
 
 @pytest.mark.parametrize("kind", KINDS)

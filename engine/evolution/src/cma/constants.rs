@@ -12,9 +12,9 @@ pub(super) struct Constants {
     /// mu_eff: the variance effective number of parents.
     pub effective: f64,
     /// c_sigma: of the path of the step size.
-    pub path: f64,
+    pub c_sigma: f64,
     /// c_c: of the path of the covariance matrix.
-    pub trail: f64,
+    pub c_c: f64,
     /// c_1: of the rank-one update.
     pub one: f64,
     /// c_mu: of the rank-mu update.
@@ -34,7 +34,7 @@ impl Constants {
         let effective = effective_size(better);
         let effective_worse = effective_size(worse);
         let n = count(genes);
-        let [trail, one, all] = rates(n, count(population), effective, separable);
+        let [c_c, one, all] = rates(n, count(population), effective, separable);
         scale_to(better, 1.0);
         let mut most = (1.0 + one / all).min(1.0 + 2.0 * effective_worse / (effective + 2.0));
         if !separable {
@@ -42,16 +42,16 @@ impl Constants {
             most = most.min((1.0 - one - all) / all / n);
         }
         scale_to(worse, most);
-        let path = ((effective + 2.0) / (n + effective + 3.0)).min(0.5);
+        let c_sigma = ((effective + 2.0) / (n + effective + 3.0)).min(0.5);
         Self {
             weights,
             parents,
             effective,
-            path,
-            trail,
+            c_sigma,
+            c_c,
             one,
             all,
-            damping: damping(n, effective) + path,
+            damping: damping(n, effective) + c_sigma,
             expected: n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n)),
         }
     }
@@ -103,13 +103,13 @@ fn rates(n: f64, population: f64, effective: f64, separable: bool) -> [f64; 3] {
     if separable {
         let one = 1.0 / (n + 2.0 * n.sqrt() + share);
         let all = gain / (n + 4.0 * n.sqrt() + effective / 2.0);
-        let trail = (1.0 + 1.0 / n + share) / (n.sqrt() + 1.0 / n + 2.0 * share);
-        [trail, one, all.min(1.0 - one)]
+        let c_c = (1.0 + 1.0 / n + share) / (n.sqrt() + 1.0 / n + 2.0 * share);
+        [c_c, one, all.min(1.0 - one)]
     } else {
         let one = (population / 6.0).min(1.0) * 2.0 / ((n + 1.3) * (n + 1.3) + effective);
         let all = 2.0 * gain / ((n + 2.0) * (n + 2.0) + effective);
-        let trail = (4.0 + share) / (n + 4.0 + 2.0 * share);
-        [trail, one, all.min(1.0 - one)]
+        let c_c = (4.0 + share) / (n + 4.0 + 2.0 * share);
+        [c_c, one, all.min(1.0 - one)]
     }
 }
 

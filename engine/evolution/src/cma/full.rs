@@ -130,18 +130,18 @@ impl Full {
         round
     }
 
-    /// The rank-one and rank-mu updates; `lost`: of the rate of the former, where the trail was stalled.
+    /// The rank-one and rank-mu updates; `lost`: of the rate of the former, where the path was stalled.
     pub fn learn(
         &mut self,
         constants: &Constants,
         lost: f64,
-        trail: &[f64],
+        covariance_path: &[f64],
         steps: &[f64],
         lengths: &[f64],
         order: &[usize],
     ) {
         let mut total = constants.one - lost;
-        let mut rows = vec![(constants.one, trail)];
+        let mut rows = vec![(constants.one, covariance_path)];
         for (weight, index) in constants.weights.iter().zip(order) {
             let weight = constants.all * weight;
             total += weight;

@@ -19,6 +19,7 @@ pub use self::stop::Stop;
 use crate::Stream;
 use crate::linear::{add_rows, dot};
 use crate::normal::of_units;
+use crate::ranking::key;
 
 /// Standard deviations are at most this share of the distance of two bounds.
 const WIDEST: f64 = 1.0 / 3.0;
@@ -39,9 +40,9 @@ pub struct Cma {
     first_units: Vec<f64>,
     sigma: f64,
     /// p_sigma: where the mean has gone to, as if the distribution were round.
-    path: Vec<f64>,
+    step_path: Vec<f64>,
     /// p_c: where the mean has gone to, in units.
-    trail: Vec<f64>,
+    covariance_path: Vec<f64>,
     /// None: diagonal.
     full: Option<Full>,
     /// The last sample, in units and multiples of sigma, from the mean: rows.
@@ -95,8 +96,8 @@ impl Cma {
             units: start.reach.to_vec(),
             first_units: start.reach.to_vec(),
             sigma: start.step,
-            path: vec![0.0; genes],
-            trail: vec![0.0; genes],
+            step_path: vec![0.0; genes],
+            covariance_path: vec![0.0; genes],
             full: (!start.separable).then(|| Full::new(genes, constants.gap(genes))),
             steps: Vec::new(),
             lengths: Vec::new(),
@@ -202,7 +203,7 @@ impl Cma {
         }
         let stalled = self.lengthen_paths(&shift);
         let lost = if stalled {
-            let keep = self.constants.trail;
+            let keep = self.constants.c_c;
             self.constants.one * keep * (2.0 - keep)
         } else {
             0.0
@@ -211,15 +212,15 @@ impl Cma {
             Some(full) => full.learn(
                 &self.constants,
                 lost,
-                &self.trail,
+                &self.covariance_path,
                 &self.steps,
                 &self.lengths,
                 &order,
             ),
             None => self.learn_units(lost, &order),
         }
-        let excess = dot(&self.path, &self.path).sqrt() / self.constants.expected - 1.0;
-        let change = excess * self.constants.path / self.constants.damping;
+        let excess = dot(&self.step_path, &self.step_path).sqrt() / self.constants.expected - 1.0;
+        let change = excess * self.constants.c_sigma / self.constants.damping;
         self.sigma *= libm::exp(change.clamp(-1.0, 1.0));
         self.limit_deviations();
         self.stop()
@@ -235,21 +236,26 @@ impl Cma {
         sum
     }
 
-    /// Returns whether the path is so long that the trail is stalled (h_sigma = 0).
+    /// Returns whether the path of the step size is so long that that of the covariance is stalled (h_sigma = 0).
     fn lengthen_paths(&mut self, shift: &[f64]) -> bool {
         let constants = &self.constants;
         let round = match &self.full {
             Some(full) => full.unshape(shift),
             None => shift.to_vec(),
         };
-        extend(&mut self.path, &round, constants.path, constants.effective);
-        let kept = 1.0 - constants.path;
+        extend(
+            &mut self.step_path,
+            &round,
+            constants.c_sigma,
+            constants.effective,
+        );
+        let kept = 1.0 - constants.c_sigma;
         self.faded *= kept * kept;
         let genes = count(self.mean.len());
-        let length = dot(&self.path, &self.path) / (1.0 - self.faded) / genes;
+        let length = dot(&self.step_path, &self.step_path) / (1.0 - self.faded) / genes;
         let stalled = length >= 2.0 + 4.0 / (genes + 1.0);
         let effective = if stalled { 0.0 } else { constants.effective };
-        extend(&mut self.trail, shift, constants.trail, effective);
+        extend(&mut self.covariance_path, shift, constants.c_c, effective);
         stalled
     }
 
@@ -258,7 +264,7 @@ impl Cma {
         let genes = self.mean.len();
         let (one, all) = (self.constants.one - lost, self.constants.all);
         let mut sum = vec![0.0; genes];
-        for (value, along) in sum.iter_mut().zip(&self.trail) {
+        for (value, along) in sum.iter_mut().zip(&self.covariance_path) {
             *value = one * (along * along);
         }
         let mut total = one;
@@ -304,7 +310,7 @@ impl Cma {
             first_units: &self.first_units,
             units: &self.units,
             sigma: self.sigma,
-            trail: &self.trail,
+            covariance_path: &self.covariance_path,
             full: self.full.as_ref(),
         };
         self.monitor.stop(&state)
@@ -324,14 +330,14 @@ impl Cma {
 
     /// The evolution path of the step size.
     #[must_use]
-    pub fn path(&self) -> &[f64] {
-        &self.path
+    pub fn step_path(&self) -> &[f64] {
+        &self.step_path
     }
 
     /// The evolution path of the covariance matrix, in units.
     #[must_use]
-    pub fn trail(&self) -> &[f64] {
-        &self.trail
+    pub fn covariance_path(&self) -> &[f64] {
+        &self.covariance_path
     }
 
     /// The unit of each gene.
@@ -357,19 +363,8 @@ fn extend(path: &mut [f64], shift: &[f64], rate: f64, effective: f64) {
 
 /// Indices by fitness, the largest first, failed ones last, equals in their order.
 fn best_first(fitness: &[f64]) -> Vec<usize> {
-    let rank = |index: &usize| {
-        let value = fitness[*index];
-        if value.is_nan() {
-            f64::NEG_INFINITY
-        } else {
-            value + 0.0
-        }
-    };
     let mut order: Vec<usize> = (0..fitness.len()).collect();
-    order.sort_by(|one, other| {
-        let failed = fitness[*one].is_nan().cmp(&fitness[*other].is_nan());
-        failed.then(rank(other).total_cmp(&rank(one)))
-    });
+    order.sort_by_cached_key(|index| key(fitness[*index]));
     order
 }
 

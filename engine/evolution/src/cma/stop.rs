@@ -73,7 +73,7 @@ pub(super) struct State<'a> {
     pub first_units: &'a [f64],
     pub units: &'a [f64],
     pub sigma: f64,
-    pub trail: &'a [f64],
+    pub covariance_path: &'a [f64],
     pub full: Option<&'a Full>,
 }
 
@@ -225,14 +225,17 @@ impl State<'_> {
     fn is_finite(&self) -> bool {
         let all = |values: &[f64]| values.iter().all(|value| value.is_finite());
         let positive = |values: &[f64]| values.iter().all(|value| *value > 0.0);
-        all(self.mean) && all(self.deviations) && positive(self.deviations) && all(self.trail)
+        all(self.mean)
+            && all(self.deviations)
+            && positive(self.deviations)
+            && all(self.covariance_path)
     }
 
     fn is_tiny(&self) -> bool {
         (0..self.mean.len()).all(|gene| {
             let least = TOLX * self.first_units[gene];
-            let trail = self.sigma * self.units[gene] * self.trail[gene];
-            self.deviations[gene] < least && trail < least
+            let path = self.sigma * self.units[gene] * self.covariance_path[gene];
+            self.deviations[gene] < least && path < least
         })
     }
 

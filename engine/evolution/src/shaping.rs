@@ -1,6 +1,9 @@
-//! What a candidate's fitness is worth among the others', without regard to its size.
+//! Fitness shaping: what a candidate's fitness is worth among the others', without regard to its size.
+
+use std::cmp::Reverse;
 
 use crate::log;
+use crate::ranking::key;
 
 /// Fitness in order: equal values are one group.
 struct Groups {
@@ -13,20 +16,12 @@ struct Groups {
 impl Groups {
     /// `fitness`: NaN where a candidate failed, which is worse than anything else.
     fn of(fitness: &[f64]) -> Self {
-        let value = |index: &usize| {
-            let value = fitness[*index];
-            // Adding 0 makes both zeros the same one.
-            if value.is_nan() {
-                f64::NEG_INFINITY
-            } else {
-                value + 0.0
-            }
-        };
+        let keys: Vec<u64> = fitness.iter().map(|fitness| key(*fitness)).collect();
         let mut order: Vec<usize> = (0..fitness.len()).collect();
-        order.sort_unstable_by(|one, other| value(one).total_cmp(&value(other)));
+        order.sort_unstable_by_key(|index| Reverse(keys[*index]));
         let (mut group, mut ends) = (vec![0; order.len()], Vec::new());
         for (place, index) in order.iter().enumerate() {
-            if place > 0 && value(index).to_bits() == value(&order[place - 1]).to_bits() {
+            if place > 0 && keys[*index] == keys[order[place - 1]] {
                 ends.pop();
             }
             group[*index] = ends.len();
