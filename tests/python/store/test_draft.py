@@ -1,14 +1,15 @@
 """A new store is a draft at first: who can read it when, and what the end of the process leaves."""
 
-import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from swarmwright import InputError, Run, optimize, resume
+from swarmwright import Experiment, InputError, Run, optimize, resume
 from swarmwright.store import FILE, StoreWriter, open_store
 from swarmwright.store.database import NEW
 from tests.python.records import EXPERIMENT, same_record
@@ -42,6 +43,23 @@ optimize(sys.argv[1], out=sys.argv[2])
 """
 
 
+@contextmanager
+def running(folder: Path, experiment: Experiment, until: str) -> Iterator[None]:
+    """A process that optimizes unwatched, from when this file is in its folder until it is killed."""
+    file = folder.with_suffix(".yaml")
+    experiment.save(file)
+    with subprocess.Popen([sys.executable, "-c", RUNNING, str(file), str(folder)]) as process:
+        try:
+            deadline = time.monotonic() + 30
+            while not (folder / until).exists():
+                assert time.monotonic() < deadline
+                assert process.poll() is None
+                time.sleep(0.001)
+            yield
+        finally:
+            process.kill()
+
+
 def test_a_short_run_writes_its_store_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, seen = tmp_path / "run", []
     commit = StoreWriter.commit
@@ -68,16 +86,9 @@ def test_what_is_reported_is_in_the_store(tmp_path: Path) -> None:
 @pytest.mark.parametrize("after", [0.0, 0.4])
 def test_killed_after_its_first_second(after: float, tmp_path: Path) -> None:
     """kill -9 of a run that nobody watches; it goes on with what it had committed."""
-    ENDLESS.save(tmp_path / "x.yaml")
     folder = tmp_path / "run"
-    with subprocess.Popen([sys.executable, "-c", RUNNING, str(tmp_path / "x.yaml"), str(folder)]) as process:
-        deadline = time.monotonic() + 30
-        while not (folder / FILE).exists():
-            assert time.monotonic() < deadline
-            assert process.poll() is None
-            time.sleep(0.002)
+    with running(folder, ENDLESS, FILE):
         time.sleep(after)
-        process.kill()
     run = Run.open(folder)
     assert run.state == "killed"
     assert run.generations > 10
@@ -90,29 +101,17 @@ def test_killed_in_a_first_generation_that_takes_long(tmp_path: Path) -> None:
     """Nothing was computed to the end, but the run is there, and goes on."""
     (tmp_path / "slow.py").write_text(SLOW)
     experiment = EXPERIMENT.replace(simulation=f"{tmp_path / 'slow.py'}:Slow", parameters={})
-    experiment.save(tmp_path / "x.yaml")
     folder = tmp_path / "run"
-    with subprocess.Popen([sys.executable, "-c", RUNNING, str(tmp_path / "x.yaml"), str(folder)]) as process:
-        deadline = time.monotonic() + 30
-        while not (folder / FILE).exists():
-            assert time.monotonic() < deadline
-            assert process.poll() is None
-            time.sleep(0.01)
+    with running(folder, experiment, FILE):
         assert Run.open(folder).state == "running"
-        process.kill()
     run = Run.open(folder)
     assert (run.state, run.generations) == ("killed", 0)
 
 
 def test_killed_in_its_first_second(tmp_path: Path) -> None:
-    ENDLESS.save(tmp_path / "x.yaml")
     folder = tmp_path / "run"
-    with subprocess.Popen([sys.executable, "-c", RUNNING, str(tmp_path / "x.yaml"), str(folder)]) as process:
-        deadline = time.monotonic() + 30
-        while not (folder / NEW).exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.001)
-        process.send_signal(signal.SIGKILL)
+    with running(folder, ENDLESS, NEW):
+        pass
     with pytest.raises(InputError, match=r"ended in its first second, before anything was kept; begin again"):
         Run.open(folder)
     run = optimize(EXPERIMENT, out=folder)  # what is left there is in nobody's way
