@@ -28,7 +28,7 @@ def recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[
     return values
 
 
-def now() -> str:
+def timestamp() -> str:
     """Return the time, ISO 8601, UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 

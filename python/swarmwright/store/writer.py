@@ -21,7 +21,7 @@ from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import Row, digest_before
 from swarmwright.store.lock import Lock
 from swarmwright.store.open_store import OpenStore
-from swarmwright.store.provenance import now, recorded, versions
+from swarmwright.store.provenance import recorded, timestamp, versions
 from swarmwright.store.reader import StoreReader
 from swarmwright.store.rows import Evaluated, Journal
 from swarmwright.user_code.copying import FOLDER as CODE
@@ -97,7 +97,7 @@ class StoreWriter:
         facts = {
             "name": experiment.path.stem if experiment.path is not None else experiment.label,
             "metrics": json.dumps(list(metrics)),
-            "created": now(),
+            "created": timestamp(),
         }
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -188,13 +188,13 @@ class StoreWriter:
                 "INSERT INTO session (started, place, host, machine, versions, code) "
                 "VALUES (?, ?, ?, ?, ?, ?)",
                 (
-                    *(now(), place, socket.gethostname(), platform.platform()),
+                    *(timestamp(), place, socket.gethostname(), platform.platform()),
                     *(json.dumps(versions(libraries)), code),
                 ),
             )
             self._session = int(cursor.lastrowid or 0)
             for note in notes:
-                self._store.connection.execute(_EVENT, (self._session, None, now(), "changed", note))
+                self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "changed", note))
 
     def commit(self, evaluated: Evaluated, journal: Journal) -> None:
         """Write a generation and how it was evaluated, wholly or not at all.
@@ -219,23 +219,29 @@ class StoreWriter:
 
     def _flush(self) -> None:
         """Write what is finished; where the disk is nearly full, as many generations as there is room for."""
+        finished = self._finished
         try:
-            if self._finished:
-                with self._writing():
-                    pass  # it writes that before anything else
+            self._write_now()
         except RunError:
-            finished = self._finished
             if len(finished) == 1:
                 raise
+            self._one_by_one(finished)
+
+    def _one_by_one(self, finished: list[_Finished]) -> None:
+        """Write generations in a transaction each; those that were not written stay finished."""
+        try:
             while finished:
                 self._finished = finished[:1]
-                try:
-                    with self._writing():
-                        pass
-                except RunError:
-                    self._finished = finished
-                    raise
+                self._write_now()
                 del finished[0]
+        finally:
+            self._finished = finished
+
+    def _write_now(self) -> None:
+        """Write what is finished, in one transaction."""
+        if self._finished:
+            with self._writing():
+                pass  # that comes before anything else
 
     def reader(self) -> StoreReader:
         """Return a reader of what has been written so far, all that is finished among it."""
@@ -314,7 +320,7 @@ class StoreWriter:
         self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
         for text, candidate, _ in journal.warnings:
             whose = "" if candidate is None else f"candidate {candidate}, "
-            self._store.connection.execute(_EVENT, (*place, now(), "warning", whose + text))
+            self._store.connection.execute(_EVENT, (*place, timestamp(), "warning", whose + text))
 
     def incidents(self, counts: Mapping[str, int]) -> None:
         """Write how often faults occurred in this session, and how often countermeasures were taken."""
@@ -322,7 +328,7 @@ class StoreWriter:
             return
         text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
         with suppress(RunError), self._writing():
-            self._store.connection.execute(_EVENT, (self._session, None, now(), "incidents", text))
+            self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "incidents", text))
 
     def note_unseen(self, values: Mapping[str, Any]) -> None:
         """Write the results of the best on held-out seeds; they are not part of the record."""
