@@ -25,6 +25,8 @@ ROOT = Path(__file__).parents[1]
 STATE = tempfile.mkdtemp(prefix="swarmwright-state-")
 os.environ["XDG_STATE_HOME"] = STATE
 atexit.register(shutil.rmtree, STATE, ignore_errors=True)
+# Most runs are not about their plot, which costs more than they do; see the fixture `plots`.
+os.environ["SWARMWRIGHT_PLOT"] = "0"
 PROGRAM = (sys.executable, "-P", "-m", "swarmwright")
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -35,7 +37,19 @@ def environment(extra: Mapping[str, str] | None = None) -> dict[str, str]:
     """This process's environment without what would change the program's behaviour."""
     hidden = ("SWARMWRIGHT_", "NO_COLOR", "FORCE_COLOR", "COLUMNS", "LINES", "PYTHONWARNINGS")
     kept = {key: value for key, value in os.environ.items() if not key.startswith(hidden)}
-    return {**kept, "PYTHONIOENCODING": "utf-8", "TERM": "xterm-256color", **(extra or {})}
+    return {
+        **kept,
+        "SWARMWRIGHT_PLOT": os.environ["SWARMWRIGHT_PLOT"],
+        "PYTHONIOENCODING": "utf-8",
+        "TERM": "xterm-256color",
+        **(extra or {}),
+    }
+
+
+@pytest.fixture
+def plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of this test end with their plot, as those of users."""
+    monkeypatch.setenv("SWARMWRIGHT_PLOT", "1")
 
 
 @pytest.fixture(scope="session")

@@ -155,6 +155,8 @@ class Reader:
 
 def _conclude(output: Output, run: "Run") -> None:
     """Say what came out, where everything is, and what to do next."""
+    from swarmwright.runs import picture
+
     best = run.best
     unseen = run.unseen
     output.json(
@@ -186,9 +188,9 @@ def _conclude(output: Output, run: "Run") -> None:
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
+    being_drawn = {picture.FILE} if picture.wanted() and run.history else set()
     for name, meaning in FILES.items():
-        # The plot is being drawn.
-        if (run.path / name).exists() or (name == "fitness.png" and run.history):
+        if name in being_drawn or (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")
     _hint(output, run)
 

@@ -1,6 +1,7 @@
 """`fitness.png`, drawn by a child process, so that a run's result does not wait for Matplotlib."""
 
 import atexit
+import os
 import subprocess
 import sys
 from contextlib import suppress
@@ -18,8 +19,18 @@ _waiting: list[Path] = []
 _process: subprocess.Popen[bytes] | None = None
 
 
+def wanted() -> bool:
+    """Return whether runs end with a plot: unless the environment says SWARMWRIGHT_PLOT=0."""
+    return os.environ.get("SWARMWRIGHT_PLOT") != "0"
+
+
 def draw_later(folder: Path) -> None:
-    """Have the plot of the run in `folder` drawn soon. This process draws all before it ends, see `wait`."""
+    """Have the plot of the run in `folder` drawn soon, if it is wanted.
+
+    This process draws all before it ends, see `wait`.
+    """
+    if not wanted():
+        return
     with _lock:
         _waiting.append(folder.absolute())
         if _process is None or _process.poll() is not None:

@@ -80,6 +80,7 @@ def test_a_run_that_goes_on_is_named_by_its_folder(uri: str, tmp_path: Path) -> 
     assert names[:2] == ["swarm-7", "mine"]
 
 
+@pytest.mark.usefixtures("plots")
 def test_mlflow_has_the_run(uri: str, tmp_path: Path) -> None:
     from mlflow import MlflowClient
 

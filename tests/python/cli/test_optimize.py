@@ -31,6 +31,7 @@ def quick(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("plots")
 def test_plain_lines_tell_how_far_it_is_and_what_to_do_next(program: Any, quick: Path) -> None:
     result = program("optimize", quick, "--servers", "2", "--out", "result")
     assert result.returncode == 0, result.stderr
@@ -45,6 +46,13 @@ def test_plain_lines_tell_how_far_it_is_and_what_to_do_next(program: Any, quick:
         assert (quick.parent / "result" / name).stat().st_size > 0
     replayed = program("replay", "result")
     assert replayed.returncode == 0
+
+
+def test_a_plot_that_is_not_wanted_is_not_listed(program: Any, quick: Path) -> None:
+    result = program("optimize", quick, "--servers", "local", "--out", "result")
+    assert "run.sqlite" in result.stdout
+    assert "fitness.png" not in result.stdout
+    assert not (quick.parent / "result" / "fitness.png").exists()
 
 
 def test_the_last_json_line_sums_up(program: Any, quick: Path) -> None:

@@ -169,6 +169,7 @@ def gone(pids: list[int], seconds: float = 8) -> bool:
     return not any(map(alive, pids))
 
 
+@pytest.mark.usefixtures("plots")
 def test_ctrl_c_keeps_the_results_so_far(tmp_path: Path) -> None:
     process = start_script(tmp_path)
     servers = children(process.pid)
@@ -205,6 +206,7 @@ def test_a_killed_run_leaves_its_results_and_no_servers(tmp_path: Path) -> None:
     assert gone(servers)
 
 
+@pytest.mark.usefixtures("plots")
 def test_a_server_that_dies_is_started_again(tmp_path: Path) -> None:
     def kill_one(generation: Generation) -> None:
         if generation.generation == 0:
@@ -226,6 +228,7 @@ def test_a_server_that_dies_is_started_again(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.usefixtures("plots")
 def test_when_all_servers_die_they_are_started_again(tmp_path: Path) -> None:
     def kill_all(_: Generation) -> None:
         for child in children(os.getpid()):

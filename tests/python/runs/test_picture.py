@@ -12,6 +12,8 @@ from swarmwright import Run, optimize
 from swarmwright.runs import picture
 from tests.python.records import EXPERIMENT
 
+pytestmark = pytest.mark.usefixtures("plots")
+
 
 def test_plots_of_many_runs_are_drawn_before_the_process_ends(tmp_path: Path) -> None:
     program = (
@@ -27,6 +29,13 @@ def test_plots_of_many_runs_are_drawn_before_the_process_ends(tmp_path: Path) ->
         with Image.open(tmp_path / str(number) / picture.FILE) as image:
             assert image.size == (1080, 624)
             assert len(set(image.convert("RGB").get_flattened_data())) > 20
+
+
+def test_no_plot_where_none_is_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SWARMWRIGHT_PLOT", "0")
+    run = optimize(EXPERIMENT, out=tmp_path / "run")
+    picture.wait()
+    assert sorted(file.name for file in run.path.iterdir()) == ["best.json", "experiment.yaml", "run.sqlite"]
 
 
 def test_what_cannot_be_drawn_is_said(

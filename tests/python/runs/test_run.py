@@ -14,9 +14,11 @@ from swarmwright.runs.folders import default_folder
 from tests.python.records import EXPERIMENT, change_numbers, seal
 
 
-def test_all_files_are_there(finished: Run) -> None:
+@pytest.mark.usefixtures("plots")
+def test_all_files_are_there(tmp_path: Path) -> None:
+    run = optimize(EXPERIMENT, out=tmp_path / "run")
     picture.wait()
-    assert sorted(file.name for file in finished.path.iterdir()) == [
+    assert sorted(file.name for file in run.path.iterdir()) == [
         "best.json",
         "experiment.yaml",
         "fitness.png",
