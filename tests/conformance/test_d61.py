@@ -99,7 +99,7 @@ def _places(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.timeout(120)
 @pytest.mark.usefixtures("_places")
 def test_the_least_that_d61_demands_of_a_tool_is_enough() -> None:
-    report = report_of_tool(LeastTool, "", profile="d6.1")
+    report = report_of_tool(LeastTool, "", profile="d6.1", lasts=30.0)
     assert report.ok, str(report)
     assert not report.of("skipped")
     wide = report_of_tool(LeastTool, "O2,O3,O4.6,O4.7")

@@ -52,17 +52,22 @@ class SoundTool:
         self.used: dict[int, str] = {}
         self.count = 0
         self.over = False
+        self.listening = False
         self.asked = ""
         self.next_question = 0.0
         self.client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTv5)
         self.client.reconnect_delay_set(1, 1)
         self.client.on_message = self._on_message
         self.client.on_connect = self._on_connect
+        self.client.on_subscribe = self._on_subscribe
         host, _, port = url.removeprefix("mqtt://").rpartition(":")
         self.client.connect(host, int(port))
 
     def _on_connect(self, client: Client, *_: object) -> None:
         client.subscribe([(topic, 0) for topic in ("server", "sensor", "fitness")])
+
+    def _on_subscribe(self, *_: object) -> None:
+        self.listening = True
 
     def _on_message(self, _client: Client, _data: object, message: MQTTMessage) -> None:
         try:
@@ -99,7 +104,8 @@ class SoundTool:
             for hash_, running in list(self.running.items()):
                 if now > running.since + PATIENCE:
                     self.give_up(hash_)
-            if now > self.next_question and self.work:
+            # An answer that comes before the subscription is lost, and some ask only once.
+            if self.listening and now > self.next_question and self.work:
                 self.ask()
             self.start()
         self.give_back()
