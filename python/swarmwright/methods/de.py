@@ -13,7 +13,7 @@ class DeOptions(BoxOptions):
     """Differential evolution, with the defaults of the library `pymoo` but for the population."""
 
     kind: Literal["de"] = "de"
-    population: int = Field(default=50, ge=5, le=1_000_000)
+    population: int = Field(default=40, ge=5, le=1_000_000)
     """Members, each of which meets one challenger in each generation."""
     base: Literal["best", "rand", "target-to-best"] = "best"
     """What a difference is added to: the best member, a random one, or the member itself moved towards the

@@ -12,22 +12,23 @@ from swarmwright.typing import Fitness, Genomes
 
 
 class PsoOptions(BoxOptions):
-    """Particle swarm optimization, with the defaults of the library `pymoo` but for the population."""
+    """Particle swarm optimization, with the coefficients that Trelea recommends."""
 
     kind: Literal["pso"] = "pso"
-    population: int = Field(default=50, ge=3, le=1_000_000)
+    population: int = Field(default=30, ge=3, le=1_000_000)
     """Particles."""
-    inertia: float = Field(default=0.9, ge=0, le=2)
+    inertia: float = Field(default=0.6, ge=0, le=2)
     """w: share of a particle's velocity that it keeps."""
-    own: float = Field(default=2.0, ge=0, le=10)
+    own: float = Field(default=1.7, ge=0, le=10)
     """c1: pull of the best place where a particle has been."""
-    social: float = Field(default=2.0, ge=0, le=10)
+    social: float = Field(default=1.7, ge=0, le=10)
     """c2: pull of the best place where any particle has been."""
-    adaptive: bool = True
-    """Whether inertia and pulls follow the state of the swarm."""
+    adaptive: bool = False
+    """Whether inertia and pulls follow the state of the swarm, from the given values on. The time for this
+    grows with the square of the population."""
     fastest: float = Field(default=0.2, gt=0, le=1)
     """Largest velocity, as a share of the range that is searched."""
-    perturb: bool = True
+    perturb: bool = False
     """Whether the best particle is mutated instead of moved."""
 
 
@@ -37,10 +38,11 @@ class Pso(Box):
     The members are the best places of the particles. A flight that leaves the box is drawn again, up to 20
     times; then it ends between the bound and where it began, at random.
 
-    Source: Kennedy and Eberhart, "Particle swarm optimization", ICNN 1995; adaptive as in Zhan, Zhang, Li and
-    Chung, "Adaptive particle swarm optimization", IEEE Transactions on Systems, Man and Cybernetics B 39(6),
-    2009, in the form of the library `pymoo` (Blank and Deb, IEEE Access 8, 2020,
-    doi:10.1109/ACCESS.2020.2990567).
+    Source: Kennedy and Eberhart, "Particle swarm optimization", ICNN 1995; coefficients of Trelea, "The
+    particle swarm optimization algorithm: convergence analysis and parameter selection", Information
+    Processing Letters 85(6), 2003. Adaptive as in Zhan, Zhang, Li and Chung, "Adaptive particle swarm
+    optimization", IEEE Transactions on Systems, Man and Cybernetics B 39(6), 2009, in the form of the library
+    `pymoo` (Blank and Deb, IEEE Access 8, 2020, doi:10.1109/ACCESS.2020.2990567).
     """
 
     kind: ClassVar[str] = "pso"

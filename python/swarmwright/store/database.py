@@ -15,7 +15,7 @@ NEW = f"{FILE}.new"
 """What it is called while it is made."""
 FORMAT = 3
 """Version of the run folder: 1 had text files only, 2 a row for each evaluation."""
-_PAGES = ((1 << 20, 65536), (1 << 17, 16384), (0, 4096))
+_PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
 where generations do not fill them."""
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is

@@ -24,6 +24,8 @@ from tests.python.methods.functions import (
 
 ALGORITHMS = {"de": DE, "pso": PSO}
 POPULATIONS = {"de": 100, "pso": 25}  # pymoo's
+ADAPTIVE: dict[str, Any] = {"adaptive": True, "perturb": True, "inertia": 0.9, "own": 2.0, "social": 2.0}
+DEFAULTS: dict[str, dict[str, Any]] = {"de": {}, "pso": ADAPTIVE}  # pymoo's
 
 
 class Counted(Problem):  # type: ignore[misc] # the library has no types
@@ -81,7 +83,7 @@ def test_it_needs_as_many_evaluations_as_pymoo(
 ) -> None:
     """The median of seven seeds is within the range of pymoo's, or near it."""
     seeds = range(1, 8)
-    options = {"generations": 400, "population": POPULATIONS[kind], **options}
+    options = {"generations": 400, "population": POPULATIONS[kind], **DEFAULTS[kind], **options}
     ours = [evaluations_to(new(kind, seed=seed, **options), function, target) for seed in seeds]
     assert None not in ours
     peers = [of_pymoo(kind, function, target, seed, **theirs) for seed in seeds]
@@ -107,7 +109,7 @@ def test_each_option_of_de_changes_the_run(options: Any) -> None:
 
 
 def test_the_velocity_of_a_particle_is_limited() -> None:
-    method = new("pso", fastest=0.01, perturb=False)
+    method = new("pso", fastest=0.01)
     before, *after = conversation(method, sphere, 20)
     for places in after:
         assert np.abs(places - before).max() <= 0.01 * 30 + 1e-5
@@ -118,17 +120,17 @@ def test_pulls_and_inertia_follow_the_state_of_the_swarm() -> None:
     assert [_signs(at) for at in (-0.5, 0.1, 0.35, 0.65, 1.5)] == [
         *((0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (1.0, -1.0), (-1.0, 1.0))
     ]
-    method = new("pso")
+    method = new("pso", **ADAPTIVE)
     assert isinstance(method, Pso)
     conversation(method, sphere, 30)
     own, social = method._pulls
     assert min(own, social) > 1.4
     assert own + social <= 4 + 1e-12
     assert 0.3 < method._inertia < 0.9
-    still = new("pso", adaptive=False)
+    still = new("pso")
     assert isinstance(still, Pso)
     conversation(still, sphere, 30)
-    assert (still._inertia, still._pulls) == (0.9, (2.0, 2.0))
+    assert (still._inertia, still._pulls) == (0.6, (1.7, 1.7))
 
 
 @pytest.mark.parametrize("kind", ALGORITHMS)
