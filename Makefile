@@ -2,6 +2,7 @@
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
+# make test-export  controllers in C, C++, .. on emulated processors of other makes
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make schedules  100,000 seeded schedules of faults for pools and servers, in virtual time (minutes)
 # make brokers an experiment on all brokers of other makes that can be installed, into build/brokers.md
@@ -16,7 +17,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
+.PHONY: brokers test-brokers test-export help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -90,6 +91,14 @@ test-brokers: $(VENV)/.engine $(VENV)/.dev
 	command -v npm > /dev/null || { $(call install,nodejs npm); }
 	command -v go > /dev/null || { $(call install,golang-go); }
 	$(BIN)/python -m tests.brokers mosquitto aedes mochi
+
+# Exported controllers on other processors: compilers for AVR and ARM, and emulators; MicroPython in node.
+test-export: $(VENV)/.engine $(VENV)/.dev
+	@command -v avr-g++ > /dev/null && command -v simavr > /dev/null && command -v qemu-arm > /dev/null && command -v valgrind > /dev/null \
+		&& command -v arm-linux-gnueabihf-g++ > /dev/null && command -v aarch64-linux-gnu-g++ > /dev/null || {
+		$(call install,gcc-avr avr-libc simavr qemu-user valgrind g++-arm-linux-gnueabihf g++-aarch64-linux-gnu)
+	}
+	SWARMWRIGHT_TEST_EXPORT=1 $(BIN)/python -m pytest -n 2 tests/python/export
 
 INPUTS ?= 1000000
 

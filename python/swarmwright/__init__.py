@@ -35,6 +35,7 @@ Overview:
     optimize, resume            evolve a controller; go on with a run
     Run, Controller             results: record, plots, replays; a callable controller
     sweep, compare              variants with several seeds, and statistical tests
+    export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
     Simulation, BatchSimulation, Parameter   base classes of custom simulations
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.evaluation.evaluate import evaluate, simulate
     from swarmwright.experiment.experiment import Experiment
+    from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.optimization.optimize import Generation, optimize, resume
     from swarmwright.representations.controller import Controller
     from swarmwright.runs.post_evaluation import PostEvaluation, post_evaluate
@@ -72,6 +74,7 @@ __all__ = [
     "Comparison",
     "Controller",
     "Experiment",
+    "Exported",
     "Generation",
     "InputError",
     "Parameter",
@@ -86,6 +89,7 @@ __all__ = [
     "callbacks",
     "compare",
     "evaluate",
+    "export_controller",
     "optimize",
     "post_evaluate",
     "repeat",
@@ -100,6 +104,7 @@ _LAZY = {
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",
     "Experiment": "experiment.experiment",
+    "Exported": "export.exporting",
     "Generation": "optimization.optimize",
     "Parameter": "simulations.parameters",
     "PostEvaluation": "runs.post_evaluation",
@@ -109,6 +114,7 @@ _LAZY = {
     "SweepResult": "analysis.sweep.result",
     "compare": "analysis.comparison",
     "evaluate": "evaluation.evaluate",
+    "export_controller": "export.exporting",
     "optimize": "optimization.optimize",
     "post_evaluate": "runs.post_evaluation",
     "repeat": "runs.repeat",

@@ -155,6 +155,8 @@ class Episode:
     def step_size(self) -> float:
         """Seconds between two frames when shown."""
     def step(self) -> None: ...
+    def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
+        """Step; (n,) agents, (n, sensors) what they sensed, (n, actuators) what they did, in the order of acting."""
     def scene(self) -> SceneFields:
         """What it looks like; y points up, metres or cells. Raises EngineError when there is nothing to show."""
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:

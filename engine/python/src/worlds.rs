@@ -1,5 +1,6 @@
 //! Built-in simulations in this process.
 
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_controllers::{Controller, Specification};
@@ -70,6 +71,13 @@ fn controller(text: &str) -> PyResult<Controller> {
         .map_err(input)
 }
 
+/// Agents, their sensors and their actuators, a row for each time that an agent acted.
+type Observed<'py> = (
+    Bound<'py, PyArray1<u32>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
+);
+
 /// One episode, step by step.
 #[pyclass(name = "Episode", module = "swarmwright._engine", unsendable)]
 pub struct PyEpisode(worlds::Episode);
@@ -119,6 +127,26 @@ impl PyEpisode {
 
     fn step(&mut self) -> PyResult<()> {
         kept(|| self.0.step())?.map_err(engine)
+    }
+
+    fn step_observed<'py>(&mut self, py: Python<'py>) -> PyResult<Observed<'py>> {
+        let description = self.0.simulation().description();
+        let widths = [description.sensors, description.actuators];
+        let (mut agents, mut sensed, mut done) = (Vec::new(), Vec::new(), Vec::new());
+        kept(|| {
+            self.0.step_observed(|agent, sensors, actuators| {
+                agents.push(agent);
+                sensed.extend_from_slice(sensors);
+                done.extend_from_slice(actuators);
+            })
+        })?
+        .map_err(engine)?;
+        let rows = agents.len();
+        Ok((
+            agents.into_pyarray(py),
+            sensed.into_pyarray(py).reshape([rows, widths[0]])?,
+            done.into_pyarray(py).reshape([rows, widths[1]])?,
+        ))
     }
 
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {

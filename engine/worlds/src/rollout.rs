@@ -103,8 +103,13 @@ impl AgentControllers {
         })
     }
 
-    /// All acting agents sense, then all controllers compute, then the simulation steps.
-    fn step(&mut self, simulation: &mut dyn Simulation) -> Result<(), RolloutError> {
+    /// All acting agents sense, then all controllers compute, then the simulation steps. `observe` gets each agent with
+    /// its sensors and actuators.
+    fn step(
+        &mut self,
+        simulation: &mut dyn Simulation,
+        mut observe: impl FnMut(u32, &[f32], &[f32]),
+    ) -> Result<(), RolloutError> {
         let acting = simulation.acting();
         if let (Some(agent), false) = (acting.first(), self.prototype.steers()) {
             return Err(RolloutError::NotSteered {
@@ -132,6 +137,7 @@ impl AgentControllers {
                     agent: *agent,
                     source,
                 })?;
+            observe(*agent, &self.sensors, row);
         }
         simulation.step(&self.actuators);
         Ok(())
@@ -165,7 +171,7 @@ pub fn rollout_until(
     simulation.reset(&controller.merged(parameters))?;
     let mut agents = AgentControllers::new(simulation, controller)?;
     while !simulation.done() && !stopped(stop) {
-        agents.step(simulation)?;
+        agents.step(simulation, |_, _, _| ())?;
     }
     Ok(simulation.fitness())
 }
@@ -206,8 +212,19 @@ impl Episode {
     /// # Errors
     /// A sensor reading that is not a finite number.
     pub fn step(&mut self) -> Result<(), RolloutError> {
+        self.step_observed(|_, _, _| ())
+    }
+
+    /// As [`step`](Self::step); `observe` gets each agent that acts, its sensors and its actuators, in this order.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    pub fn step_observed(
+        &mut self,
+        mut observe: impl FnMut(u32, &[f32], &[f32]),
+    ) -> Result<(), RolloutError> {
         while !self.done() {
-            self.agents.step(self.simulation.as_mut())?;
+            self.agents.step(self.simulation.as_mut(), &mut observe)?;
             if !self.simulation.mid_step() {
                 break;
             }

@@ -18,6 +18,7 @@ COMMANDS = (
     "replay",
     "plot",
     "draw",
+    "export",
     "new",
     "broker",
     "serve",

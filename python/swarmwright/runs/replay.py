@@ -107,14 +107,20 @@ class Replay:
         host = catalogue.drawing(self.experiment.simulation)
         return record(self._episode(host), host.picture)
 
+    def engine_episode(self) -> _engine.Episode:
+        """Return the episode as the engine steps it, before its first step, with the simulation's fitness."""
+        return self._engine_episode(catalogue.playable(self.experiment.simulation))
+
     def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
-        experiment = self.experiment
-        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
-        parameters = {**experiment.parameters, **evolved, "seed": self.seed}
-        with engine_errors():
-            episode = _engine.Episode(simulation, parameters, self.controller.json)
-        expression = experiment.fitness_expression
+        episode = self._engine_episode(simulation)
+        expression = self.experiment.fitness_expression
         return episode if expression is None else JudgedEpisode(episode, expression)
+
+    def _engine_episode(self, simulation: Any) -> _engine.Episode:  # noqa: ANN401 - as the engine takes it
+        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
+        parameters = {**self.experiment.parameters, **evolved, "seed": self.seed}
+        with engine_errors():
+            return _engine.Episode(simulation, parameters, self.controller.json)
 
     @property
     def title(self) -> str:

@@ -1,0 +1,135 @@
+"""`swarmwright export`: a controller as source code or as a model."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import ExistingPath, WholeNumber, json_option, trust_option
+from swarmwright.cli._output import Output, show_warnings
+
+
+class CandidateId(click.ParamType[tuple[int | None, int]]):
+    """`G:N`, a candidate of a generation; or `N`, an evaluation of the whole run."""
+
+    name = "candidate"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int | None, int]:
+        """Generation, if one is named, and candidate."""
+        number = WholeNumber(min=0, max=2**63 - 1)
+        generation, colon, candidate = value.rpartition(":")
+        if not all(
+            part.isascii() and part.isdigit() for part in (candidate, *([generation] if colon else []))
+        ):
+            self.fail(
+                f"'{value}' is not G:N, such as 19:3: generation and candidate, both from 0.", param, ctx
+            )
+        return (
+            number.convert(generation, param, ctx) if colon else None,
+            number.convert(candidate, param, ctx),
+        )
+
+
+@click.command(
+    "export",
+    cls=Command,
+    example="swarmwright export runs/minisim-1 --to c --output robot --verify\n"
+    "swarmwright export runs/minisim-1 --to python --candidate 19:3 --prefix steering",
+)
+@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.option(
+    "--to",
+    "form",
+    required=True,
+    metavar="FORM",
+    help="c, cpp, python, micropython or onnx, or what an installed package adds.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder to write to. Default: one named like the prefix, here.",
+)
+@click.option(
+    "--candidate",
+    "chosen",
+    type=CandidateId(),
+    metavar="G:N",
+    help="Candidate N of generation G, both from 0; N alone is the number of the evaluation in the whole "
+    "run. Default: the best one.",
+)
+@click.option(
+    "--prefix",
+    default="controller",
+    show_default=True,
+    metavar="NAME",
+    help="What files, functions and types are called: NAME.c, NAME_step. Several controllers in one program "
+    "have different ones.",
+)
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Compile and run what was written, in 10,000 random sequences and in the run's episodes, and "
+    "compare its actuators with the simulation's. The last line holds the largest difference.",
+)
+@click.option("--force", is_flag=True, help="Write over files that Swarmwright did not export.")
+@trust_option
+@json_option
+def command(
+    run: Path,
+    form: str,
+    output: Path | None,
+    chosen: tuple[int | None, int] | None,
+    prefix: str,
+    verify: bool,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Export the controller of RUN, the best one unless another is named, for robots and other programs.
+
+    The exported controller keeps its state from step to step, as in the simulation. With --verify, the exit
+    status is 1 unless it has the same bits as in the simulation, or for ONNX differs by 1e-5 at most.
+    """
+    from swarmwright.export.exporting import export_controller
+
+    said = Output(as_json=as_json)
+    show_warnings()
+    generation, candidate = chosen or (None, None)
+    exported = export_controller(
+        run,
+        to=form,
+        output=output,
+        generation=generation,
+        candidate=candidate,
+        prefix=prefix,
+        verify=verify,
+        force=force,
+    )
+    facts = dict(exported.subject.facts)
+    said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    for file in exported.files:
+        said.text(f"  {file}")
+    found = exported.verification
+    said.json(
+        {
+            "run": str(run),
+            "to": form,
+            "files": [str(file) for file in exported.files],
+            **{name.lower(): text for name, text in facts.items() if name != "Run"},
+            **(
+                {}
+                if found is None
+                else {"largest_difference": found.largest_difference, "verification": found.to_mapping()}
+            ),
+        }
+    )
+    if found is None:
+        return 0
+    if found.self_test:
+        said.text(f"The self-test {found.self_test} is ok")
+    if found.without_episodes:
+        said.text(f"Verified without episodes: {found.without_episodes}")
+    said.text(f"Verified: {found.words}" if found.ok else found.words)
+    return 0 if found.ok else 1

@@ -1,0 +1,18 @@
+"""Controllers as source code and models: one file and one line below for each form."""
+
+from swarmwright.core.registry import Registry
+from swarmwright.export._base import Exporter, Files
+from swarmwright.export.subject import Subject
+
+__all__ = ["EXPORTERS", "Exporter", "Files", "Subject"]
+
+EXPORTERS: Registry[Exporter] = Registry(
+    "form",
+    "swarmwright.exporters",
+    {
+        "c": "swarmwright.export.c:C",
+        "cpp": "swarmwright.export.cpp:Cpp",
+    },
+    "swarmwright.export:Exporter",
+)
+"""All forms, by their name after `--to`."""

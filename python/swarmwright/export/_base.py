@@ -1,0 +1,70 @@
+"""What every form of an exported controller does."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Subject
+
+Files = dict[str, str | bytes]
+"""Content by path, relative to the folder that is exported to."""
+
+
+class Exporter(ABC):
+    """Writes controllers in one form, and checks what was written.
+
+    An exporter is one file and one line in `swarmwright.export`; other packages announce theirs as entry
+    points in the group `swarmwright.exporters`.
+    """
+
+    form: ClassVar[str]
+    """Name after `--to`."""
+    tolerance: ClassVar[float] = 0.0
+    """Largest difference from the simulation's actuators that is promised; 0 promises the same bits."""
+
+    @abstractmethod
+    def files(self, subject: Subject, prefix: str) -> Files:
+        """Return what is written, the same bytes for the same subject.
+
+        Args:
+            subject: the controller.
+            prefix: begins names and files; a valid identifier in C, C++ and Python.
+
+        Raises InputError when controllers of this kind have no such form.
+        """
+
+    @abstractmethod
+    def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
+        """Run what was written and return the actuators of each step, (steps, actuators).
+
+        Args:
+            folder: a temporary one with the files.
+            prefix: as in `files`.
+            sequences: where controllers refuse a sensor that is NaN or infinite, that is checked too.
+
+        Raises:
+            InputError: a program that this needs is not installed.
+            RunError: it could not be compiled, or failed.
+        """
+
+    def values(self, folder: Path, prefix: str) -> Mapping[str, object] | None:  # noqa: ARG002 - for others
+        """Return what was written for a parameter set, read back. Default: its self-test is trusted, None."""
+        return None
+
+    def self_test(self, folder: Path, prefix: str) -> str | None:  # noqa: ARG002 - for those who have one
+        """Run the generated self-test; return its name, None without one, the default. Raises as `run`."""
+        return None
+
+
+def facts(subject: Subject, begin: str = " * ") -> str:
+    """Return where a controller comes from, as lines of a comment."""
+    from swarmwright import __version__  # noqa: PLC0415 - asks the engine
+    from swarmwright.export.text import MARK, table  # noqa: PLC0415 - beside the line above
+
+    rows = [*table(list(subject.facts), begin), f"{begin}{MARK} {__version__}; changes here are lost."]
+    return "\n".join(row.rstrip() for row in rows)

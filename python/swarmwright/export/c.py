@@ -1,0 +1,119 @@
+"""C99: `--to c`."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.export import c_family, c_parameters
+from swarmwright.export._base import Exporter, Files, facts
+from swarmwright.export.c_code import code
+from swarmwright.export.c_family import Language
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Subject
+from swarmwright.export.text import render
+
+LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt install gcc")
+
+
+class C(Exporter):
+    """`PREFIX.c` and `PREFIX.h` in C99, with a self-test, a CMakeLists.txt and an Arduino sketch.
+
+    Neither allocation nor a library is needed; the state is in a struct. Several controllers in one program
+    differ in their prefix.
+    """
+
+    form: ClassVar[str] = "c"
+
+    def files(self, subject: Subject, prefix: str) -> Files:
+        """Return sources, self-test, CMakeLists.txt and, for what steers agents, a sketch."""
+        cmake = render("CMakeLists.txt", {})
+        if not subject.steers:
+            return {**c_parameters.files(subject, prefix), "CMakeLists.txt": cmake}
+        values = _values(subject, prefix)
+        header, source = _header(subject, values), _source(subject, values)
+        sketch = f"{prefix}_arduino"
+        sizes = (len(subject.sensors), len(subject.actuators))
+        test = c_family.tests(subject, {**values, **c_family.harness_values(prefix, sizes, "C")})
+        return {
+            f"{prefix}.h": header,
+            f"{prefix}.c": source,
+            f"{prefix}_test.c": test,
+            "CMakeLists.txt": cmake,
+            f"{sketch}/{sketch}.ino": _sketch(subject, values, sketch),
+            f"{sketch}/{prefix}.h": header,
+            f"{sketch}/{prefix}.c": source,
+        }
+
+    def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
+        """Compile the source without optimization, with it, and with fused operations allowed; run it."""
+        sizes = (sequences.sensors.shape[1], sequences.actuators.shape[1])
+        values = {"p": prefix, **c_family.harness_values(prefix, sizes, "C")}
+        return c_family.driven(folder, LANGUAGE, values, [f"{prefix}.c"], sequences)
+
+    def self_test(self, folder: Path, prefix: str) -> str:
+        """Compile and run `PREFIX_test.c`."""
+        return c_family.self_test(folder, LANGUAGE, prefix, [f"{prefix}.c"])
+
+
+def _values(subject: Subject, prefix: str) -> dict[str, str]:
+    upper = prefix.upper()
+    return {
+        "p": prefix,
+        "PREFIX": upper,
+        "header": f"{prefix}.c",
+        "function": "static",
+        "size_t": "size_t",
+        "sensors": f"{upper}_SENSORS",
+        "actuators": f"{upper}_ACTUATORS",
+        "self": "controller->",
+        "data": f"{prefix}_",
+        "detail": "",
+        "reset_signature": f"void {prefix}_reset({prefix}_t *controller)",
+        "step_signature": f"bool {prefix}_step({prefix}_t *controller, const float *sensors, float *actuators)",  # noqa: E501 - C
+        "facts": facts(subject),
+    }
+
+
+def _header(subject: Subject, values: dict[str, str]) -> str:
+    made = code(subject, values)
+    upper = values["PREFIX"]
+    return render(
+        "c_header.txt",
+        {
+            **values,
+            "sensors": str(len(subject.sensors)),
+            "actuators": str(len(subject.actuators)),
+            "sensor_enum": c_family.enumeration(subject.sensors, f"{upper}_SENSOR_", "SENSOR"),
+            "actuator_enum": c_family.enumeration(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
+            "state": made.state,
+            "state_words": made.state_words,
+        },
+    )
+
+
+def _source(subject: Subject, values: dict[str, str]) -> str:
+    made = code(subject, values)
+    flash = f"{values['PREFIX']}_FLASH"
+    tables = [c_family.defined(one, f"static const {one.type} {values['p']}_", flash) for one in made.tables]
+    return render(
+        "c_source.txt",
+        {
+            **values,
+            "header_source": f"{values['p']}.c: an evolved controller, see {values['p']}.h.",
+            "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",
+            "flash": render("c_flash.txt", values).rstrip(),
+            "tables": "\n\n".join(tables),
+            "finite": render("c_finite.txt", values).rstrip(),
+            "kernel": made.kernel.rstrip(),
+            "step": made.step.rstrip(),
+        },
+    )
+
+
+def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
+    upper = values["PREFIX"]
+    read = c_family.assignments(subject.sensors, f"{upper}_SENSOR_", "SENSOR", "sensors")
+    drive = c_family.uses(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR")
+    return render("arduino.txt", {**values, "sketch": sketch, "read": read, "drive": drive})

@@ -1,0 +1,221 @@
+"""Source code of controllers in C and C++: the arithmetic of decision 002, operation by operation."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError
+from swarmwright.export.subject import Subject
+from swarmwright.export.text import literals, render, wrapped
+
+_TYPES = {16: "uint16_t", 32: "uint32_t"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Constant numbers."""
+
+    name: str
+    type: str
+    length: int
+    text: str
+    """Their lines between the braces."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """The parts of a controller's source that depend on its kind."""
+
+    tables: tuple[Table, ...]
+    kernel: str
+    """Functions."""
+    step: str
+    """The functions reset and step."""
+    state: str
+    """Members of the struct."""
+    state_words: str
+    """What the struct holds."""
+
+
+def code(subject: Subject, language: dict[str, str]) -> Code:
+    """Return the code of a controller.
+
+    Args:
+        subject: that steers agents.
+        language: replacements in templates that differ between C and C++.
+
+    Raises:
+        InputError: controllers of this kind are not known here.
+    """
+    make = _KINDS.get(subject.kind)
+    if make is None:
+        known = ", ".join(sorted(_KINDS))
+        raise InputError(
+            f"controller: the kind {subject.kind!r} cannot be exported to C and C++, only {known}"
+        )
+    return make(subject, language)
+
+
+def _layered(subject: Subject, language: dict[str, str]) -> Code:
+    specification = subject.specification
+    hidden = [int(nodes) for nodes in specification["hidden"]]
+    sizes = [int(specification["sensors"]), *hidden, int(specification["actuators"])]
+    odd, even = max(hidden[::2], default=0), max(hidden[1::2], default=0)
+    words = "-".join(map(str, sizes))
+    step = render(
+        "c_step_layered.txt",
+        {
+            **language,
+            "words": f"{words}, {specification['activation']}",
+            "work_length": str(max(odd + even, 1)),
+            "unused": "(void)controller;" if not hidden and language["self"] else "",
+            "layers": "\n".join(_layers(sizes, odd, language)),
+        },
+    )
+    rows = [(f"layer {layer}, node {node}", below + 1) for layer, node, below in _nodes(sizes)]
+    return Code(
+        (_weights(subject.weights, rows),),
+        _network(subject, language),
+        step,
+        f"    float work[{max(odd + even, 1)}];",
+        "this network remembers nothing, and needs room to work in",
+    )
+
+
+def _nodes(sizes: list[int]) -> Iterator[tuple[int, int, int]]:
+    for layer, (below, nodes) in enumerate(pairwise(sizes), 1):
+        for node in range(nodes):
+            yield layer, node, below
+
+
+def _layers(sizes: list[int], odd: int, language: dict[str, str]) -> Iterator[str]:
+    """Yield a call for each layer; hidden ones take turns with the two parts of the work space."""
+    below, last = "sensors", len(sizes) - 2
+    work = f"{language['self']}work"
+    for layer, (width, nodes) in enumerate(pairwise(sizes)):
+        above = "actuators" if layer == last else f"{work} + {odd}" if layer % 2 and odd else work
+        result = "(void)" if layer == last else "weights = "
+        function = f"{language['detail']}{language['p']}_layer"
+        yield f"    {result}{function}(weights, {below}, {width}, {above}, {nodes});"
+        below = above
+
+
+def _fully_meshed(subject: Subject, language: dict[str, str]) -> Code:
+    specification = subject.specification
+    sensors, hidden = int(specification["sensors"]), int(specification["hidden"])
+    computed = hidden + int(specification["actuators"])
+    nodes = sensors + computed
+    step = render(
+        "c_step_fully_meshed.txt",
+        {
+            **language,
+            "words": f"{nodes} nodes, {specification['activation']}",
+            "nodes": str(nodes),
+            "computed": str(computed),
+            "above": str(sensors + hidden),
+            "iterations": str(specification["iterations"]),
+        },
+    )
+    rows = [(f"node {sensors + node}", nodes + 1) for node in range(computed)]
+    return Code(
+        (_weights(subject.weights, rows),),
+        _network(subject, language),
+        step,
+        f"    float outputs[{nodes}];\n    float next[{computed}];",
+        "the outputs of all nodes are kept from step to step",
+    )
+
+
+def _weights(weights: NDArray[np.float32], rows: list[tuple[str, int]]) -> Table:
+    """Return the table of weights; rows: a node's name and how many numbers it has."""
+    texts = literals(weights)
+    lines, at = [], 0
+    for name, count in rows:
+        lines.append(f"    /* {name}: bias, weights */\n{wrapped(texts[at : at + count])}")
+        at += count
+    return Table("weights", "float", len(texts), "\n".join(lines))
+
+
+def _network(subject: Subject, language: dict[str, str]) -> str:
+    activation = subject.specification["activation"]
+    low, high = subject.specification["output_range"]
+    words, actuator = _actuator(float(low), float(high), language)
+    functions = [f"c_activation_{activation}.txt"]
+    if activation in {"tanh", "sigmoid"}:
+        functions.insert(0, "c_tanh.txt")
+    values = {
+        **language,
+        "activation": "\n".join(render(name, language) for name in functions).rstrip(),
+        "output_range": words,
+        "actuator": actuator,
+    }
+    return render("c_network.txt", values)
+
+
+def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, str]:
+    """Return in words and as code how an output is mapped to -1..1."""
+    p = language["p"]
+    if (low, high) == (-1, 1):
+        return "as it is", "    const float a = output;"
+    if (low, high) == (0, 1):
+        lines = [f"{p}_product product = 2.0f * output;", f"{p}_real a = product - 1.0f;"]
+        return "0..1 becomes -1..1", "\n".join(f"    {line}" for line in lines)
+    bounds = np.array([low, high], np.float32)
+    lower, width = literals(np.array([bounds[0], bounds[1] - bounds[0]], np.float32))
+    lines = [
+        f"static const float low = {lower};",
+        f"static const float width = {width};",
+        f"{p}_real above = output - low;",
+        f"{p}_real share = above / width;",
+        f"{p}_product product = share * 2.0f;",
+        f"{p}_real a = product - 1.0f;",
+    ]
+    return f"{bounds[0]:g}..{bounds[1]:g} becomes -1..1", "\n".join(f"    {line}" for line in lines)
+
+
+def machine_tables(subject: Subject) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the next state of each row of a state machine, and its outputs, (rows, actuators), limited."""
+    specification = subject.specification
+    rows = subject.weights.reshape(-1, 1 + int(specification["actuators"]))
+    states = np.clip(rows[:, 0], 0, int(specification["states"]) - 1)
+    return np.trunc(states).astype(np.int64), np.clip(rows[:, 1:], np.float32(-1), np.float32(1))
+
+
+def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
+    thresholds = [np.array(of_one, np.float32) for of_one in subject.specification["thresholds"]]
+    counts = [len(of_one) for of_one in thresholds]
+    states, outputs = machine_tables(subject)
+    bits = 16 if max([int(subject.specification["states"]), *counts]) < 1 << 16 else 32
+    tables = [
+        Table("next", _TYPES[bits], len(states), wrapped([str(one) for one in states.tolist()])),
+        Table("outputs", "float", outputs.size, wrapped(literals(outputs.reshape(-1)))),
+    ]
+    if any(counts):
+        tables.append(Table("counts", _TYPES[bits], len(counts), wrapped([str(one) for one in counts])))
+        lines = [
+            f"    /* sensor {sensor} */\n{wrapped(literals(of_one))}"
+            for sensor, of_one in enumerate(thresholds)
+            if len(of_one)
+        ]
+        tables.append(Table("thresholds", "float", sum(counts), "\n".join(lines)))
+    part = {**language, "count_type": _TYPES[bits], "bits": str(bits)}
+    step = render(
+        "c_step_mealy_fsm.txt",
+        {
+            **language,
+            "next_bits": str(bits),
+            "locals": render("c_row_locals.txt", part).rstrip() if any(counts) else "",
+            "row": render("c_row.txt", part).rstrip() if any(counts) else "",
+        },
+    )
+    return Code(tuple(tables), "", step, f"    {_TYPES[bits]} state;", "the number of the state")
+
+
+_KINDS: dict[str, Callable[[Subject, dict[str, str]], Code]] = {
+    "fully_meshed": _fully_meshed,
+    "layered": _layered,
+    "mealy_fsm": _mealy_fsm,
+}

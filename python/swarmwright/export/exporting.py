@@ -1,0 +1,75 @@
+"""Exporting a candidate of a run: what `swarmwright export` and `swarmwright.export_controller` do."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from swarmwright.export import EXPORTERS
+from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.text import check_prefix
+from swarmwright.export.verification import Verification, verify
+from swarmwright.export.writing import write
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
+
+PREFIX = "controller"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was exported, and how it compares with the simulation."""
+
+    files: list[Path]
+    """What was written."""
+    subject: Subject
+    """The controller, with where it comes from."""
+    verification: Verification | None
+    """None unless it was asked for."""
+
+
+def export_controller(
+    run: "Run | str | Path",
+    *,
+    to: str,
+    output: str | Path | None = None,
+    generation: int | None = None,
+    candidate: int | None = None,
+    prefix: str = PREFIX,
+    verify: bool = False,
+    force: bool = False,
+) -> Exported:
+    """Write a controller as source code or as a model, for robots and other programs.
+
+    The same run and candidate give the same bytes. The controller keeps its state between steps, as it does
+    in the simulation, and its actuators have the same bits.
+
+    Args:
+        run: a run, or its folder.
+        to: "c", "cpp", "micropython", "onnx", "python", or what an installed package adds.
+        output: folder that is written to; by default one named like `prefix`, here.
+        generation: of the candidate, from 0; as in `Run.evaluation`.
+        candidate: as in `Run.evaluation`; default: the best one.
+        prefix: begins names of files, functions and types, so that a program can hold several controllers.
+        verify: compile and run what was written, in 10,000 random sequences and in the run's episodes, and
+            compare its actuators with the simulation's.
+        force: write over files that were not exported by Swarmwright.
+
+    Raises:
+        InputError: there is no such candidate or form, the prefix is not an identifier, a file is in the way,
+            or a program that verification needs is not installed.
+        RunError: what was written does not compile or run.
+    """
+    from swarmwright.runs.run import Run  # noqa: PLC0415 - with figures and more
+
+    check_prefix(prefix)
+    exporter = EXPORTERS.get(to)()
+    opened = run if isinstance(run, Run) else Run.open(run)
+    subject = subject_of(opened, generation, candidate)
+    files = exporter.files(subject, prefix)
+    written = write(files, Path(output if output is not None else prefix), force=force)
+    found = _verify(exporter, subject, prefix, files) if verify else None
+    return Exported(written, subject, found)
+
+
+_verify = verify

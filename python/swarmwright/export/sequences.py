@@ -1,0 +1,129 @@
+"""Sequences of sensors, and the actuators that the engine's controller gives for them."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError, engine_errors
+
+RANDOM_SEQUENCES = 10_000
+_LONGEST = 30
+_OPERATIONS = 1e8
+"""Of nodes, at most, in all random sequences together: so that large networks are verified in minutes."""
+
+_BITS = [
+    0x00000000, 0x80000000, 0x00000001, 0x80000001, 0x007FFFFF, 0x00800000, 0x34000000, 0x3F7FFFFF,
+    0x3F800000, 0xBF800000, 0x3F800001, 0x4B800000, 0x7149F2CA, 0xF149F2CA, 0x7F7FFFFF, 0xFF7FFFFF,
+]  # fmt: skip
+"""Zeros, subnormal and smallest normal numbers, neighbours of 1, huge numbers."""
+_REFUSED = [0x7FC00000, 0x7F800000, 0xFF800000]
+"""NaN and infinities."""
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """Steps of one controller, some of which begin a sequence."""
+
+    first: NDArray[np.bool_]
+    """(steps,) whether the controller is reset before the step."""
+    sensors: NDArray[np.float32]
+    """(steps, sensors)"""
+    actuators: NDArray[np.float32]
+    """(steps, actuators); rows of refused steps hold nothing."""
+    accepted: NDArray[np.bool_]
+    """(steps,) False where a sensor is NaN or infinite: the controller refuses these, and keeps its state."""
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.first)
+
+    @property
+    def count(self) -> int:
+        """Number of sequences."""
+        return int(self.first.sum())
+
+    def until(self, steps: int) -> "Sequences":
+        """Return the whole sequences at the beginning that have so many steps at most, one at least."""
+        ends = [*np.flatnonzero(self.first)[1:].tolist(), len(self)]
+        end = max([ends[0], *(end for end in ends if end <= steps)])
+        return Sequences(self.first[:end], self.sensors[:end], self.actuators[:end], self.accepted[:end])
+
+    @classmethod
+    def computed(
+        cls, specification: Mapping[str, Any], first: NDArray[np.bool_], sensors: NDArray[np.float32]
+    ) -> "Sequences":
+        """Return what the engine's controller does in these steps."""
+        with engine_errors("controller: "):
+            controller = _engine.Controller(json.dumps(dict(specification), allow_nan=False))
+        actuators = np.zeros((len(first), controller.actuators), np.float32)
+        accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
+        for step, (begins, row, fits) in enumerate(
+            zip(first.tolist(), sensors, accepted.tolist(), strict=True)
+        ):
+            if begins:
+                controller.reset()
+            if fits:
+                actuators[step] = controller.step(row)
+        return cls(first, sensors, actuators, accepted)
+
+
+def random_sequences(
+    specification: Mapping[str, Any], count: int = RANDOM_SEQUENCES, *, refused: bool = True
+) -> Sequences:
+    """Return sequences of 1 to 30 steps, the same ones for the same controller.
+
+    Sensors are uniform in -1..1, or larger and smaller by up to forty orders of magnitude, or numbers at
+    which arithmetic and thresholds change: zeros, subnormal, huge ones.
+
+    refused: some steps have a sensor that is NaN or infinite.
+    """
+    width = int(specification["sensors"])
+    numbers = np.random.default_rng(2026)
+    operations = len(specification["weights"]) * int(specification.get("iterations", 1)) * count
+    longest = int(min(_LONGEST, max(4, 2 * _OPERATIONS / max(operations, 1))))
+    lengths = numbers.integers(1, longest + 1, count)
+    first = np.zeros(int(lengths.sum()), np.bool_)
+    first[np.concatenate([[0], np.cumsum(lengths)[:-1]])] = True
+    which = np.repeat(np.arange(count) % 4, lengths)
+    sensors = numbers.uniform(-1, 1, (len(first), width))
+    sensors[which == 1] *= 10
+    magnitudes = 10.0 ** numbers.uniform(-45, 38, (len(first), width))
+    sensors = np.where((which == 2)[:, None], sensors * magnitudes, sensors).astype(np.float32)
+    special = _special(specification)
+    chosen = special[numbers.integers(0, len(special), sensors.shape)]
+    share = np.array([0.02, 0.02, 0.05, 0.5])[which]
+    sensors = np.where(numbers.random(sensors.shape) < share[:, None], chosen, sensors)
+    if refused:
+        bad = np.flatnonzero(numbers.random(len(first)) < 0.01)
+        values = np.array(_REFUSED, np.uint32).view(np.float32)
+        sensors[bad, numbers.integers(0, width, len(bad))] = values[numbers.integers(0, 3, len(bad))]
+    return Sequences.computed(specification, first, np.ascontiguousarray(sensors, np.float32))
+
+
+def _special(specification: Mapping[str, Any]) -> NDArray[np.float32]:
+    thresholds = [one for of_one in specification.get("thresholds", ()) for one in of_one]
+    edges = np.array(thresholds, np.float32)
+    near = [np.nextafter(edges, np.float32(way), dtype=np.float32) for way in (-np.inf, np.inf)]
+    found: NDArray[np.float32] = np.concatenate([np.array(_BITS, np.uint32).view(np.float32), edges, *near])
+    return found[np.isfinite(found)]
+
+
+def difference(expected: Sequences, found: NDArray[np.float32]) -> tuple[float, int]:
+    """Return the largest absolute difference of actuators, and how many differ in their bits.
+
+    found: (steps, actuators). Raises InputError for another shape, which a program that stopped early gives.
+    """
+    if found.shape != expected.actuators.shape:
+        raise InputError(
+            f"verification: {found.shape} actuators came back, expected {expected.actuators.shape}"
+        )
+    right, given = expected.actuators[expected.accepted], found[expected.accepted]
+    other = int((right.view(np.uint32) != given.view(np.uint32)).sum())
+    distance = np.abs(right.astype(np.float64) - given.astype(np.float64))
+    distance[np.isnan(distance)] = np.inf
+    return float(distance.max(initial=0.0)), other

@@ -1,0 +1,226 @@
+"""What is exported: a candidate of a run, the names of what it senses and does, recorded episodes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
+from swarmwright.export.sequences import Sequences, random_sequences
+from swarmwright.export.text import plain
+from swarmwright.representations.controller import controller_words
+from swarmwright.runs.choice import choose
+from swarmwright.simulations import catalogue
+
+if TYPE_CHECKING:
+    from swarmwright.runs.choice import Choice
+    from swarmwright.runs.run import Run
+
+_EPISODES = 5
+_STEPS = 20_000
+"""Sensor-actuator exchanges that are recorded; then the episode under way is finished, and no other begun."""
+_GOLDEN = 4_000
+"""Numbers in a self-test, about."""
+_EPISODES_WITHOUT = 20
+"""Random sequences in a self-test of a controller whose simulation cannot be run."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A sensor or an actuator."""
+
+    name: str
+    unit: str
+    """Empty where it is not known."""
+    limits: str
+    """Between which values it lies."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A controller and where it comes from."""
+
+    specification: Mapping[str, Any]
+    """As plain values, see protocol/schemas/controller.schema.json."""
+    facts: tuple[tuple[str, str], ...] = ()
+    """Where it comes from, in lines of a name and a text."""
+    description: Mapping[str, Any] = field(default_factory=dict)
+    """Of the simulation, see `catalogue.description`; empty where it is not known."""
+    episodes: Sequences | None = None
+    """What the agents sensed and did in episodes of the run; None where the simulation could not be run."""
+    episode_count: int = 0
+    reason: str = ""
+    """Why there are no episodes."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """Of a parameter set, by name."""
+    ranges: Mapping[str, str] = field(default_factory=dict)
+    """Of the parameters of a parameter set, in words."""
+
+    @property
+    def kind(self) -> str:
+        """The kind of controller."""
+        return str(self.specification["kind"])
+
+    @property
+    def steers(self) -> bool:
+        """Whether it steers agents, which a parameter set does not."""
+        return "sensors" in self.specification
+
+    @cached_property
+    def weights(self) -> NDArray[np.float32]:
+        """The weights, in the order of the specification."""
+        return np.array(self.specification["weights"], np.float32)
+
+    @cached_property
+    def sensors(self) -> list[Channel]:
+        """The sensors, in their order; their limits are those seen in the recorded episodes."""
+        seen = self.episodes.sensors if self.episodes is not None and len(self.episodes) else None
+        found = []
+        for index, (name, unit) in enumerate(self._channels("sensor")):
+            limits = "any finite number"
+            if seen is not None:
+                low, high = (float(f"{one:.4g}") for one in (seen[:, index].min(), seen[:, index].max()))
+                limits = f"{low + 0.0:g} to {high + 0.0:g} in the recorded episodes"
+            found.append(Channel(name, unit, limits))
+        return found
+
+    @cached_property
+    def actuators(self) -> list[Channel]:
+        """The actuators, in their order."""
+        return [Channel(name, unit, "-1 to 1") for name, unit in self._channels("actuator")]
+
+    def _channels(self, what: str) -> list[tuple[str, str]]:
+        count = int(self.specification[f"{what}s"])
+        names = list(self.description.get(f"{what}_names", ()))
+        units = list(self.description.get(f"{what}_units", ()))
+        if len(names) != count:
+            names = [f"{what} {index}" for index in range(count)]
+        if len(units) != count:
+            units = [""] * count
+        return [(plain(name), plain(unit)) for name, unit in zip(names, units, strict=True)]
+
+    @cached_property
+    def golden(self) -> Sequences:
+        """Whole episodes of some agents, or random sequences without a simulation, for a self-test."""
+        if self.episodes is None or not len(self.episodes):
+            return random_sequences(self.specification, _EPISODES_WITHOUT, refused=False)
+        width = self.episodes.sensors.shape[1] + self.episodes.actuators.shape[1]
+        return self.episodes.until(_GOLDEN // width)
+
+    @property
+    def golden_words(self) -> str:
+        """What the golden vectors are."""
+        golden = self.golden
+        steps = f"{len(golden)} steps"
+        if self.episodes is None or not len(self.episodes):
+            return f"{golden.count} random sequences, {steps}"
+        return f"whole episodes of {golden.count} agent{'s' if golden.count > 1 else ''}, {steps}"
+
+
+def subject_of(run: "Run", generation: int | None = None, candidate: int | None = None) -> Subject:
+    """Return what is exported of a run.
+
+    Its simulation is run to record episodes, where that is possible here.
+
+    Args:
+        run: with at least one finished generation.
+        generation: as in `Run.evaluation`.
+        candidate: as in `Run.evaluation`.
+
+    Raises:
+        InputError: there is no such candidate, or its evaluation failed.
+    """
+    try:
+        chosen = choose(run, generation, candidate)
+    except RunError as error:
+        raise InputError(str(error)) from error
+    where = f"candidate {chosen.candidate} of generation {chosen.generation}"
+    if np.isnan(chosen.fitness):
+        raise InputError(
+            f"{run.path}: the evaluation of {where} failed; name one with a fitness: --candidate G:N"
+        )
+    facts = _facts(run, chosen)
+    if "sensors" not in chosen.specification:
+        return _parameter_set(run, chosen, facts)
+    try:
+        description, episodes, count = _recorded(run, chosen)
+    except SwarmwrightError as error:
+        return Subject(chosen.specification, facts, _described(run), reason=str(error))
+    return Subject(chosen.specification, facts, description, episodes, count)
+
+
+def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
+    experiment = run.experiment
+    episodes = len(chosen.seeds)
+    how = getattr(experiment.ranking, "aggregate", "outcome")
+    of = f" ({how} of {episodes} episodes)" if episodes > 1 else ""
+    rows = [
+        ("Run", f"{run.name}, seed {experiment.seed}, record SHA-256 {run.digest}"),
+        ("Simulation", experiment.label),
+        ("Candidate", f"{chosen.candidate} of generation {chosen.generation} (both from 0)"),
+        ("Fitness", f"{chosen.fitness + 0.0!r}{of}"),
+        ("Controller", controller_words(chosen.specification)),
+    ]
+    return tuple((name, plain(text)) for name, text in rows)
+
+
+def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], ...]) -> Subject:
+    from swarmwright.representations.controller import Controller  # noqa: PLC0415 - loads the engine
+
+    options = run.experiment.controller.model_dump().get("parameters", {})
+    options = options if isinstance(options, dict) else {}  # a plug-in may have other ones
+    ranges = {
+        name: f"{one['range'][0]:g} to {one['range'][1]:g}"
+        for name, one in options.items()
+        if one.get("range") is not None
+    }
+    values = Controller(chosen.specification).parameters
+    return Subject(chosen.specification, facts, values=values, ranges=ranges)
+
+
+def _described(run: "Run") -> Mapping[str, Any]:
+    """Return the description of a built-in simulation; of no other, since that may execute code."""
+    simulation = run.experiment.simulation
+    return catalogue.description(simulation) if simulation in catalogue.titles() else {}
+
+
+def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequences, int]:
+    """Return the simulation's description, and what agents sensed and did in episodes, agent by agent."""
+    from swarmwright.runs.replay import Replay  # noqa: PLC0415 - needs displays
+
+    parts: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+    done, count = 0, 0
+    for number in range(min(_EPISODES, len(chosen.seeds))):
+        replay = Replay.of(run, generation=chosen.generation, candidate=chosen.candidate, episode=number)
+        agents = _agents(replay)
+        done += sum(len(sensors) for sensors, _ in agents)
+        count += 1
+        parts += agents
+        if done > _STEPS:
+            break
+    description = catalogue.description(replay.experiment.simulation)
+    width = (int(chosen.specification["sensors"]), int(chosen.specification["actuators"]))
+    first = np.zeros(done, np.bool_)
+    starts = np.cumsum([0, *(len(sensors) for sensors, _ in parts)])[:-1]
+    first[starts] = True
+    sensors, actuators = (
+        np.concatenate([np.empty((0, width[side]), np.float32), *(part[side] for part in parts)])
+        for side in (0, 1)
+    )
+    return description, Sequences(first, sensors, actuators, np.ones(done, np.bool_)), count
+
+
+def _agents(replay: Any) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:  # noqa: ANN401 - a Replay
+    """Return the sensors and the actuators of each agent of an episode, played to its end."""
+    episode = replay.engine_episode()
+    rows = []
+    with engine_errors():
+        while not episode.done:
+            rows.append(episode.step_observed())
+    if not rows:
+        return []
+    agents, sensors, actuators = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return [(sensors[agents == agent], actuators[agents == agent]) for agent in np.unique(agents)]

@@ -1,0 +1,99 @@
+"""Exported controllers compared with the engine's, in random sequences and in episodes of the simulation."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swarmwright.export._base import Exporter, Files
+from swarmwright.export.sequences import RANDOM_SEQUENCES, difference, random_sequences
+from swarmwright.export.subject import Subject
+
+
+@dataclass(frozen=True)
+class Verification:
+    """How far what was exported is what the simulation ran."""
+
+    largest_difference: float
+    """Between actuators, absolute; 0 for a parameter set whose values are right."""
+    differing: int
+    """Actuators whose bits differ."""
+    tolerance: float
+    """What is promised; 0 for the same bits."""
+    random_sequences: int
+    random_steps: int
+    episodes: int
+    episode_steps: int
+    """Sensor-actuator exchanges of all agents in the recorded episodes."""
+    without_episodes: str
+    """Why there are none; empty where there are."""
+    self_test: str | None
+    """The generated self-test, which was run; None where there is none."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether what is promised holds."""
+        return self.differing == 0 if self.tolerance == 0 else self.largest_difference <= self.tolerance
+
+    @property
+    def words(self) -> str:
+        """One line, which holds the largest difference."""
+        if self.differing == 0:
+            said = "largest difference 0, bit-identical"
+        else:
+            said = f"largest difference {self.largest_difference:.3g}, {self.differing:,} actuators differ"
+        if not self.ok:
+            said = f"FAILED: {said}"
+        elif self.tolerance and self.differing:
+            said += f" by at most the {self.tolerance:g} that is promised"
+        if not self.random_sequences:
+            return f"{said}: every parameter has its value"
+        where = f"{self.random_sequences:,} random sequences ({self.random_steps:,} steps)"
+        if not self.episodes:
+            return f"{said} in {where}, without episodes of the simulation"
+        many = f"{self.episodes} episode{'s' if self.episodes > 1 else ''}"
+        return f"{said} in {where} and {many} of the simulation ({self.episode_steps:,} steps of agents)"
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the report as plain values."""
+        return {"ok": self.ok, **vars(self)}
+
+
+def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> Verification:
+    """Run what was exported, in a temporary folder.
+
+    Raises:
+        InputError: a program that this needs is not installed.
+        RunError: it could not be compiled, failed, or its self-test did.
+    """
+    with tempfile.TemporaryDirectory(prefix="swarmwright-export-") as place:
+        folder = Path(place)
+        for name, content in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            data = content if isinstance(content, bytes) else content.encode()
+            (folder / name).write_bytes(data)
+        if not subject.steers:
+            values = exporter.values(folder, prefix)
+            test = exporter.self_test(folder, prefix)
+            wrong = (
+                0 if values is None else sum(values.get(name) != one for name, one in subject.values.items())
+            )
+            return Verification(float(wrong), wrong, 0.0, 0, 0, 0, 0, "", test)
+        drawn = random_sequences(subject.specification)
+        found = [(drawn, exporter.run(folder, prefix, drawn))]
+        episodes = subject.episodes
+        if episodes is not None and len(episodes):
+            found.append((episodes, exporter.run(folder, prefix, episodes)))
+        test = exporter.self_test(folder, prefix)
+    distances = [difference(expected, actuators) for expected, actuators in found]
+    return Verification(
+        max(largest for largest, _ in distances),
+        sum(differing for _, differing in distances),
+        exporter.tolerance,
+        RANDOM_SEQUENCES,
+        len(drawn),
+        subject.episode_count if len(found) > 1 else 0,
+        0 if episodes is None else len(episodes),
+        subject.reason or ("" if len(found) > 1 else "no agent was steered in them"),
+        test,
+    )

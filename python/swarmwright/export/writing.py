@@ -1,0 +1,45 @@
+"""Writing exported files, without writing over what others have written."""
+
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+from swarmwright.export._base import Files
+from swarmwright.export.text import MARK
+
+_SEARCHED = 1 << 16
+"""Bytes at the beginning of a file in which the mark is looked for."""
+
+
+def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
+    """Write files into a folder, which is made if needed; return their paths.
+
+    force: write over files that Swarmwright did not export.
+
+    Raises InputError, and writes nothing, when there is such a file, or a folder in the place of a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file where a folder is expected; name another --output")
+    paths = [folder / name for name in files]
+    for path in paths:
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder where a file is to be written; name another --output")
+        if path.exists() and not force and not _ours(path):
+            raise InputError(
+                f"{path}: is there already and was not exported by Swarmwright; name another --output or "
+                "--prefix, or write over it with --force"
+            )
+    for path, content in zip(paths, files.values(), strict=True):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    return paths
+
+
+def _ours(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return MARK.encode() in file.read(_SEARCHED)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error

@@ -1,0 +1,99 @@
+"""Controllers of every kind, at random, for the tests of exported ones."""
+
+import itertools
+from functools import cache
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from swarmwright import _engine
+from swarmwright.export import Subject
+from swarmwright.export.sequences import Sequences, random_sequences
+
+ACTIVATIONS = {
+    "layered": ("tanh", "sigmoid", "relu", "clamp", "linear"),
+    "fully_meshed": ("clamp", "sigmoid", "tanh", "relu"),
+}
+RANGES = ([-1.0, 1.0], [0.0, 1.0], [-0.3, 2.7])
+
+Specification = dict[str, Any]
+
+
+def network(
+    kind: str, activation: str, output_range: list[float], seed: int = 0, **sizes: Any
+) -> Specification:
+    """A network whose weights are such that its actuators are seldom at their limits."""
+    hidden = [5, 3] if kind == "layered" else 3
+    made = {
+        "version": 1, "kind": kind, "sensors": 3, "actuators": 2, "hidden": hidden, "activation": activation,
+        "output_range": output_range, **({} if kind == "layered" else {"iterations": 2}), **sizes,
+    }  # fmt: skip
+    weights = np.random.default_rng(seed).uniform(-0.9, 0.9, _engine.genome_size(made)).astype(np.float32)
+    return {**made, "weights": [float(text) for text in weights.astype(str)]}
+
+
+def machine(thresholds: list[list[float]], states: int = 3, actuators: int = 2) -> Specification:
+    """A state machine with next states and outputs beyond their limits, too."""
+    made = {
+        "version": 1, "kind": "mealy_fsm", "sensors": len(thresholds), "actuators": actuators,
+        "states": states, "thresholds": thresholds,
+    }  # fmt: skip
+    rows = _engine.genome_size(made) // (1 + actuators)
+    numbers = np.random.default_rng(1)
+    table = numbers.uniform(-1.3, 1.3, (rows, 1 + actuators)).astype(np.float32)
+    table[:, 0] = numbers.uniform(-1, states + 1, rows)
+    return {**made, "weights": [float(text) for text in table.reshape(-1).astype(str)]}
+
+
+ALL = {
+    **{
+        f"{kind}-{activation}-{index}": network(kind, activation, output_range, seed=index)
+        for kind, activations in ACTIVATIONS.items()
+        for index, (activation, output_range) in enumerate(itertools.product(activations, RANGES))
+    },
+    "layered-direct": network("layered", "tanh", [-1.0, 1.0], hidden=[]),
+    "layered-deep": network("layered", "sigmoid", [0.0, 1.0], hidden=[2, 7, 1, 4]),
+    "layered-wide": network("layered", "tanh", [-1.0, 1.0], sensors=40, actuators=9, hidden=[30]),
+    "fully_meshed-bare": network("fully_meshed", "tanh", [-1.0, 1.0], hidden=0, iterations=3),
+    "mealy_fsm": machine([[-0.5, 0.25], [], [0.1]]),
+    "mealy_fsm-blind": machine([[], []], states=5, actuators=1),
+    "mealy_fsm-one": machine([[0.0]], states=1),
+    "mealy_fsm-many": machine([[float(one) for one in range(9)]], states=300, actuators=3),
+}
+"""Name -> specification: every kind, activation and kind of output range."""
+
+_weights = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def networks(draw: st.DrawFn) -> Specification:
+    """Networks of any shape, with any finite weights."""
+    kind = draw(st.sampled_from(sorted(ACTIVATIONS)))
+    made: Specification = {
+        "version": 1, "kind": kind, "sensors": draw(st.integers(1, 5)), "actuators": draw(st.integers(1, 3)),
+        "hidden": draw(st.lists(st.integers(1, 4), max_size=3) if kind == "layered" else st.integers(0, 4)),
+        "activation": draw(st.sampled_from(ACTIVATIONS[kind])), "output_range": draw(st.sampled_from(RANGES)),
+    }  # fmt: skip
+    if kind == "fully_meshed":
+        made["iterations"] = draw(st.integers(1, 3))
+    count = _engine.genome_size(made)
+    return {**made, "weights": draw(st.lists(_weights, min_size=count, max_size=count))}
+
+
+def subject(specification: Specification, episodes: Sequences | None = None) -> Subject:
+    """What would be exported of a run."""
+    return Subject(
+        specification, (("Run", "test"),), episodes=episodes, episode_count=int(episodes is not None)
+    )
+
+
+@cache
+def sequences_of(name: str, count: int = 100) -> Sequences:
+    """Random sequences of one of `ALL`."""
+    return few(ALL[name], count)
+
+
+def few(specification: Specification, count: int = 100) -> Sequences:
+    """Random sequences of a controller."""
+    return random_sequences(specification, count)

@@ -1,0 +1,227 @@
+"""Controllers in C and C++: the bits of the engine, whatever the compiler does."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from swarmwright.export import EXPORTERS, Exporter
+from swarmwright.export.c import C
+from swarmwright.export.cpp import Cpp
+from swarmwright.export.programs import run, stepped, steps
+from swarmwright.export.sequences import difference
+from swarmwright.export.writing import write
+from tests.python.export.specifications import (
+    ALL,
+    Specification,
+    few,
+    network,
+    networks,
+    sequences_of,
+    subject,
+)
+
+STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wshadow", "-Wfloat-equal", "-Wundef"]
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+
+
+def bits(exporter: Exporter, specification: Specification, folder: Path) -> tuple[float, int]:
+    """The largest difference and how many actuators differ, in a hundred sequences."""
+    made = subject(specification)
+    write(exporter.files(made, "robot"), folder)
+    sequences = few(specification)
+    return difference(sequences, exporter.run(folder, "robot", sequences))
+
+
+def together(names: list[str], folder: Path) -> str:
+    """Source of a program that holds many controllers, and steps each through the sequences that it reads."""
+    cases = []
+    for index, name in enumerate(names):
+        write(C().files(subject(ALL[name]), f"c{index}"), folder)
+        cases.append(
+            f"static int run_{index}(void) {{ static c{index}_t c; static float in[1 + C{index}_SENSORS];"
+            f" static float out[1 + C{index}_ACTUATORS]; size_t a; c{index}_reset(&c);"
+            f" while (fread(in, sizeof in, 1, stdin) == 1) {{ if (in[0] > 0.0f) {{ c{index}_reset(&c); }}"
+            f" for (a = 0; a < C{index}_ACTUATORS; a++) {{ out[1 + a] = 7.0f; }}"
+            f" out[0] = c{index}_step(&c, in + 1, out + 1) ? 1.0f : 0.0f; "
+            " fwrite(out, sizeof out, 1, stdout); }"
+            " return 0; }"
+        )
+    includes = "\n".join(f'#include "c{index}.h"' for index in range(len(names)))
+    choices = "".join(f"case {index}: return run_{index}(); " for index in range(len(names)))
+    main = (
+        f"int main(int n, char **v) {{ switch (n > 1 ? atoi(v[1]) : 0) {{ {choices} default: return 9; }} }}"
+    )
+    return f"#include <stdio.h>\n#include <stdlib.h>\n{includes}\n" + "\n".join([*cases, main]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("compiler", "options"),
+    [
+        ("gcc", ["-O1", "-std=c99", *STRICT]),
+        ("gcc", ["-O3", "-march=native", "-ffp-contract=fast"]),
+        ("gcc", ["-O2", "-mfpmath=387"]),
+        ("clang", ["-O0", "-std=c99", *STRICT]),
+        ("clang", ["-O3", "-march=native", "-ffp-contract=fast"]),
+    ],
+    ids=lambda value: value if isinstance(value, str) else " ".join(value[:2]),
+)
+def test_every_kind_in_one_program(compiler: str, options: list[str], tmp_path: Path) -> None:
+    """Many controllers side by side have the engine's bits, with warnings as errors and without."""
+    if compiler not in COMPILERS:
+        pytest.skip(f"{compiler} is not installed")
+    names = list(ALL)
+    (tmp_path / "main.c").write_text(together(names, tmp_path))
+    sources = ["main.c", *(f"c{index}.c" for index in range(len(names)))]
+    run([compiler, *options, *sources, "-o", "all"], tmp_path, compiler)
+    for index, name in enumerate(names):
+        sequences = sequences_of(name)
+        written = stepped(run(["./all", str(index)], tmp_path, name, steps(sequences)), sequences, name)
+        assert difference(sequences, written) == (0.0, 0), name
+
+
+@pytest.mark.parametrize("exporter", [C(), Cpp()], ids=["c", "cpp"])
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(specification=networks())
+def test_any_network(exporter: Exporter, specification: Specification, tmp_path: Path) -> None:
+    assert bits(exporter, specification, tmp_path) == (0.0, 0)
+
+
+@pytest.mark.parametrize(
+    "name", ["layered-sigmoid-5", "fully_meshed-tanh-8", "mealy_fsm", "mealy_fsm-blind", "layered-direct"]
+)
+def test_every_kind_in_cpp(name: str, tmp_path: Path) -> None:
+    made = subject(ALL[name])
+    write(Cpp().files(made, "robot"), tmp_path)
+    for compiler in ["g++", *(["clang++"] if "clang" in COMPILERS else [])]:
+        options = [*STRICT, "-std=c++11", "-fno-exceptions", "-fno-rtti"]
+        run([compiler, *options, "robot_test.cpp", "-o", "self_test"], tmp_path, name)
+        assert run(["./self_test"], tmp_path, name) == b"ok\n"
+    assert bits(Cpp(), ALL[name], tmp_path) == (0.0, 0)
+
+
+def test_two_units_and_both_languages_in_one_program(tmp_path: Path) -> None:
+    """Headers may be included anywhere, in C and in C++, and two controllers beside each other."""
+    for prefix, name in (("left", "layered-tanh-0"), ("right", "fully_meshed-clamp-0")):
+        write(C().files(subject(ALL[name]), prefix), tmp_path)
+        write(Cpp().files(subject(ALL[name]), prefix), tmp_path)
+    unit = '#include "left.h"\n#include "right.h"\n#include "left.hpp"\n#include "right.hpp"\n'
+    (tmp_path / "other.cpp").write_text(
+        f"{unit}int other(void); int other(void) {{ left::Controller c; (void)c; return 0; }}\n"
+    )
+    (tmp_path / "main.cpp").write_text(
+        f"{unit}int other(void);\n"
+        "int main() { left_t l; right_t r; right::Controller c; left_reset(&l); right_reset(&r);"
+        " float s[3] = {0.25f, -0.5f, 0.75f}; float a[2]; float b[2];"
+        " return other() + (right_step(&r, s, a) && c.step(s, b) && a[0] >= b[0] && a[0] <= b[0] ? 0 : 1);"
+        " }\n"
+    )
+    for source in ("left", "right"):
+        run(["gcc", "-c", f"{source}.c"], tmp_path, source)
+    run(
+        ["g++", "-std=c++11", *STRICT, "main.cpp", "other.cpp", "left.o", "right.o", "-o", "both"],
+        tmp_path,
+        "both",
+    )
+    run(["./both"], tmp_path, "both")
+
+
+@pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_options_that_change_results_are_refused(option: str, tmp_path: Path) -> None:
+    write(C().files(subject(ALL["layered-tanh-0"]), "robot"), tmp_path)
+    done = subprocess.run(
+        ["gcc", option, "-c", "robot.c"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "robot.c: compile without -f" in done.stderr
+
+
+def test_compilers_would_fuse_without_protection(tmp_path: Path) -> None:
+    """The comparison notices a fused multiply-add: where `volatile` is left out, bits differ."""
+    if " fma " not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("this processor does not fuse")
+    specification = network("layered", "tanh", [-1.0, 1.0], sensors=8)
+    write(C().files(subject(specification), "robot"), tmp_path)
+    source = tmp_path / "robot.c"
+    source.write_text(source.read_text().replace("typedef volatile float", "typedef float"))
+    sequences = few(specification)
+    _, differing = difference(sequences, C().run(tmp_path, "robot", sequences))
+    assert differing > 0
+
+
+def test_memory_errors_and_undefined_behaviour(tmp_path: Path) -> None:
+    """The self-tests of all kinds run clean with sanitizers, and one of each kind under valgrind."""
+    names = [
+        "layered-tanh-0",
+        "layered-deep",
+        "layered-direct",
+        "fully_meshed-sigmoid-3",
+        "mealy_fsm",
+        "mealy_fsm-many",
+    ]
+    for name in names:
+        write(C().files(subject(ALL[name]), "robot"), tmp_path)
+        options = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+        run(["gcc", *options, "robot.c", "robot_test.c", "-o", "checked"], tmp_path, name)
+        assert run(["./checked"], tmp_path, name) == b"ok\n"
+    if not shutil.which("valgrind"):
+        pytest.skip("valgrind is not installed")
+    for name in ("layered-deep", "fully_meshed-sigmoid-3", "mealy_fsm"):
+        write(C().files(subject(ALL[name]), "robot"), tmp_path)
+        run(["gcc", "-O2", "-g", "robot.c", "robot_test.c", "-o", "plain"], tmp_path, name)
+        words = ["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", "./plain"]
+        assert run(words, tmp_path, name) == b"ok\n"
+
+
+def test_a_wrong_table_is_noticed(tmp_path: Path) -> None:
+    """Neither self-test nor comparison pass when a weight is off by one unit in the last place."""
+    specification = ALL["fully_meshed-clamp-0"]
+    write(C().files(subject(specification), "robot"), tmp_path)
+    weight = np.float32(specification["weights"][1])
+    source = tmp_path / "robot.c"
+    text = source.read_text()
+    assert text.count(f"{weight!s}f") == 1
+    source.write_text(text.replace(f"{weight!s}f", f"{np.nextafter(weight, np.float32(9))!s}f"))
+    sequences = few(specification)
+    assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
+    run(["gcc", "robot.c", "robot_test.c", "-o", "self_test"], tmp_path, "self-test")
+    done = subprocess.run(["./self_test"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "are not those of the simulation" in done.stdout
+
+
+def test_state_is_kept_and_forgotten(tmp_path: Path) -> None:
+    """A controller that forgot its state, or kept it over a reset, would differ."""
+    specification = ALL["fully_meshed-tanh-6"]
+    source = "robot.c"
+    write(C().files(subject(specification), "robot"), tmp_path)
+    sequences = few(specification)
+    whole = (tmp_path / source).read_text()
+    forgetful = whole.replace("    int iteration;\n", "    int iteration;\n    robot_reset(controller);\n", 1)
+    (tmp_path / source).write_text(forgetful)
+    assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
+    (tmp_path / source).write_text(whole.replace("controller->outputs[node] = 0.0f;", ";", 1))
+    assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
+
+
+def test_every_form_is_deterministic() -> None:
+    for form in EXPORTERS.names():
+        exporter = EXPORTERS.get(form)()
+        assert exporter.form == form
+        for name in ("layered-tanh-0", "fully_meshed-clamp-0", "mealy_fsm"):
+            assert exporter.files(subject(ALL[name]), "robot") == exporter.files(subject(ALL[name]), "robot")
+
+
+def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
+    if not shutil.which("cmake"):
+        pytest.skip("cmake is not installed")
+    for prefix, name in (("left", "layered-tanh-0"), ("right", "mealy_fsm")):
+        write(C().files(subject(ALL[name]), prefix), tmp_path)
+    write(Cpp().files(subject(ALL["mealy_fsm"]), "right"), tmp_path)
+    run(["cmake", "-S", ".", "-B", "build"], tmp_path, "cmake")
+    run(["cmake", "--build", "build"], tmp_path, "cmake")
+    said = run(["ctest", "--test-dir", "build"], tmp_path, "ctest")
+    assert b"100% tests passed, 0 tests failed out of 3" in said

@@ -1,0 +1,225 @@
+"""Candidates of runs, exported: what is written, what users are told."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import swarmwright
+from swarmwright import InputError, Run
+from swarmwright.export.subject import subject_of
+
+MINISIM: dict[str, Any] = {
+    "simulation": "minisim", "servers": "local", "ranking": {"episodes": 3},
+    "parameters": {"placement": "random", "numAgents": 2},
+    "controller": {"kind": "fully_meshed", "hidden": 2, "activation": "tanh"},
+    "method": {"kind": "nnga", "population": 8, "generations": 3},
+}  # fmt: skip
+RULE: dict[str, Any] = {
+    **MINISIM, "parameters": {"steering": "rule"},
+    "controller": {"kind": "parameter_set", "parameters": {
+        "avoidance": {"type": "real", "range": [0, 5]}, "maxSteps": {"type": "integer", "range": [15, 30]},
+        "evasion": {"type": "categorical", "choices": ["left", "right"]},
+    }},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def minisim(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run of Minisim with two agents, three episodes, and controllers that have a state."""
+    out = tmp_path_factory.mktemp("runs") / "robots"
+    return swarmwright.optimize(swarmwright.Experiment.from_mapping(MINISIM), out=out)
+
+
+@pytest.fixture(scope="module")
+def rule(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run that evolved parameters."""
+    out = tmp_path_factory.mktemp("runs") / "rule"
+    return swarmwright.optimize(swarmwright.Experiment.from_mapping(RULE), out=out)
+
+
+def test_episodes_are_recorded_agent_by_agent(minisim: Run) -> None:
+    subject = subject_of(minisim)
+    episodes = subject.episodes
+    assert episodes is not None
+    assert subject.episode_count == 3
+    assert episodes.count == 6  # two agents in each
+    again = type(episodes).computed(subject.specification, episodes.first, episodes.sensors)
+    # What the agents did is what a controller does that is reset where an agent's episode begins.
+    np.testing.assert_array_equal(again.actuators.view(np.uint32), episodes.actuators.view(np.uint32))
+    assert [channel.name for channel in subject.sensors] == ["goal x", "goal y", "defender x", "defender y"]
+
+
+def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
+    subject = subject_of(minisim)
+    golden, episodes = subject.golden, subject.episodes
+    assert episodes is not None
+    assert len(golden) == len(episodes) <= 4000 // 5
+    first = episodes.until(0)
+    assert first.count == 1
+    assert len(first) == int(np.flatnonzero(episodes.first)[1])
+
+
+@pytest.mark.parametrize("form", ["c", "cpp"])
+def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: Path, form: str) -> None:
+    result = program("export", minisim.path, "--to", form, "--output", "out", "--verify", "--prefix", "robot")
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert lines[0].startswith(f"Candidate {minisim.best.candidate} of generation {minisim.best.generation} ")
+    assert lines[-1].startswith("Verified: largest difference 0, bit-identical in 10,000 random sequences (")
+    assert " and 3 episodes of the simulation (" in lines[-1]
+    assert (tmp_path / "out" / ("robot.h" if form == "c" else "robot.hpp")).is_file()
+
+
+def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:
+    exported = swarmwright.export_controller(minisim, to="c", output=tmp_path / "out")
+    assert {file.name for file in exported.files} >= {"controller.c", "controller.h", "CMakeLists.txt"}
+    text = (tmp_path / "out" / "controller.h").read_text()
+    for part in (
+        minisim.digest,
+        f"{minisim.best.candidate} of generation {minisim.best.generation} ",
+        f"{minisim.best.fitness!r} (mean of 3 episodes)",
+        "Simulation  minisim",
+        "fully_meshed, 4-2-1, tanh",
+        "CONTROLLER_SENSOR_DEFENDER_X = 2, /* defender x, ",
+        " in the recorded episodes */",
+        "CONTROLLER_ACTUATOR_HEADING = 0 /* heading, -1 to 1 */",
+        "void controller_reset(controller_t *controller);",
+        "bool controller_step(controller_t *controller, const float *sensors, float *actuators);",
+    ):
+        assert part in text
+
+
+def test_any_candidate_and_the_same_bytes(program: Any, minisim: Run, tmp_path: Path) -> None:
+    for folder, options in (("a", ["0:5"]), ("b", ["0:5"]), ("c", ["5"]), ("d", ["2:1"])):
+        result = program("export", minisim.path, "--to", "c", "--output", folder, "--candidate", *options)
+        assert result.returncode == 0, result.stderr
+    texts = [(tmp_path / folder / "controller.c").read_bytes() for folder in "abcd"]
+    assert texts[0] == texts[1] == texts[2] != texts[3]
+    assert b"5 of generation 0" in texts[0]
+    weights = minisim.evaluation(5, 0).genome
+    assert all(f"{weight!s}f".encode() in texts[0] for weight in weights)
+
+
+def test_json(program: Any, minisim: Run) -> None:
+    result = program("export", minisim.path, "--to", "c", "--verify", "--json")
+    (line,) = result.stdout.splitlines()
+    said = json.loads(line)
+    assert said["largest_difference"] == 0
+    assert said["verification"]["ok"] is True
+    assert said["verification"]["random_sequences"] == 10_000
+    assert "controller/controller.c" in said["files"]
+
+
+def test_parameters(program: Any, rule: Run, tmp_path: Path) -> None:
+    values = rule.best.controller.parameters
+    for form in ("c", "cpp"):
+        result = program("export", rule.path, "--to", form, "--output", "out", "--verify", "--prefix", "rule")
+        assert result.returncode == 0, result.stderr
+        assert result.stdout.splitlines()[-1] == (
+            "Verified: largest difference 0, bit-identical: every parameter has its value"
+        )
+    text = (tmp_path / "out" / "rule.h").read_text()
+    assert "float avoidance; /* avoidance, 0 to 5 */" in text
+    source = (tmp_path / "out" / "rule.c").read_text()
+    assert f"{np.float32(values['avoidance'])!s}f" in source
+    assert f'"{values["evasion"]}"' in source
+
+
+def test_verification_fails_where_bits_differ(
+    program: Any, minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A compiler that gives other results is found out."""
+    compiler = tmp_path / "cc"
+    compiler.write_text(
+        '#!/bin/sh\nsed -i "s/y \\* p;/y * p; product = product * 1.0000001f;/" controller.c\nexec gcc "$@"\n'
+    )
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    result = program("export", minisim.path, "--to", "c", "--verify")
+    assert result.returncode == 1
+    assert "the actuators are not those of the simulation" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--to", "cc"], "unknown form 'cc'; did you mean 'c'? there is: c, "),
+        ([], "Missing option '--to'."),
+        (["--to", "c", "--candidate", "9:0"], "holds the generations 0 to 2, not 9"),
+        (["--to", "c", "--candidate", "0:8"], "generation 0 has the candidates 0 to 7, not 8"),
+        (["--to", "c", "--candidate", "best"], "'best' is not G:N, such as 19:3"),
+        (["--to", "c", "--candidate", "1:"], "'1:' is not G:N, such as 19:3"),
+        (["--to", "c", "--prefix", "2wheels"], "prefix: '2wheels' found, expected a letter"),
+        (["--to", "c", "--prefix", "class"], "prefix: 'class' is a word of C, C++ or Python"),
+        (["--to", "c", "--prefix", "a_test"], "prefix: 'a_test' ends with _test"),
+        (["--to", "c", "--output", "taken"], "taken: is a file where a folder is expected"),
+        (
+            ["--to", "c", "--output", "full"],
+            "controller.h: is there already and was not exported by Swarmwright",
+        ),
+    ],
+)
+def test_mistakes(program: Any, minisim: Run, tmp_path: Path, options: list[str], said: str) -> None:
+    (tmp_path / "taken").write_text("x")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "controller.h").write_text("/* of a person */")
+    result = program("export", minisim.path, *options)
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert len(result.stderr.splitlines()) <= 2  # a usage error has a hint
+    assert (tmp_path / "full" / "controller.h").read_text() == "/* of a person */"
+    assert len(list((tmp_path / "full").iterdir())) == 1
+
+
+def test_what_was_exported_is_written_over(program: Any, minisim: Run, tmp_path: Path) -> None:
+    (tmp_path / "controller").mkdir()
+    (tmp_path / "controller" / "controller.h").write_text("mine")
+    assert program("export", minisim.path, "--to", "c", "--force").returncode == 0
+    assert program("export", minisim.path, "--to", "c", "--candidate", "0:0").returncode == 0
+    assert "0 of generation 0" in (tmp_path / "controller" / "controller.h").read_text()
+
+
+def test_no_compiler(program: Any, minisim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "nocc -O2")
+    result = program("export", minisim.path, "--to", "c", "--verify")
+    assert result.returncode == 2
+    assert result.stderr == "swarmwright: CC=nocc -O2: there is no such program\n"
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(InputError, match="verification needs cc, which is not installed: apt install gcc"):
+        swarmwright.export_controller(minisim, to="c", verify=True)
+
+
+def test_a_failed_candidate(tmp_path: Path) -> None:
+    source = tmp_path / "half.py"
+    source.write_text(
+        "from swarmwright import Simulation\n\n\nclass Half(Simulation):\n    sensors = actuators = 1\n"
+        "    def reset(self, parameters, seed):\n        self.left = 2\n        return [[0.5]]\n"
+        "    def step(self, actuators):\n        self.left -= 1\n        self.at = actuators[0][0]\n"
+        "        if self.at > 0:\n            raise ValueError('fell over')\n"
+        "        return [[0.5]]\n    def done(self):\n        return self.left == 0\n"
+        "    def fitness(self):\n        return 1.0\n"
+    )
+    experiment = swarmwright.Experiment.from_mapping(
+        {
+            "simulation": f"{source}:Half", "servers": "in-process", "faults": {"attempts": 1},
+            "method": {"kind": "random_search", "population": 8, "generations": 1},
+        }
+    )  # fmt: skip
+    run = swarmwright.optimize(experiment, out=tmp_path / "run")
+    failed = int(np.flatnonzero(np.isnan(run.record["fitness"]))[0])
+    with pytest.raises(InputError, match=f"evaluation of candidate {failed} of generation 0 failed"):
+        swarmwright.export_controller(run, to="c", candidate=failed, output=tmp_path / "out")
+    assert swarmwright.export_controller(run, to="c", output=tmp_path / "out", verify=True).verification.ok  # type: ignore[union-attr] # asked for
+    shutil.rmtree(run.path / "code")
+    source.unlink()
+    exported = swarmwright.export_controller(run, to="c", output=tmp_path / "out", verify=True)
+    assert exported.verification is not None
+    assert exported.verification.ok
+    assert exported.verification.episodes == 0
+    assert "half.py" in exported.verification.without_episodes
+    assert "random sequences" in (tmp_path / "out" / "controller_test.c").read_text()
