@@ -717,12 +717,14 @@ class Pool:
         genomes: NDArray[np.float32],
         seeds: Sequence[int],
         on_progress: Callable[[int, int, str], None] | None = None,
+        meanwhile: Callable[[], None] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
         Returns fitness (candidates, episodes) and metrics (candidates, episodes, metrics) float64, NaN where the
         evaluation failed (a metric that is missing or not finite is a failure), attempts at blocks of evaluations, and warnings.
-        on_progress(done, total, waiting_for) is called about ten times a second; KeyboardInterrupt is raised promptly.
+        on_progress(done, total, waiting_for) is called about ten times a second, meanwhile once, when servers
+        have got their first work; KeyboardInterrupt is raised promptly.
         Raises EngineError: no server for too long, or every server refuses the work.
         """
     def watch(self, servers: Sequence[int]) -> Supervision:

@@ -180,10 +180,11 @@ impl PyPool {
         Ok(self.pool()?.metrics())
     }
 
-    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None))]
+    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None, meanwhile=None))]
     #[expect(
         clippy::needless_pass_by_value,
-        reason = "pyo3 hands arguments over by value"
+        clippy::too_many_arguments,
+        reason = "pyo3 hands arguments over by value, one by one"
     )]
     fn evaluate<'py>(
         &mut self,
@@ -192,20 +193,32 @@ impl PyPool {
         genomes: PyReadonlyArray2<'py, f32>,
         seeds: Vec<u64>,
         on_progress: Option<Py<PyAny>>,
+        meanwhile: Option<Py<PyAny>>,
     ) -> PyResult<Evaluated<'py>> {
         let needed = self.metrics;
         let pool = self.pool()?;
         let work = work(architecture, &genomes, seeds)?;
         let shape = [work.candidates(), work.episodes(), needed];
         let total = work.len();
-        let mut raised: Option<PyErr> = None;
+        // Each of the two callbacks may raise.
+        let (mut in_meanwhile, mut in_progress): (Option<PyErr>, Option<PyErr>) = (None, None);
         let result = py.detach(|| {
-            pool.evaluate(work, |done, waiting_for| {
-                let told = progress(on_progress.as_ref(), done, total, waiting_for);
-                told.map_err(|error| raised = Some(error)).is_ok()
-            })
+            pool.evaluate(
+                work,
+                || {
+                    meanwhile.as_ref().is_none_or(|call| {
+                        let called = Python::attach(|py| call.call0(py).map(|_| ()));
+                        called.map_err(|error| in_meanwhile = Some(error)).is_ok()
+                    })
+                },
+                |done, waiting_for| {
+                    let told = progress(on_progress.as_ref(), done, total, waiting_for);
+                    told.map_err(|error| in_progress = Some(error)).is_ok()
+                },
+            )
         });
-        raised.map_or(Ok(()), Err)?;
+        in_meanwhile.map_or(Ok(()), Err)?;
+        in_progress.map_or(Ok(()), Err)?;
         let results = result.map_err(|failed| error(&failed))?;
         let (attempts, warnings) = (rows(pool.take_journal()), pool.take_warnings());
         let (fitness, metrics) = arrays(py, results.fitness, results.metrics, shape)?;

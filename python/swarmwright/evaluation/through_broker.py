@@ -101,8 +101,6 @@ class BrokerBackend:
         meanwhile: Callable[[], None] | None = None,
     ) -> Results:
         """Return the results, NaN where it failed, and what the pool did for them."""
-        if meanwhile is not None:
-            meanwhile()
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self._check_servers()
@@ -110,7 +108,7 @@ class BrokerBackend:
 
         with engine_errors():
             fitness, metrics, attempts, warnings = self._pool.evaluate(
-                controllers.architecture, controllers.weights, list(seeds), progress
+                controllers.architecture, controllers.weights, list(seeds), progress, meanwhile
             )
         self._check_servers()
         results = Results(fitness, metrics, Journal.of(attempts, warnings))

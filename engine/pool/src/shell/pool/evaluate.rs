@@ -19,8 +19,8 @@ impl Pool {
         }
     }
 
-    /// Evaluates every candidate in every episode. `on_progress(done, waiting_for)` is called ten times a second and at
-    /// the end, and may stop the work.
+    /// Evaluates every candidate in every episode. `meanwhile` is called once, when servers have been given as much as they
+    /// take, and `on_progress(done, waiting_for)` ten times a second and at the end; both may stop the work.
     ///
     /// # Errors
     /// No server for longer than the time-outs allow; all servers refuse the work; stopped. What is under way is ended
@@ -28,10 +28,12 @@ impl Pool {
     pub fn evaluate(
         &mut self,
         work: Work,
+        meanwhile: impl FnOnce() -> bool,
         mut on_progress: impl FnMut(usize, &str) -> bool,
     ) -> Result<Results, PoolError> {
         self.drive(
             work,
+            meanwhile,
             |_| Ok(true),
             |_, done, waiting_for| on_progress(done, waiting_for),
         )?;
@@ -62,23 +64,31 @@ impl Pool {
             pool.act();
             Ok(true)
         };
-        self.drive(work, take, |pool, done, waiting_for| {
+        let at_once = || true;
+        self.drive(work, at_once, take, |pool, done, waiting_for| {
             on_progress(done, pool.scheduler.total(), waiting_for)
         })
     }
 
-    /// Works until all has ended, or `step`, called whenever something may have come, says no.
+    /// Works until all has ended, or `step`, called whenever something may have come, says no, or `meanwhile`, called once
+    /// when servers have got their first work.
     fn drive(
         &mut self,
         work: Work,
+        meanwhile: impl FnOnce() -> bool,
         mut step: impl FnMut(&mut Self) -> Result<bool, PoolError>,
         mut on_progress: impl FnMut(&Self, usize, &str) -> bool,
     ) -> Result<(), PoolError> {
         self.scheduler.submit(work, Instant::now());
+        self.poll(Instant::now());
+        let wanted = meanwhile();
         let mut asked = Instant::now();
         let patience = self.timeouts.discovery.max(self.timeouts.step);
         let mut free_since = asked;
         let result = loop {
+            if !wanted {
+                break Err(PoolError::Interrupted);
+            }
             self.poll(asked + PROGRESS_INTERVAL);
             // What ends during the step is taken by the next one.
             let all = self.scheduler.finished();
