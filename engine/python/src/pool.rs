@@ -183,8 +183,7 @@ impl PyPool {
     #[pyo3(signature = (architecture, genomes, seeds, on_progress=None, meanwhile=None))]
     #[expect(
         clippy::needless_pass_by_value,
-        clippy::too_many_arguments,
-        reason = "pyo3 hands arguments over by value, one by one"
+        reason = "pyo3 hands arguments over by value"
     )]
     fn evaluate<'py>(
         &mut self,

@@ -1,14 +1,17 @@
 """Evaluating genomes and single controllers."""
 
 import sys
+import time
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarmwright import Controller, Experiment, InputError, evaluate, simulate
+from swarmwright import Controller, Experiment, InputError, RunError, evaluate, simulate
 from swarmwright.core.random_numbers import Stream
+from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
 
 MINISIM = Experiment.from_mapping(
@@ -115,3 +118,56 @@ def test_no_servers_at_all_are_refused() -> None:
         InputError, match="servers: must be auto, local, in-process or a number from 1 on, not 0"
     ):
         evaluate(MINISIM, genomes(1), servers=0)
+
+
+SIGNALLING = """
+from pathlib import Path
+from swarmwright import Simulation
+
+class Signalling(Simulation):
+    sensors, actuators, dimensions = 1, 1, 2
+
+    def reset(self, parameters, seed):
+        Path(__file__).with_name("begun").touch()
+        return [[0.0]]
+
+    def step(self, actuators):
+        return [[0.0]]
+
+    def done(self):
+        return True
+
+    def fitness(self):
+        return 1.0
+"""
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_servers_work_while_the_caller_does_something_else(tmp_path: Path, raises: bool) -> None:
+    """A generation is stored while servers evaluate the next one; an error of storing it is raised."""
+    (tmp_path / "signalling.py").write_text(SIGNALLING)
+    experiment = Experiment.from_mapping({"simulation": f"{tmp_path / 'signalling.py'}:Signalling"})
+    calls = []
+
+    def wait_for_the_server() -> None:
+        calls.append(1)
+        until = time.monotonic() + 20
+        while not (tmp_path / "begun").exists():
+            assert time.monotonic() < until, "no episode begins before this is done"
+            time.sleep(0.01)
+        if raises:
+            raise RunError("the disk is full")
+
+    representation = experiment.representation(1, 1)
+    controllers = Controllers.of(representation, genomes(3, experiment.replace(sensors=1, actuators=1)))
+    with open_backend(experiment, servers=1) as backend:
+        if raises:
+            with pytest.raises(RunError, match="the disk is full"):
+                backend.evaluate(controllers, [0], lambda *_: None, wait_for_the_server)
+        else:
+            results = backend.evaluate(controllers, [0], lambda *_: None, wait_for_the_server)
+            assert results.fitness.tolist() == [[1.0]] * 3
+        # The connection to the servers goes on.
+        again = backend.evaluate(controllers, [0], lambda *_: None)
+    assert again.fitness.tolist() == [[1.0]] * 3
+    assert calls == [1]
