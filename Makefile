@@ -98,6 +98,9 @@ test-export: $(VENV)/.engine $(VENV)/.dev
 		&& command -v arm-linux-gnueabihf-g++ > /dev/null && command -v aarch64-linux-gnu-g++ > /dev/null || {
 		$(call install,gcc-avr avr-libc simavr qemu-user valgrind g++-arm-linux-gnueabihf g++-aarch64-linux-gnu)
 	}
+	command -v npm > /dev/null || { $(call install,nodejs npm); }
+	npm install --prefix build/micropython --no-audit --no-fund --loglevel=error @micropython/micropython-webassembly-pyscript@1.27.0
+	export MICROPYTHON="node $(CURDIR)/build/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs"
 	SWARMWRIGHT_TEST_EXPORT=1 $(BIN)/python -m pytest -n 2 tests/python/export
 
 INPUTS ?= 1000000

@@ -12,6 +12,8 @@ EXPORTERS: Registry[Exporter] = Registry(
     {
         "c": "swarmwright.export.c:C",
         "cpp": "swarmwright.export.cpp:Cpp",
+        "micropython": "swarmwright.export.micropython:MicroPython",
+        "python": "swarmwright.export.python:Python",
     },
     "swarmwright.export:Exporter",
 )

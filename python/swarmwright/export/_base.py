@@ -27,6 +27,9 @@ class Exporter(ABC):
     tolerance: ClassVar[float] = 0.0
     """Largest difference from the simulation's actuators that is promised; 0 promises the same bits."""
 
+    longest: ClassVar[int] = 30
+    """Steps of a random sequence, at most, with which it is verified."""
+
     @abstractmethod
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return what is written, the same bytes for the same subject.

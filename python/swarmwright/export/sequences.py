@@ -12,7 +12,7 @@ from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 
 RANDOM_SEQUENCES = 10_000
-_LONGEST = 30
+LONGEST = 30
 _OPERATIONS = 1e8
 """Of nodes, at most, in all random sequences together: so that large networks are verified in minutes."""
 
@@ -73,9 +73,13 @@ class Sequences:
 
 
 def random_sequences(
-    specification: Mapping[str, Any], count: int = RANDOM_SEQUENCES, *, refused: bool = True
+    specification: Mapping[str, Any],
+    count: int = RANDOM_SEQUENCES,
+    *,
+    refused: bool = True,
+    longest: int = LONGEST,
 ) -> Sequences:
-    """Return sequences of 1 to 30 steps, the same ones for the same controller.
+    """Return sequences of 1 to `longest` steps, the same ones for the same controller.
 
     Sensors are uniform in -1..1, or larger and smaller by up to forty orders of magnitude, or numbers at
     which arithmetic and thresholds change: zeros, subnormal, huge ones.
@@ -85,7 +89,7 @@ def random_sequences(
     width = int(specification["sensors"])
     numbers = np.random.default_rng(2026)
     operations = len(specification["weights"]) * int(specification.get("iterations", 1)) * count
-    longest = int(min(_LONGEST, max(4, 2 * _OPERATIONS / max(operations, 1))))
+    longest = int(min(longest, max(4, 2 * _OPERATIONS / max(operations, 1))))
     lengths = numbers.integers(1, longest + 1, count)
     first = np.zeros(int(lengths.sum()), np.bool_)
     first[np.concatenate([[0], np.cumsum(lengths)[:-1]])] = True

@@ -2,6 +2,7 @@
 
 import keyword
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -47,6 +48,12 @@ def check_prefix(prefix: str) -> None:
         raise InputError(
             f"prefix: {prefix!r} ends with _test, as the files of self-tests do; take another one"
         )
+
+
+def check_module(prefix: str) -> None:
+    """Raise InputError for a prefix that is the name of a module of Python itself, or in the way of one."""
+    if prefix in sys.stdlib_module_names or prefix == "micropython":
+        raise InputError(f"prefix: {prefix!r} is a module of Python; take another one")
 
 
 def is_reserved(name: str) -> bool:

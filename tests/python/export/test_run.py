@@ -63,7 +63,7 @@ def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
     assert len(first) == int(np.flatnonzero(episodes.first)[1])
 
 
-@pytest.mark.parametrize("form", ["c", "cpp"])
+@pytest.mark.parametrize("form", ["c", "cpp", "python"])
 def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: Path, form: str) -> None:
     result = program("export", minisim.path, "--to", form, "--output", "out", "--verify", "--prefix", "robot")
     assert result.returncode == 0, result.stderr
@@ -71,7 +71,7 @@ def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: 
     assert lines[0].startswith(f"Candidate {minisim.best.candidate} of generation {minisim.best.generation} ")
     assert lines[-1].startswith("Verified: largest difference 0, bit-identical in 10,000 random sequences (")
     assert " and 3 episodes of the simulation (" in lines[-1]
-    assert (tmp_path / "out" / ("robot.h" if form == "c" else "robot.hpp")).is_file()
+    assert (tmp_path / "out" / {"c": "robot.h", "cpp": "robot.hpp", "python": "robot.py"}[form]).is_file()
 
 
 def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_json(program: Any, minisim: Run) -> None:
 
 def test_parameters(program: Any, rule: Run, tmp_path: Path) -> None:
     values = rule.best.controller.parameters
-    for form in ("c", "cpp"):
+    for form in ("c", "cpp", "python"):
         result = program("export", rule.path, "--to", form, "--output", "out", "--verify", "--prefix", "rule")
         assert result.returncode == 0, result.stderr
         assert result.stdout.splitlines()[-1] == (

@@ -1,0 +1,80 @@
+"""Python without NumPy: `--to python`."""
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import RunError
+from swarmwright.export._base import Exporter, Files
+from swarmwright.export.programs import run, stepped, steps
+from swarmwright.export.python_code import as_decimals
+from swarmwright.export.python_family import modules
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Subject
+from swarmwright.export.text import check_module
+
+_HARNESS = """
+import sys
+from array import array
+
+sys.path.insert(0, ".")
+from PREFIX import ACTUATORS, SENSORS, Controller
+
+controller = Controller()
+data, width = array("f", sys.stdin.buffer.read()), 1 + len(SENSORS)
+for at in range(0, len(data), width):
+    if data[at]:
+        controller.reset()
+    try:
+        row = [1.0, *controller.step(data[at + 1 : at + width])]
+    except ValueError:
+        row = [0.0] + [7.0] * len(ACTUATORS)
+    sys.stdout.buffer.write(array("f", row).tobytes())
+"""
+
+
+class Python(Exporter):
+    """`PREFIX.py`, a module for Python 3.9 and later that needs no other, and its self-test."""
+
+    form: ClassVar[str] = "python"
+
+    def files(self, subject: Subject, prefix: str) -> Files:
+        """Return the module and its self-test."""
+        check_module(prefix)
+        dialect = {
+            "imports": "from array import array\nfrom collections.abc import Sequence",
+            "words": "Numbers are rounded to 32 bits after every operation, as in the simulation.",
+            "exact": "",
+            "none": " -> None",
+            "sensors_type": ": Sequence[float]",
+            "actuators_type": " -> list[float]",
+        }
+        return modules(subject, prefix, as_decimals, dialect)
+
+    def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
+        """Step the class in a process of this Python."""
+        (folder / "harness.py").write_text(_HARNESS.replace("PREFIX", prefix), encoding="utf-8")
+        written = run([sys.executable, "-I", "harness.py"], folder, "the exported module", steps(sequences))
+        return stepped(written, sequences, "the exported module")
+
+    def values(self, folder: Path, prefix: str) -> Mapping[str, object]:
+        """Import the parameters."""
+        show = f"import {prefix}; print(json.dumps({prefix}.PARAMETERS))"
+        program = f"import json, sys; sys.path.insert(0, '.'); {show}"
+        read: dict[str, object] = json.loads(run([sys.executable, "-I", "-c", program], folder, "the module"))
+        return read
+
+    def self_test(self, folder: Path, prefix: str) -> str | None:
+        """Run `PREFIX_test.py`; parameters have none."""
+        name = f"{prefix}_test.py"
+        if not (folder / name).exists():
+            return None
+        said = run([sys.executable, name], folder, f"the self-test {name}")
+        if said.strip() != b"ok":
+            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        return name

@@ -1,0 +1,221 @@
+"""Source code of controllers in Python and MicroPython: the arithmetic of decision 002.
+
+Numbers of Python have 64 bits, those of MicroPython 64 or 32. A result of one operation on two binary32
+that is computed in binary64 and then rounded to binary32 is the correctly rounded one, for +, -, * and /.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from textwrap import indent
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError
+from swarmwright.export.c_code import machine_tables
+from swarmwright.export.subject import Subject
+from swarmwright.export.text import decimals, render, wrapped
+
+_IN_A_LINE = 5
+"""Numbers."""
+
+Values = NDArray[np.float32] | NDArray[np.uint16] | NDArray[np.uint32]
+Numbers = Callable[[Values], str]
+"""An expression that is an array of these numbers."""
+
+_TANH = {
+    "LIMIT": 9.15, "P1": 0.015736774, "P2": 7.970824e-5, "P3": 4.2581547e-8,
+    "Q1": 0.11480684, "Q2": 0.0013933508, "Q3": 2.7218455e-6,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PythonCode:
+    """The parts of a module that depend on the kind of controller."""
+
+    numbers: str
+    functions: str
+    init: str
+    reset: str
+    step: str
+    state_words: str
+
+
+def python_code(subject: Subject, numbers: Numbers) -> PythonCode:
+    """Return the code of a controller that steers agents. Raises InputError for an unknown kind."""
+    make = _KINDS.get(subject.kind)
+    if make is None:
+        known = ", ".join(sorted(_KINDS))
+        raise InputError(f"controller: the kind {subject.kind!r} cannot be exported to Python, only {known}")
+    return make(subject, numbers)
+
+
+def _layered(subject: Subject, numbers: Numbers) -> PythonCode:
+    specification = subject.specification
+    sizes = [int(specification[name]) for name in ("sensors", "actuators")]
+    sizes[1:1] = [int(nodes) for nodes in specification["hidden"]]
+    lines, at = ["", "# Layers: for each node its bias and its weights.", "_LAYERS = ("], 0
+    for below, nodes in pairwise(sizes):
+        lines.append("    (")
+        for _ in range(nodes):
+            lines.append(indent(f"{numbers(subject.weights[at : at + below + 1])},", " " * 8))
+            at += below + 1
+        lines.append("    ),")
+    lines.append(")")
+    step = ["for rows in _LAYERS:", "    values = _layer(rows, values, cell)", *_ACTUATORS]
+    return PythonCode(
+        "\n".join([*_constants(subject, numbers), *lines]),
+        _network(subject, numbers),
+        "",
+        _indented(["# This network remembers nothing."]),
+        _indented(step),
+        "this network remembers nothing",
+    )
+
+
+def _fully_meshed(subject: Subject, numbers: Numbers) -> PythonCode:
+    specification = subject.specification
+    sensors, hidden = int(specification["sensors"]), int(specification["hidden"])
+    computed = hidden + int(specification["actuators"])
+    rows = subject.weights.reshape(computed, 1 + sensors + computed)
+    lines = ["", "# Nodes: a bias, then a weight from every node, sensors first.", "_NODES = ("]
+    lines += [*(indent(f"{numbers(row)},", "    ") for row in rows), ")"]
+    step = [
+        "outputs = self._outputs",
+        f"for _ in range({int(specification['iterations'])}):",
+        "    outputs = _layer(_NODES, values + outputs, cell)",
+        "self._outputs = outputs",
+        f"values = outputs[{hidden}:]",
+        *_ACTUATORS,
+    ]
+    return PythonCode(
+        "\n".join([*_constants(subject, numbers), *lines]),
+        _network(subject, numbers),
+        "",
+        _indented([f"self._outputs = [0.0] * {computed}"]),
+        _indented(step),
+        "the outputs of all nodes are kept from step to step",
+    )
+
+
+_ACTUATORS = ["return [_actuator(value, cell) for value in values]"]
+
+
+def _indented(lines: list[str]) -> str:
+    return "\n".join(f"        {line}" for line in lines)
+
+
+def _constants(subject: Subject, numbers: Numbers) -> list[str]:
+    lines = []
+    if subject.specification["activation"] in {"tanh", "sigmoid"}:
+        values = np.array(list(_TANH.values()), np.float32)
+        lines.append(f"{', '.join(f'_{name}' for name in _TANH)} = {numbers(values)}")
+    low, high = np.array(subject.specification["output_range"], np.float32)
+    if (low, high) not in ((-1, 1), (0, 1)):
+        lines.append(f"_LOW, _WIDTH = {numbers(np.array([low, high - low], np.float32))}")
+    return lines
+
+
+def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as the others
+    activation = subject.specification["activation"]
+    low, high = np.array(subject.specification["output_range"], np.float32)
+    words, lines = f"{low:g}..{high:g} becomes -1..1", []
+    if (low, high) == (-1, 1):
+        words = "as it is"
+    elif (low, high) == (0, 1):
+        lines = ["cell[0] = 2.0 * a", "cell[0] = cell[0] - 1.0", "a = cell[0]"]
+    else:
+        lines = [
+            "cell[0] = a - _LOW",
+            "cell[0] = cell[0] / _WIDTH",
+            "cell[0] = cell[0] * 2.0",
+            "cell[0] = cell[0] - 1.0",
+            "a = cell[0]",
+        ]
+    parts = [render("python_tanh.txt", {})] if activation in {"tanh", "sigmoid"} else []
+    parts.append(f"def _activation(a, cell):\n{_ACTIVATIONS[activation]}\n")
+    actuator = "\n".join(f"    {line}" for line in lines)
+    parts.append(render("python_network.txt", {"output_range": words, "actuator": actuator}))
+    return "\n\n".join(parts).rstrip("\n")
+
+
+_ACTIVATIONS = {
+    "tanh": "    return _tanh(a, cell)",
+    "sigmoid": (
+        "    scaled = _rounded(0.5 * _tanh(_rounded(0.5 * a, cell), cell), cell)\n"
+        "    return _rounded(0.5 + scaled, cell)"
+    ),
+    "relu": "    return 0.0 if a < 0.0 else a",
+    "clamp": "    return 0.0 if a < 0.0 else 1.0 if a > 1.0 else a",
+    "linear": "    return a",
+}
+
+
+def _mealy_fsm(subject: Subject, numbers: Numbers) -> PythonCode:
+    thresholds = [np.array(of_one, np.float32) for of_one in subject.specification["thresholds"]]
+    states, outputs = machine_tables(subject)
+    lines = ["# Where the intervals of each sensor end.", "_THRESHOLDS = ("]
+    lines += [indent(f"{numbers(of_one) if len(of_one) else '()'},", "    ") for of_one in thresholds]
+    lines += [")", ""]
+    width = outputs.shape[1]
+    next_states = states.astype(np.uint16) if states.max() < 1 << 16 else states.astype(np.uint32)
+    lines += [
+        "# For each state and interval of the sensors: the state of the next step, and the actuators.",
+        f"_NEXT = {numbers(next_states)}",
+        f"_ACTUATORS = {numbers(outputs.reshape(-1))}",
+    ]
+    step = [
+        "row = self._state",
+        "for value, thresholds in zip(values, _THRESHOLDS):",
+        "    row *= len(thresholds) + 1",
+        "    for threshold in thresholds:",
+        "        row += threshold < value",
+        "self._state = _NEXT[row]",
+        f"return list(_ACTUATORS[row * {width} : row * {width} + {width}])",
+    ]
+    return PythonCode(
+        "\n".join(lines),
+        "",
+        "",
+        _indented(["self._state = 0"]),
+        _indented(step),
+        "the number of the state is kept from step to step",
+    )
+
+
+_KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
+    "fully_meshed": _fully_meshed,
+    "layered": _layered,
+    "mealy_fsm": _mealy_fsm,
+}
+
+
+def as_decimals(values: Values) -> str:
+    """Return an array of shortest decimals, which Python reads as the nearest binary64 and then rounds."""
+    code = _CODES[values.dtype.kind + str(values.itemsize)]
+    whole = values.dtype.kind == "u"
+    texts = [str(one) for one in values.tolist()] if whole else decimals(values.astype(np.float32))
+    if len(texts) <= _IN_A_LINE:
+        return f'array("{code}", [{", ".join(texts)}])'
+    return f'array(\n    "{code}",\n    [\n{wrapped(texts, " " * 8)}\n    ],\n)'
+
+
+def as_bytes(values: Values) -> str:
+    """Return an array of bytes: MicroPython does not read every decimal as the nearest number."""
+    code = _CODES[values.dtype.kind + str(values.itemsize)]
+    if len(values) <= _IN_A_LINE:
+        return f'array("{code}", unpack("<{len(values)}{code}", {byte_text(values)}))'
+    lines = [f"        {byte_text(values[at : at + 5])}" for at in range(0, len(values), 5)]
+    text = "\n".join(lines)
+    return f'array(\n    "{code}",\n    unpack(\n        "<{len(values)}{code}",\n{text},\n    ),\n)'
+
+
+_CODES = {"f4": "f", "u2": "H", "u4": "L"}
+"""Of arrays and of `struct`, by kind and bytes."""
+
+
+def byte_text(values: Values) -> str:
+    """Return the bytes of numbers, the lowest first, as Python writes them."""
+    data = values.astype(values.dtype.newbyteorder("<")).tobytes()
+    return 'b"' + "".join(f"\\x{byte:02x}" for byte in data) + '"'

@@ -1,0 +1,134 @@
+"""Controllers in Python and MicroPython: the bits of the engine, without NumPy."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from swarmwright import InputError
+from swarmwright.export import Exporter
+from swarmwright.export.micropython import MicroPython
+from swarmwright.export.micropython import _interpreter as interpreter
+from swarmwright.export.python import Python
+from swarmwright.export.sequences import difference
+from swarmwright.export.writing import write
+from tests.python.export.specifications import ALL, Specification, few, networks, sequences_of, subject
+
+
+def has_micropython() -> bool:
+    try:
+        interpreter()
+    except InputError:
+        assert "SWARMWRIGHT_TEST_EXPORT" not in os.environ
+        return False
+    return True
+
+
+FORMS = [
+    Python(),
+    pytest.param(
+        MicroPython(),
+        marks=pytest.mark.skipif(not has_micropython(), reason="MicroPython: make test-export installs it"),
+    ),
+]
+
+
+@pytest.mark.parametrize("exporter", FORMS, ids=lambda exporter: exporter.form)
+def test_every_kind(exporter: Exporter, tmp_path: Path) -> None:
+    names = [name for name in ALL if exporter.form == "python" or name[-1] in "0147ydm"]
+    for name in names:
+        write(exporter.files(subject(ALL[name]), "robot"), tmp_path)
+        sequences = sequences_of(name, 30)
+        assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0), name
+
+
+@pytest.mark.parametrize("exporter", FORMS, ids=lambda exporter: exporter.form)
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(specification=networks())
+def test_any_network(exporter: Exporter, specification: Specification, tmp_path: Path) -> None:
+    write(exporter.files(subject(specification), "robot"), tmp_path)
+    sequences = few(specification, 30)
+    assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
+
+
+@pytest.mark.parametrize("exporter", FORMS, ids=lambda exporter: exporter.form)
+@pytest.mark.parametrize("name", ["layered-tanh-0", "fully_meshed-tanh-6", "mealy_fsm", "layered-wide"])
+def test_self_tests(exporter: Exporter, name: str, tmp_path: Path) -> None:
+    write(exporter.files(subject(ALL[name]), "robot"), tmp_path)
+    assert exporter.self_test(tmp_path, "robot") == "robot_test.py"
+
+
+def test_micropython_on_python(tmp_path: Path) -> None:
+    """The module for MicroPython is one for Python, too: with floats of 64 bits."""
+    for name in ("fully_meshed-sigmoid-5", "mealy_fsm", "layered-deep"):
+        files = MicroPython().files(subject(ALL[name]), "robot")
+        assert "decimals" not in str(files["robot.py"]).partition('"""\n')[2]
+        write(files, tmp_path)
+        sequences = sequences_of(name)
+        assert difference(sequences, Python().run(tmp_path, "robot", sequences)) == (0.0, 0)
+        assert Python().self_test(tmp_path, "robot") == "robot_test.py"
+
+
+def test_a_self_test_finds_a_wrong_weight(tmp_path: Path) -> None:
+    specification = ALL["fully_meshed-tanh-6"]
+    write(Python().files(subject(specification), "robot"), tmp_path)
+    weight = np.float32(specification["weights"][0])
+    source = tmp_path / "robot.py"
+    assert f"{weight!s}," in source.read_text()
+    source.write_text(source.read_text().replace(f"{weight!s},", f"{np.nextafter(weight, np.float32(9))!s},"))
+    done = subprocess.run(
+        [sys.executable, "robot_test.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "the actuators are not those of the simulation" in done.stdout
+
+
+def module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("robot", path)
+    assert spec is not None
+    assert spec.loader is not None
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+@pytest.mark.parametrize("exporter", [Python(), MicroPython()], ids=lambda exporter: exporter.form)
+def test_sensors_that_are_refused(exporter: Exporter, tmp_path: Path) -> None:
+    write(exporter.files(subject(ALL["fully_meshed-tanh-6"]), "robot"), tmp_path)
+    robot = module(tmp_path / "robot.py")
+    assert robot.SENSORS == ("sensor 0", "sensor 1", "sensor 2")
+    one, other = robot.Controller(), robot.Controller()
+    one.step([0.1, 0.2, 0.3])
+    with pytest.raises(ValueError, match="2 sensors given, expected 3"):
+        one.step([0.1, 0.2])
+    for bad in (float("nan"), float("inf"), 1e39):
+        with pytest.raises(ValueError, match=r"sensor sensor 1 is .*, expected a finite number"):
+            one.step([0.1, bad, 0.3])
+    # Nothing has changed, and each controller has a state of its own.
+    other.step([0.1, 0.2, 0.3])
+    assert one.step([0.4, 0.5, 0.6]) == other.step([0.4, 0.5, 0.6])
+    one.reset()
+    assert one.step([0.4, 0.5, 0.6]) != other.step([0.4, 0.5, 0.6])
+
+
+def test_names_of_modules_are_refused() -> None:
+    for exporter in (Python(), MicroPython()):
+        with pytest.raises(InputError, match="prefix: 'array' is a module of Python"):
+            exporter.files(subject(ALL["mealy_fsm"]), "array")
+
+
+def test_no_micropython(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.delenv("MICROPYTHON", raising=False)
+    write(MicroPython().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
+    sequences = few(ALL["mealy_fsm"], 1)
+    with pytest.raises(
+        InputError, match="verification needs micropython, which is not installed: apt install"
+    ):
+        MicroPython().run(tmp_path, "robot", sequences)
