@@ -61,7 +61,7 @@ class MicroPython(Exporter):
         check_module(prefix)
         dialect = {
             "imports": "from array import array\nfrom struct import unpack",
-            "words": "Numbers are bytes, since MicroPython does not read every decimal as the nearest number.",
+            "words": "Numbers are bytes: MicroPython does not read every decimal as the nearest number.",
             "exact": _EXACT.rstrip("\n"),
             "none": "",
             "sensors_type": "",
