@@ -104,6 +104,11 @@ impl Controller {
         }
     }
 
+    /// The specification: architecture and weights, without any state.
+    pub fn specification(&self) -> Specification {
+        Specification::of(&self.architecture, &self.weights)
+    }
+
     /// Whether it steers agents; a parameter set does not.
     pub fn steers(&self) -> bool {
         self.architecture.steers()

@@ -63,6 +63,14 @@ impl Specification {
         })
     }
 
+    /// What was checked before.
+    pub(crate) fn of(architecture: &Architecture, weights: &[f32]) -> Self {
+        Self {
+            architecture: architecture.clone(),
+            weights: weights.to_vec(),
+        }
+    }
+
     /// The specification without its weights.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture

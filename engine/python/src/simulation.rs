@@ -60,6 +60,10 @@ pub struct Hosted {
     pub group: lanes::Group,
     /// Where signs of life go.
     progress: Option<Arc<Progress>>,
+    /// Whether it runs controllers itself.
+    takes_controller: bool,
+    /// The specification of the next episode's, as JSON.
+    controller: Option<String>,
 }
 
 /// Whether an episode can be repeated; `_describe.py` has checked the name.
@@ -102,13 +106,15 @@ impl Hosted {
                 .map_or(u64::MAX, |frame| {
                     u64::try_from(frame.as_millis()).unwrap_or(u64::MAX)
                 }),
-            host: host.unbind(),
             agents: 0,
             acting: Vec::new(),
             done: true,
             observations: Vec::new(),
             group: lanes::Group::default(),
             progress: None,
+            takes_controller: host.getattr("takes_controller")?.extract()?,
+            controller: None,
+            host: host.unbind(),
         })
     }
 
@@ -212,8 +218,18 @@ impl Simulation for Hosted {
         self.description.clone()
     }
 
+    fn take_controller(&mut self, controller: &Controller) {
+        if self.takes_controller && controller.steers() {
+            let text = serde_json::to_string(&controller.specification());
+            self.controller = Some(text.unwrap_or_else(|error| fail(error.to_string())));
+        }
+    }
+
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
-        match self.proceed(|host| host.call_method1("reset", (dict(host.py(), parameters)?,))) {
+        let controller = self.controller.take();
+        match self.proceed(|host| {
+            host.call_method1("reset", (dict(host.py(), parameters)?, controller))
+        }) {
             Err(Trouble::Refused(text)) => Err(refused(&text)),
             other => {
                 or_fail(other);

@@ -168,6 +168,7 @@ pub fn rollout_until(
     controller: &Controller,
     stop: Option<&AtomicBool>,
 ) -> Result<f64, RolloutError> {
+    simulation.take_controller(controller);
     simulation.reset(&controller.merged(parameters))?;
     let mut agents = AgentControllers::new(simulation, controller)?;
     while !simulation.done() && !stopped(stop) {
@@ -197,6 +198,7 @@ impl Episode {
         parameters: &Parameters,
         controller: &Controller,
     ) -> Result<Self, RolloutError> {
+        simulation.take_controller(controller);
         simulation.reset(&controller.merged(parameters))?;
         let agents = AgentControllers::new(simulation.as_ref(), controller)?;
         Ok(Self { simulation, agents })

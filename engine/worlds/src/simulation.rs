@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use swarmwright_controllers::Controller;
 
 use crate::{Block, Means, RolloutError, Together};
 
@@ -165,6 +166,12 @@ pub trait Simulation: Send {
     /// Names of an agent's actuators, as [`sensor_names`](Self::sensor_names).
     fn actuator_names(&self) -> &'static [&'static str] {
         &[]
+    }
+
+    /// Gets the controller of the episode that [`reset`](Self::reset) begins next, where both are in one process: for
+    /// simulations that run it themselves, of which no agent then acts. Where steps cross the broker it is not called.
+    fn take_controller(&mut self, controller: &Controller) {
+        let _ = controller;
     }
 
     /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.

@@ -26,6 +26,8 @@ def simulation(name: str) -> "type[Simulation | BatchSimulation]":
     Raises InputError: the library is not installed, or has no such environment.
     """
     parsed = SimulationName.parse(name)
+    if parsed.is_command:
+        return _command(name)
     library, environment, options = parsed.library, parsed.place, parsed.options()
     try:
         module = import_module(f"swarmwright.adapters.{library}")
@@ -45,3 +47,14 @@ def simulation(name: str) -> "type[Simulation | BatchSimulation]":
         "__doc__": base.__doc__,
     }
     return type(base.__name__, (base,), attributes)
+
+
+def _command(name: str) -> "type[Simulation]":
+    from swarmwright.adapters.command import CommandSimulation
+
+    attributes = {
+        "adapted": name,
+        "__module__": CommandSimulation.__module__,
+        "__doc__": CommandSimulation.__doc__,
+    }
+    return type(SimulationName.parse(name).label, (CommandSimulation,), attributes)

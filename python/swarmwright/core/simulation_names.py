@@ -1,7 +1,8 @@
-"""Names of simulations: titles, classes in Python, and environments of other libraries.
+"""Names of simulations: titles, classes in Python, environments of other libraries, and commands.
 
-`minisim` is a title, `path/to/file.py:Class` and `package.module:Class` name a class, and
-`library:environment?option=value&option=value` an environment.
+`minisim` is a title, `path/to/file.py:Class` and `package.module:Class` name a class,
+`library:environment?option=value&option=value` an environment, and `command:{..}`, a JSON object, a command,
+which experiments write as a mapping.
 """
 
 import ast
@@ -9,7 +10,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from swarmwright.core.errors import InputError
 
@@ -17,12 +18,17 @@ LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas
 """Library, which is the adapter's module, too -> its class."""
 
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")
+_DEFINITION = "command.json"
+"""The file of a command's definition, which exists in copies only."""
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 
 
 @dataclass(frozen=True)
 class SimulationName:
     """The parts of a simulation's name."""
+
+    COMMAND: ClassVar[str] = "command:"
+    """What a command's name begins with."""
 
     text: str
     """The whole name."""
@@ -37,7 +43,10 @@ class SimulationName:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Take a name apart; any text that is neither a class nor an environment is a title."""
+        """Take a name apart; any text that is no class, no environment and no command is a title."""
+        if text.startswith(f"{cls.COMMAND}{{"):
+            folder = json.loads(text.removeprefix(cls.COMMAND)).get("folder", ".")
+            return cls(text, "", str(Path(folder) / _DEFINITION), "", "")
         match = _ENVIRONMENT.fullmatch(text)
         if match is not None:
             return cls(text, match[1], match[2], "", match[3] or "")
@@ -50,29 +59,49 @@ class SimulationName:
         return bool(self.library)
 
     @property
+    def is_command(self) -> bool:
+        """Whether it is a command."""
+        return self.text.startswith(f"{self.COMMAND}{{")
+
+    @property
+    def definition(self) -> dict[str, Any]:
+        """What an experiment says of a command, every default left out."""
+        values: dict[str, Any] = json.loads(self.text.removeprefix(self.COMMAND))
+        return values
+
+    @property
     def is_python(self) -> bool:
-        """Whether it is a class or an environment, not a title."""
-        return self.is_environment or _CLASS.fullmatch(self.text) is not None
+        """Whether Python runs it: it is a class, an environment or a command, not a title."""
+        return self.is_environment or self.is_command or _CLASS.fullmatch(self.text) is not None
 
     @property
     def file(self) -> Path | None:
-        """The file of a class that is named by its file; else None."""
+        """The file of a class that is named by it, or where a command's definition would be; else None."""
+        if self.is_command:
+            return Path(self.place)
         return Path(self.place) if self.place.endswith(".py") and not self.is_environment else None
 
     @property
     def module(self) -> str:
         """The module that is imported for a class or environment, as far as the name has one; else empty."""
+        if self.is_command:
+            return ""
         if self.library == "gymnasium":
             return self.place.rpartition(":")[0]
         return "" if self.file is not None else self.place
 
     @property
     def label(self) -> str:
-        """What figures and folders call it: the title, the class, or the end of an environment's name."""
+        """What figures and folders call it: title, class or program, or the end of an environment's name."""
+        if self.is_command:
+            return _program(self.definition)
         return self.text.rpartition(":")[2] if self.is_python else self.text
 
     def in_file(self, file: str | Path) -> str:
-        """Return the name of the same class in another file."""
+        """Return the name of the same class in another file, or of the same command in its folder."""
+        if self.is_command:
+            values = {**self.definition, "folder": Path(file).parent.as_posix()}
+            return f"{self.COMMAND}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
         return f"{file}:{self.member}"
 
     def options(self) -> dict[str, Any]:
@@ -96,6 +125,23 @@ def is_environment(name: str) -> bool:
 def is_python(name: str) -> bool:
     """Whether a simulation is named by its class, or as another library's environment, not by a title."""
     return SimulationName.parse(name).is_python
+
+
+def is_command(name: str) -> bool:
+    """Whether a simulation is a command."""
+    return SimulationName.parse(name).is_command
+
+
+def _program(definition: dict[str, Any]) -> str:
+    """Return what a command is called: its title, or the script or program that it starts."""
+    if "title" in definition:
+        return str(definition["title"])
+    words = [Path(word) for word in definition["command"] if not word.startswith("-")]
+    scripts = [
+        word for word in words if word.suffix in {".py", ".sh", ".jl", ".m", ".js", ".rb", ".R", ".lua"}
+    ]
+    name = (scripts or words)[0].stem
+    return re.sub(r"[^\w.-]", "_", name) or "command"
 
 
 def _value(text: str) -> Any:  # noqa: ANN401 - any value that JSON has

@@ -8,9 +8,12 @@ from swarmwright import _engine
 from swarmwright.broker.address import broker_problem, prefix_problem
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
+from swarmwright.core.simulation_names import is_command
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.experiment.fitness import FitnessExpression
 
+_LONGEST = 1000
+"""Characters of a simulation's name."""
 _SERVERS = ("auto", "local", "in-process")
 
 
@@ -101,11 +104,11 @@ class Faults(Options):
 class Document(Options):
     """An experiment: what is evolved, on which simulation, how, and where."""
 
-    simulation: str = Field(min_length=1, max_length=1000)
+    simulation: str = Field(min_length=1)
     """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
     which a server offers it. Or a class in Python, path/to/file.py:Class (relative to this file) or
     package.module:Class, or an environment of Gymnasium or PettingZoo, gymnasium:CartPole-v1; servers of it
-    are started here, too."""
+    are started here, too. Or a mapping, {command: ..}: any program that is run for each episode."""
     requirements: Requirements | None = None
     """What a simulation server must be able to do. Default: the dimensions that the built-in simulation or
     the class announces; 2 dimensions for any other."""
@@ -157,6 +160,13 @@ class Document(Options):
     """How failing, slow and wrong servers and evaluations are treated."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
+
+    @field_validator("simulation")
+    @classmethod
+    def _simulation(cls, value: str) -> str:
+        if len(value) > _LONGEST and not is_command(value):
+            raise ValueError(f"must have at most {_LONGEST} characters, not {len(value)}")
+        return value
 
     @field_validator("fitness")
     @classmethod

@@ -10,7 +10,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts
@@ -153,6 +153,10 @@ class Experiment:
             value = getattr(self, one.name)
             if one.name == "path" or value is None:
                 continue
+            if one.name == "simulation" and is_command(value):
+                value = SimulationName.parse(value).definition
+                if value.get("fitness") == self.fitness:  # it was taken from the experiment
+                    del value["fitness"]
             if one.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
                 if one.name == "method" and self.method.generation_limit is None:

@@ -61,6 +61,8 @@ class FitnessExpression:
         check(self._root, text, names, 0)
         self.metrics = tuple(sorted(names - {OWN}))
         """Names of the metrics that it needs, sorted."""
+        self.uses_own = OWN in names
+        """Whether it needs the simulation's own fitness."""
         if not names:
             raise ExpressionError("uses no metric, so that it is the same for every controller")
 

@@ -33,6 +33,8 @@ def reference() -> str:
         definition = schema["$defs"][name.capitalize()]
         lines += ["", f"## {name}", "", definition["description"], ""]
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)
+    lines += ["", "## simulation: {command: ..}", "", schema["$defs"]["Command"]["description"], ""]
+    lines += _table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
     for name, default in DEFAULT_KINDS.items():
         section = schema["properties"][name]
         lines += ["", f"## {name}", "", section["description"]]

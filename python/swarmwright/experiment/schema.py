@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from swarmwright.commands.definition import CommandOptions
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
@@ -33,6 +34,12 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
             "properties": {"kind": {"enum": kinds}},
             "oneOf": variants,
         }
+    command = _tidy(described(CommandOptions).model_json_schema())
+    definitions |= command.pop("$defs", {}) | {"Command": command}
+    schema["properties"]["simulation"] = {
+        "description": schema["properties"]["simulation"]["description"],
+        "anyOf": [{"type": "string", "minLength": 1}, {"$ref": "#/$defs/Command"}],
+    }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": IDENTIFIER,

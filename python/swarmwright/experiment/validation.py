@@ -13,8 +13,9 @@ from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.options import Options
 from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
-from swarmwright.core.simulation_names import is_python
+from swarmwright.core.simulation_names import is_command, is_python
 from swarmwright.core.yaml import Path_, Source
+from swarmwright.experiment import commands
 from swarmwright.experiment.document import DEFAULT_KINDS, Document, Requirements
 from swarmwright.experiment.evolved import problems, unknown
 from swarmwright.experiment.fitness import FitnessExpression
@@ -93,6 +94,9 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
     simulation = values.get("simulation")
+    if isinstance(simulation, Mapping):
+        simulation = values["simulation"] = commands.name_of(simulation, values, report)
+        ask = ask and simulation != commands.WRONG
     if not isinstance(simulation, str):
         return False
     if not is_python(simulation):
@@ -169,6 +173,8 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
         representation = _check_representation(checked, report)
         _check_method(checked, representation, report)
         _check_evolved(checked, here, report)
+        if here and is_command(checked["simulation"]):
+            commands.check(checked, values, report)
         _check_start(checked, representation, report)
     return checked
 

@@ -340,7 +340,8 @@ def _differing(copy: Copy, kept: Kept) -> Part | None:
 
 
 def _what(kept: Kept) -> str:
-    return f"{kept.name} {kept.component}"
+    parsed = SimulationName.parse(kept.component)
+    return f"{kept.name} {parsed.label if parsed.is_command else kept.component}"
 
 
 def _is_copied(simulation: str) -> bool:
@@ -357,7 +358,13 @@ def _keeps(simulation: str) -> bool:
 
 def _check_there(run: "Run", simulation: str) -> None:
     parsed = SimulationName.parse(simulation)
-    if parsed.is_python and parsed.file is not None and not parsed.file.is_file():
+    if parsed.is_command:
+        if not Path(parsed.place).parent.is_dir():
+            raise InputError(
+                f"{run.path}: the files of its simulation are gone: there is no folder "
+                f"{Path(parsed.place).parent}; restore it"
+            )
+    elif parsed.is_python and parsed.file is not None and not parsed.file.is_file():
         raise InputError(
             f"{run.path}: the code of its simulation is gone: there is no {parsed.place}, and the run holds "
             f"no copy of it; put {parsed.file.name} beside the run folder, or name the file: "

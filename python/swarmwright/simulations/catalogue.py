@@ -117,7 +117,10 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
             from swarmwright.simulations.host import Host
             from swarmwright.simulations.loading import load
 
-            acting, _, done = Host(load(simulation)).reset(parameters)
+            host = Host(load(simulation))
+            if host.steers_itself is not None:
+                return bool(host.steers_itself)
+            acting, _, done = host.reset(parameters)
             return not len(acting) and not done
         return _engine.steers_itself(simulation, parameters)
 

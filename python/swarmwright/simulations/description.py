@@ -34,6 +34,10 @@ class Description:
     tolerance: float
     lanes: int
     frame_seconds: float
+    takes_controller: bool
+    """Whether `reset` gets the controller, which the simulation runs itself."""
+    steers_itself: bool | None
+    """Whether no agent is steered from outside; None: it depends on the parameters."""
 
     def plain(self) -> dict[str, Any]:
         """Return what `_engine.describe` says of a built-in simulation."""
@@ -88,6 +92,8 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         tolerance=_tolerance(where, simulation.tolerance),
         lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
         frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
+        takes_controller=bool(getattr(simulation, "takes_controller", False)),
+        steers_itself=getattr(simulation, "steers_itself", None),
     )
 
 

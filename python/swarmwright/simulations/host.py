@@ -70,6 +70,8 @@ class Host:
         self.metrics = list(description.metrics.items())
         self.determinism = description.determinism
         self.tolerance = description.tolerance
+        self.takes_controller = description.takes_controller
+        self.steers_itself = description.steers_itself
         self._agents = 0
 
     def another(self) -> "Host":
@@ -78,13 +80,16 @@ class Host:
         other._reported = self._reported
         return other
 
-    def reset(self, parameters: dict[str, Any]) -> Seen:
+    def reset(self, parameters: dict[str, Any], controller: str | None = None) -> Seen:
         """Go to the start of an episode.
 
-        parameters: values of JSON's kinds; `seed` is the episode's, default 0. Raises the engine's InputError
-        for parameters that are refused, SimulationError when the code fails.
+        parameters: values of JSON's kinds; `seed` is the episode's, default 0. controller: its specification,
+        where the simulation runs controllers itself. Raises the engine's InputError for parameters that are
+        refused, SimulationError when the code fails.
         """
         values, seed = self._parameters(parameters)
+        if self.takes_controller:
+            return self._seen("reset", self._call("reset", values, seed, controller), first=True)
         if isinstance(self._simulation, BatchSimulation):
             return self._only(self._started(values, np.array([seed], np.uint64)))
         return self._seen("reset", self._call("reset", values, seed), first=True)
@@ -271,6 +276,9 @@ class Host:
             if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
+        except SimulationError as error:  # it says where and what
+            self._tell(str(error), error.stack)
+            raise
         # Also `sys.exit` ends only the episode.
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
@@ -308,10 +316,14 @@ class Host:
         """Report and raise."""
         reason = f"{self._kind.__name__}.{reason}"
         stack = None if error is None else _traceback(error)
+        self._tell(reason, stack)
+        raise SimulationError(reason, stack) from error
+
+    def _tell(self, reason: str, stack: str | None) -> None:
+        """Report a failure, the first time."""
         if reason not in self._reported and len(self._reported) < _REMEMBERED:
             self._reported.add(reason)
             self._report(reason, stack or "")
-        raise SimulationError(reason, stack) from error
 
 
 def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns

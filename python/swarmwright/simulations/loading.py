@@ -42,7 +42,9 @@ def load(name: str, folder: Path | None = None) -> type[Simulation] | type[Batch
     Raises InputError: there is no such file, module, class or environment, or importing it fails.
     """
     parsed = SimulationName.parse(name)
-    if parsed.is_environment:
+    if parsed.is_environment or parsed.is_command:
+        if parsed.file is not None:
+            name = _kept_command(parsed.in_file(((folder or Path()) / parsed.file).absolute()))
         _look_in(Path.cwd())
         # By name, as plug-ins are: adapters are simulations, above this package.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
@@ -69,6 +71,27 @@ def load(name: str, folder: Path | None = None) -> type[Simulation] | type[Batch
         raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
     there = f"there is: {', '.join(classes)}" if classes else "no subclass of swarmwright.Simulation is there"
     raise InputError(f"{where}: has no class {wanted!r}{did_you_mean(wanted, classes) or ';'} {there}")
+
+
+def _kept_command(name: str) -> str:
+    """Return the command that a name means: of a run's copy the original, as long as that is the same."""
+    parsed = SimulationName.parse(name)
+    held = None if parsed.file is None else Copy.holding(parsed.file)
+    if held is None:
+        return name
+    copy, kept = held
+    choice = choose(copy, kept)
+    if not serving:
+        require_copy(copy, kept, choice)
+        if choice.copied and choice.instead is not None:
+            copy_is_used(copy, kept, choice.instead)
+    return name if choice.copied else parsed.in_file(choice.part.origin)
+
+
+def file_of(kind: type) -> Path | None:
+    """Return the file in which a class is defined; None for one of a notebook."""
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return None if file is None else Path(file).resolve()
 
 
 def _from_file(path: Path) -> ModuleType:

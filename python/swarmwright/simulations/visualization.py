@@ -22,6 +22,8 @@ def shown_as(kind: type[Simulation] | type[BatchSimulation]) -> Literal["scene",
         if reason is not None:
             raise InputError(reason)
         return "picture"
+    if getattr(kind, "steers_itself", None) is not None:
+        raise InputError(f"{kind.__name__} is a command, whose episodes cannot be drawn here")
     raise InputError(
         f"{kind.__name__} has nothing to show: give it a method scene() that returns a "
         "swarmwright.display.Scene, or picture() that returns an image"

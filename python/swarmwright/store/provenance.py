@@ -24,7 +24,11 @@ def recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[
     kept = None if copy is None else copy.parts.get("simulation")
     if copy is not None and kept is not None and not is_environment(kept.component):
         place = copy.place(kept).relative_to(folder).as_posix()
-        values["simulation"] = SimulationName.parse(kept.component).in_file(place)
+        name = SimulationName.parse(SimulationName.parse(kept.component).in_file(place))
+        if name.is_command:
+            values["simulation"]["folder"] = name.definition["folder"]
+        else:
+            values["simulation"] = name.text
     return values
 
 

@@ -4,11 +4,12 @@ import difflib
 import hashlib
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName, is_environment
+from swarmwright.core.simulation_names import SimulationName, is_command, is_environment
 from swarmwright.user_code.copying import Copy, Kept, beside
 from swarmwright.user_code.parts import SECTIONS, Part, Source, of_plug_in, of_simulation
 
@@ -30,6 +31,8 @@ def present(copy: Copy, kept: Kept) -> Part | None:
             return None  # not installed; reported where it is used
     if is_environment(kept.component):
         return of_simulation(kept.component)
+    if is_command(kept.component):
+        return _present_command(copy, kept)
     if kept.module is not None:
         part = Part.of_module(kept.name, kept.component, kept.module)
         if part is not None or "." in kept.module:
@@ -37,6 +40,17 @@ def present(copy: Copy, kept: Kept) -> Part | None:
     for path in _places(copy.run, kept):
         if path.is_file():
             return Part.of_file(kept.name, kept.component, path)
+    return None
+
+
+def _present_command(copy: Copy, kept: Kept) -> Part | None:
+    """Return a command's files where they are now: its definition is the run's, only these can change."""
+    others = set(kept.digests) - {kept.main}
+    for path in _places(copy.run, kept):
+        with suppress(InputError):
+            part = of_simulation(SimulationName.parse(kept.component).in_file(path))
+            if part is not None and (not others or others & set(part.files)):
+                return part
     return None
 
 
@@ -80,7 +94,11 @@ def files_of(simulation: str) -> dict[str, str]:
     if not place or Copy.holding(Path(place)) is not None:
         return {}
     part = of_simulation(simulation)
-    return {} if part is None else {str(one.origin): one.digest for one in part.files.values()}
+    if part is None:
+        return {}
+    # A command's definition is in no file.
+    virtual = part.main if is_command(simulation) else None
+    return {str(one.origin): one.digest for name, one in part.files.items() if name != virtual}
 
 
 def check_unchanged(files: Mapping[str, str]) -> None:

@@ -57,6 +57,8 @@ class Copy:
                 target = copy.folder / part.name / place
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(source.data)
+                if os.access(source.origin, os.X_OK):
+                    target.chmod(target.stat().st_mode | 0o100)
             described[part.name] = {
                 "component": part.component,
                 "main": part.main,
@@ -170,6 +172,8 @@ def digest_of(parts: Mapping[str, Mapping[str, str]]) -> str:
 def shown(simulation: str) -> str:
     """Return a simulation's name for people; of a class that a run has a copy of, what it was called."""
     parsed = SimulationName.parse(simulation)
+    if parsed.is_command:
+        return parsed.label
     if parsed.file is None:
         return simulation
     try:

@@ -71,6 +71,25 @@ class Part:
         return None
 
     @classmethod
+    def of_command(cls, name: str) -> Self:
+        """Read the files of a command and its definition. Raises InputError."""
+        from swarmwright.commands.definition import CommandOptions  # noqa: PLC0415 - pydantic, where there is a command
+        from swarmwright.user_code import command_sources  # noqa: PLC0415 - as above
+
+        options = CommandOptions.of(name)
+        files = {}
+        for place, path in command_sources.sources_of(options).items():
+            if path.name == command_sources.DEFINITION:
+                main, files[place] = place, Source(path, command_sources.definition_of(options))
+            else:
+                try:
+                    files[place] = Source(path, path.read_bytes())
+                except OSError as error:
+                    raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        component = SimulationName.parse(name).in_file("./command.json")
+        return cls("simulation", component, main, None, files, frozenset())
+
+    @classmethod
     def _read(cls, name: str, component: str, main: str, module: str | None, walk: Any) -> Self:  # noqa: ANN401 - a function
         try:
             walked = walk()
@@ -87,6 +106,8 @@ def of_simulation(name: str) -> Part | None:
     """
     parsed = SimulationName.parse(name)
     module = parsed.module
+    if parsed.is_command:
+        return Part.of_command(name)
     if parsed.is_environment:
         return Part.of_module("simulation", name, module, installed=False) if _importable(module) else None
     if parsed.file is not None:

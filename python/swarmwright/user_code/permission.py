@@ -13,7 +13,7 @@ from swarmwright.user_code import trust
 from swarmwright.user_code.changes import Choice
 from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.imports import Walk
-from swarmwright.user_code.parts import Part
+from swarmwright.user_code.parts import Part, of_simulation
 
 
 def remember(parts: Iterable[Part]) -> None:
@@ -43,6 +43,10 @@ def _files(simulation: str) -> Mapping[str, Path]:
     """Return the files of a class or environment that are not installed; none if it does not exist."""
     parsed = SimulationName.parse(simulation)
     try:
+        if parsed.is_command:
+            part = of_simulation(simulation)
+            files = {} if part is None else part.files
+            return {name: one.origin for name, one in files.items() if part is not None and name != part.main}
         if parsed.file is not None:
             return Walk.of_file(parsed.file.resolve()).files
         if parsed.module in {"", "__main__"}:

@@ -193,9 +193,9 @@ def test_parameters_arrive_as_they_are() -> None:
     seen: list[dict[str, Any]] = []
 
     class Recording(Host):
-        def reset(self, parameters: dict[str, Any]) -> Any:
+        def reset(self, parameters: dict[str, Any], controller: str | None = None) -> Any:
             seen.append(parameters)
-            return super().reset({})
+            return super().reset({}, controller)
 
     given = {
         "whole": 2**53 + 1,

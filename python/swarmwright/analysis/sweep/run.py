@@ -81,8 +81,10 @@ def _same(experiment: Experiment) -> str:
         key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
     }
     values["simulation"] = shown(experiment.simulation)
-    parsed = SimulationName.parse(values["simulation"])
-    if parsed.file is not None:  # the same file in any folder: `changed_code` compares its content
+    parsed = SimulationName.parse(experiment.simulation)
+    if parsed.is_command:
+        values["simulation"] = parsed.in_file("./command.json")
+    elif parsed.file is not None:  # the same file in any folder: `changed_code` compares its content
         values["simulation"] = parsed.in_file(parsed.file.name)
     return json.dumps(values, sort_keys=True, default=str)
 

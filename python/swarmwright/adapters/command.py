@@ -1,0 +1,358 @@
+"""Simulations that are commands, by files (D6.1, 4.1) or over standard input and output."""
+
+import itertools
+import json
+import weakref
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright.commands import folders, logs, parameter_file
+from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
+from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.output import Printed
+from swarmwright.commands.placeholders import filled, filled_file
+from swarmwright.commands.process import Processes, found
+from swarmwright.commands.running import Limits, run
+from swarmwright.commands.stepwise import Dialogue, Start
+from swarmwright.core.errors import InputError, SimulationError
+from swarmwright.core.simulation_names import SimulationName
+from swarmwright.experiment.fitness import OWN, FitnessExpression
+from swarmwright.representations.controller import Controller
+from swarmwright.simulations.base import Simulation
+from swarmwright.user_code.command_sources import digest, sources_of
+
+_PARAMETERS = {"yaml": "parameters.yaml", "json": "parameters.json", "ros2": "parameters.yaml"}
+_DIGITS = 12
+"""Of the digest in a title."""
+
+
+class CommandSimulation(Simulation):
+    """A simulation that is a command; an episode is a process with a folder of its own.
+
+    An experiment can say all that is needed, `simulation: {command: ..}`. Where it cannot, derive a class: it
+    has `definition` with the same keys, and overrides some of the functions of D6.1 (4.1), which are called
+    for an episode in this order: `setEnvironment`, `setParameters`, `exportRepresentation` where there is a
+    controller, `run`, `readLogs`, which may use `getLogs`.
+
+        class Rescue(CommandSimulation):
+            definition = {"command": "python3 rescue.py {parameters}", "log": "rescue.txt"}
+            metrics = ["rescued"]
+
+            def readLogs(self):
+                return {"rescued": self.getLogs()["rescue.txt"].count("RESCUED")}
+    """
+
+    definition: ClassVar[Mapping[str, Any]]
+    """What an experiment would say below `simulation`; paths are relative to the file of the class."""
+    adapted: ClassVar[str] = ""
+    """The name from which the class was made; empty for a user-written class."""
+    copies = False
+    takes_controller = False
+    steers_itself = True
+    """Whether no agent is steered from outside: asked instead of trying."""
+    visual: ClassVar[bool] = False
+    """Whether episodes are run by `runVisual`."""
+
+    folder: Path
+    """The work folder of the episode."""
+    environment: dict[str, str]
+    """Variables of the environment that the command gets beside those of this process."""
+    seed: int
+    """Of the episode, 0 to 2**64 - 1."""
+
+    def __init__(self) -> None:
+        self.options = self._options()
+        self._here = Path(self.options.folder)
+        takes = self.options.controller
+        self.takes_controller = takes not in {"none", "stepwise"}
+        self.steers_itself = takes != "stepwise"
+        self.title = type(self).title or self.options.title or self._title()
+        for name in ("sensors", "actuators", "dimensions", "determinism"):
+            setattr(self, name, getattr(self.options, name))
+        self._own = None if self.options.fitness is None else FitnessExpression(self.options.fitness)
+        self._reductions = self.options.reductions
+        if not self.metrics:
+            named = () if self._own is None else self._own.metrics
+            self.metrics = [name for name in self._reductions or named if name != OWN]
+        if not self.parameters and self.options.parameters is not None:
+            self.parameters = parameter_file.defaults(self._here / self.options.parameters)
+        self._limits = Limits(
+            self.options.timeout, self.options.output, self.options.disk, self.options.children
+        )
+        self._instance: folders.Instance | None = None
+        self._processes: Processes | None = None
+        self._dialogue: Dialogue | None = None
+        self._episodes = itertools.count()
+        self._measured: dict[str, float] = {}
+
+    @classmethod
+    def _options(cls) -> CommandOptions:
+        if cls.adapted:
+            return CommandOptions.of(cls.adapted)
+        from swarmwright.commands.checking import checked_definition
+        from swarmwright.simulations.loading import file_of
+
+        file = file_of(cls)
+        return checked_definition(cls.definition, Path() if file is None else file.parent, cls.__name__)
+
+    def _title(self) -> str:
+        name = self.options.name
+        label = SimulationName.parse(name).label
+        return f"{label}@{digest(self.options, sources_of(self.options))[:_DIGITS]}"
+
+    # The functions of D6.1.
+
+    def setEnvironment(self, environment: Mapping[str, str]) -> None:  # noqa: N802 - D6.1's name
+        """Set variables of the command's environment, with their placeholders filled in."""
+        values = self._values
+        self.environment = {
+            name: filled(text, values, f"environment.{name}") for name, text in environment.items()
+        }
+
+    def setParameters(self, parameters: Mapping[str, Any]) -> None:  # noqa: N802 - D6.1's name
+        """Write the parameter file, and the files that have placeholders, into the work folder.
+
+        parameters: all of the simulation, and `seed`.
+        """
+        form = self.options.parameters_format
+        self._write(_PARAMETERS[form], parameter_file.text(parameters, form))
+        for name, path in self.options.files.items():
+            try:
+                text = (self._here / path).read_text("utf-8")
+            except OSError as error:
+                raise InputError(f"files: {self._here / path}: cannot be read: {error.strerror}") from error
+            except UnicodeDecodeError:
+                raise InputError(f"files: {self._here / path}: is not UTF-8 text") from None
+            self._write(name, filled_file(text, self._values))
+
+    def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
+        """Write the controller into the work folder, as the simulator reads it."""
+        self._write("controller.json", f"{controller.json}\n")
+
+    def run(self) -> None:
+        """Run the command to its end."""
+        self._run()
+
+    def runVisual(self) -> None:  # noqa: N802 - D6.1's name
+        """Run the command so that it shows itself: as `run`, unless it is overridden."""
+        self.run()
+
+    def readLogs(self) -> Mapping[str, float]:  # noqa: N802 - D6.1's name
+        """Return the metrics of the episode, and `fitness` where the logs have that."""
+        wanted = {one.column for one in self._reductions.values()}
+        wanted |= set(self.metrics) - set(self._reductions)
+        if (self._own is None and OWN not in self._reductions) or self._asks_own:
+            wanted.add(OWN)
+        columns = logs.read(self._log_files(), self.options.log_format, wanted)
+        found = {name: column[-1] for name, column in columns.items()}
+        return found | {name: one.of(columns[one.column]) for name, one in self._reductions.items()}
+
+    def getLogs(self) -> dict[str, str]:  # noqa: N802 - D6.1's name
+        """Return the content of the logs, by the names of their files; `stdout` is what was printed."""
+        return {
+            name: (file if isinstance(file, bytes) else file.read_bytes()).decode("utf-8", "replace")
+            for name, file in self._log_files().items()
+        }
+
+    # What the engine calls.
+
+    def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
+        """Run the episode, or begin one that is stepped; see `Simulation.reset`."""
+        self.seed = seed
+        self._measured = {}
+        if not self.steers_itself:
+            answer = self._talk(lambda: self._stepper().reset(parameters, seed))
+            return self._answered(answer, first=True)
+        if controller is None and self.takes_controller:
+            raise InputError(
+                "simulation.controller: the command gets its controller as a file, which needs the mode "
+                "offloaded, and a controller of another kind than parameter_set"
+            )
+        self._episode(parameters, None if controller is None else Controller(controller))
+        return np.zeros((1, self.sensors))
+
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike:
+        """Go on by one step, where the command is stepped."""
+        return self._answered(self._talk(lambda: self._stepper().ask({"actuators": actions.tolist()})))
+
+    def done(self) -> bool:
+        """Return whether the episode has ended."""
+        return self.steers_itself or self._done
+
+    def acting(self) -> ArrayLike | None:
+        """Return who acts next."""
+        return None if self.steers_itself else self._acting
+
+    def fitness(self) -> float:
+        """Return the fitness: of the definition's expression, or what the logs say."""
+        if self._own is None or not self._own_applies:
+            if OWN not in self._measured:
+                raise SimulationError(
+                    "has no fitness: give the experiment a fitness, an expression over its metrics"
+                )
+            return self._measured[OWN]
+        row = np.array([[self._measured[name] for name in self._own.metrics]])
+        values, faults = self._own(np.array([self._measured.get(OWN, 0.0)]), row)
+        if faults:
+            raise SimulationError(f"fitness: {faults[0].reason}")
+        return float(values[0])
+
+    def measure(self) -> Mapping[str, float]:
+        """Return the metrics."""
+        return self._measured
+
+    # How it is done.
+
+    @property
+    def _asks_own(self) -> bool:
+        """Whether the expression of the fitness uses what the logs call fitness."""
+        return self._own is not None and self._own.uses_own
+
+    @property
+    def _own_applies(self) -> bool:
+        """Whether the expression is computed: a stepped command may report a fitness and no metrics."""
+        return self._own is not None and all(name in self._measured for name in self._own.metrics)
+
+    def _episode(self, parameters: Mapping[str, Any], controller: Controller | None) -> None:
+        """Run an episode from files to files."""
+        instance = self._ready()
+        number = next(self._episodes)
+        self.folder = instance.new_folder(f"episode-{number}")
+        self._values = self._placeholders(instance, number) | {**parameters, "seed": self.seed}
+        self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
+        failed = True
+        try:
+            self.setEnvironment(self.options.environment)
+            self.setParameters({**parameters, "seed": self.seed})
+            if controller is not None:
+                self.exportRepresentation(controller)
+            (self.runVisual if self.visual else self.run)()
+            self._measured = {name: float(value) for name, value in self.readLogs().items()}
+            failed = False
+        except CommandFailure as failure:
+            kept = self._put_away(failed=True)
+            raise self._explained(str(failure), self._printed, kept) from None
+        finally:
+            self._put_away(failed=failed)
+
+    def _put_away(self, *, failed: bool) -> Path | None:
+        """Remove the work folder, or keep it; return where it is kept."""
+        if self._instance is None or not self.folder.exists():
+            return None
+        keep = self.options.keep
+        if keep == "all":
+            return self.folder
+        if failed and keep == "failed":
+            return self._instance.keep_failed(self.folder)
+        folders.remove(self.folder)
+        return None
+
+    def _explained(self, reason: str, printed: Printed, kept: Path | None) -> SimulationError:
+        """Return a failure with the last of what the command printed."""
+        program = SimulationName.parse(self.options.name).label
+        last = f"; its last output: {printed.summary}" if printed.summary else ""
+        where = f"; its files: {kept}" if kept is not None else ""
+        return SimulationError(f"{program}: {reason}{last}{where}", printed.tail or None)
+
+    def _run(self) -> None:
+        assert self._processes is not None
+        words = self._command(self.options.command)
+        run(self._processes, words, self.folder, self.environment, self._limits, self._printed)
+
+    def _command(self, words: list[str]) -> list[str]:
+        return [found(filled(word, self._values, "command"), self._here) for word in words]
+
+    def _ready(self) -> folders.Instance:
+        """Return the instance, which is made with its processes where there is none."""
+        if self._instance is None:
+            place = folders.default_place() if self.options.work is None else self._here / self.options.work
+            self._instance = folders.Instance(place)
+            weakref.finalize(self, self._instance.close)
+        if self._processes is None or not self._processes.is_alive:
+            self._processes = Processes()
+            self._dialogue = None
+        return self._instance
+
+    def _placeholders(self, instance: folders.Instance, episode: int) -> dict[str, Any]:
+        """Return what can be put into the command beside the parameters."""
+        values: dict[str, Any] = {
+            "folder": self.folder,
+            "here": self._here.resolve(),
+            "instance": instance.number,
+            "port": instance.port(),
+            "episode": episode,
+        }
+        if self.steers_itself:
+            values["parameters"] = self.folder / _PARAMETERS[self.options.parameters_format]
+        if self.takes_controller:
+            values["controller"] = self.folder / "controller.json"
+        if len(self.options.log) == 1:
+            values["log"] = self.folder / self.options.log[0]
+        return values
+
+    def _write(self, name: str, text: str) -> None:
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, "utf-8")
+
+    def _log_files(self) -> dict[str, Path | bytes]:
+        files: dict[str, Path | bytes] = {}
+        if STANDARD_OUTPUT in self.options.log:
+            files[STANDARD_OUTPUT] = bytes(self._printed.all or b"")
+        paths = logs.find(self.folder, [one for one in self.options.log if one != STANDARD_OUTPUT])
+        return files | {path.relative_to(self.folder).as_posix(): path for path in paths}
+
+    # A command that is stepped.
+
+    def _stepper(self) -> Dialogue:
+        self._ready()
+        if self._dialogue is None:
+            assert self._processes is not None
+            self._dialogue = Dialogue(self._processes, self._start, self._limits, self.options.recycle)
+        return self._dialogue
+
+    def _start(self) -> Start:
+        instance = self._ready()
+        self.folder = instance.new_folder("stepwise")
+        self._values = self._placeholders(instance, next(self._episodes))
+        self.setEnvironment(self.options.environment)
+        return Start(self._command(self.options.command), self.folder, self.environment)
+
+    def _talk(self, exchange: Any) -> dict[str, Any]:  # noqa: ANN401 - a function
+        try:
+            answer: dict[str, Any] = exchange()
+        except CommandFailure as failure:
+            printed = Printed(0) if self._dialogue is None else self._dialogue.printed
+            raise self._explained(str(failure), printed, None) from None
+        return answer
+
+    def _answered(self, answer: Mapping[str, Any], *, first: bool = False) -> ArrayLike:
+        """Take an answer of the command; return the sensors."""
+        self._done = bool(answer.get("done", False))
+        self._acting = answer.get("acting")
+        if self._done:
+            metrics = answer.get("metrics") or {}
+            found = {**metrics, OWN: answer["fitness"]} if "fitness" in answer else dict(metrics)
+            self._measured = {name: self._finite(name, value) for name, value in found.items()}
+            for name in self.metrics:
+                if name not in self._measured:
+                    there = ", ".join(metrics) or "none"
+                    raise SimulationError(
+                        f"the last answer of the episode lacks metric {name!r}; it has: {there}"
+                    )
+        if "sensors" in answer:
+            sensors: ArrayLike = answer["sensors"]
+            return sensors
+        if not self._done:
+            raise SimulationError(f"answered {json.dumps(answer)[:80]}, which has neither sensors nor done")
+        return np.zeros((1, self.sensors)) if first else ()
+
+    @staticmethod
+    def _finite(name: str, value: Any) -> float:  # noqa: ANN401 - any JSON value
+        if isinstance(value, bool | int | float) and np.isfinite(value):
+            return float(value)
+        raise SimulationError(f"{name} is {json.dumps(value)[:40]}, expected a finite number")

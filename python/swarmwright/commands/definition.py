@@ -1,0 +1,211 @@
+"""What an experiment says of a simulation that is a command: `simulation: {command: ..}`."""
+
+import json
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+
+from swarmwright.commands.reductions import Reduction
+from swarmwright.core.options import Options
+from swarmwright.core.problems import shown
+from swarmwright.core.simulation_names import SimulationName
+
+_METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+STANDARD_OUTPUT = "stdout"
+"""The log of a command that prints its results."""
+
+
+def _words(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    """Split a command as a shell does, which itself is not used."""
+    if isinstance(value, str):
+        try:
+            value = shlex.split(value)
+        except ValueError as error:
+            raise ValueError(
+                f"cannot be split into words: {error}; a list of words needs no quotes"
+            ) from None
+    if not isinstance(value, list) or not all(isinstance(one, str | int | float) for one in value):
+        raise ValueError(f"must be text or a list of words, not {shown(value)}")
+    words = ["" if isinstance(one, bool) else str(one) for one in value]
+    if not words or not words[0]:
+        raise ValueError("must not be empty")
+    return words
+
+
+def _texts(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    return [value] if isinstance(value, str) else value
+
+
+_COMMAND = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
+Command = Annotated[Any, BeforeValidator(_words), WithJsonSchema(_COMMAND)]
+Texts = Annotated[list[str], BeforeValidator(_texts), WithJsonSchema(_COMMAND)]
+
+
+class CommandOptions(Options):
+    """A simulation that is a command: a process for each episode, which reads and writes files.
+
+    Its process has a work folder of its own. The command's words, the values of `environment` and the text of
+    `files` may hold placeholders: {parameters}, {controller}, {log} (paths of these files), {folder} (the
+    work folder), {here} (the folder of the experiment file), {seed}, {episode}, {instance}, {port}, and the
+    simulation's parameters by their names. In the command {{ is a brace.
+    """
+
+    command: Command
+    """The program and its arguments, as text that is split as in a shell, or as a list. No shell is used. A
+    word that names a file beside the experiment file stands for that file."""
+    title: str | None = Field(default=None, min_length=1, max_length=1000)
+    """The name in discovery. Default: the program's name and a digest of this definition and of the files
+    that it names, so that servers whose scripts differ are never mixed up."""
+    parameters: str | None = Field(default=None, min_length=1)
+    """A YAML or JSON file with the program's own parameters and their values: names that can be set and
+    evolved, with their defaults; those of nested mappings are written with points, pid.kp. Default: any name
+    can be set, and there are no defaults."""
+    parameters_format: Literal["yaml", "json", "ros2"] = "yaml"
+    """Of the file {parameters}, which has all parameters, and the episode's seed as `seed`. ros2: below
+    `/**: ros__parameters:`, as nodes of ROS 2 read it."""
+    files: Annotated[
+        Any,
+        WithJsonSchema(
+            {
+                "anyOf": [
+                    {"type": "array", "items": {"type": "string"}},
+                    {"type": "object", "additionalProperties": {"type": "string"}},
+                ]
+            }
+        ),
+    ] = Field(default={})
+    """Files that are put into the work folder with their placeholders filled in: a list of paths, or name in
+    the work folder -> path. Braces around other words stay as they are."""
+    log: Texts = Field(default=[])
+    """What the program writes, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
+    list; the rows of all are taken together. `stdout`: what it prints."""
+    log_format: Literal["auto", "csv", "tsv", "jsonl", "json"] = "auto"
+    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns; jsonl has
+    an object a line; json an object, or a list of objects, whose nested values have names such as pose.x."""
+    metrics: dict[str, str] = Field(default={})
+    """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std or
+    count, or with a column of another name mean(column). Default: those of the fitness, each the last value
+    of the column with its name."""
+    fitness: str | None = Field(default=None, min_length=1)
+    """The simulation's own fitness, an expression over its metrics. Default: the experiment's, or the metric
+    or column `fitness`."""
+    controller: Literal["none", "json", "stepwise"] = "none"
+    """How a controller that steers agents goes in. none: not at all, what is evolved are parameters
+    (parameter_set). json: as a file, {controller}. stepwise: the command is asked for sensors and given
+    actuators over its standard input and output, a JSON object a line; one process runs many episodes."""
+    sensors: int = Field(default=1, ge=1, le=1_000_000)
+    """Sensor values of an agent, where there is a controller."""
+    actuators: int = Field(default=1, ge=1, le=1_000_000)
+    """Actuator values of an agent, where there is a controller."""
+    dimensions: int = Field(default=2, ge=0, le=1000)
+    """Spatial dimensions, which experiments may require."""
+    timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
+    """Seconds that an episode may take. Then it has failed, and its processes are ended."""
+    recycle: int = Field(default=0, ge=0)
+    """stepwise: episodes after which the process is ended and another one started; 0 for never."""
+    environment: dict[str, str] = Field(default={})
+    """Variables of the process's environment, beside those that there are: `ROS_MASTER_URI:
+    "http://localhost:{port}"`, `DISPLAY: ":1{instance}"`."""
+    output: float = Field(default=10.0, gt=0)
+    """Megabytes that an episode may print. Beyond, it has failed."""
+    disk: float = Field(default=1000.0, gt=0)
+    """Megabytes that an episode may have in its work folder, and in any one file. Beyond, it has failed."""
+    children: Literal["fail", "end"] = "fail"
+    """What a process means that still runs half a second after the command has ended: that the episode has
+    failed, or nothing. It is ended in any case."""
+    keep: Literal["failed", "all", "none"] = "failed"
+    """Which work folders are kept: that of the last failed episode of each instance, all, or none."""
+    work: str | None = Field(default=None, min_length=1)
+    """The folder that work folders are made in. Default: one of the user's in the system's folder for
+    temporary files."""
+    sources: list[str] = Field(default=[])
+    """Further files and folders that the simulation consists of: as those that the command names, and what
+    Python files import, they are part of its digest, and copied into run folders."""
+    determinism: Literal["bitwise", "statistical", "none"] | None = None
+    """How far two evaluations of one episode agree on any server; needed for audits (`faults: {audit}`)."""
+    folder: str = Field(default=".", min_length=1)
+    """The folder that paths here are relative to. Default: that of the experiment file."""
+
+    @field_validator("files")
+    @classmethod
+    def _files(cls, value: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the file says
+        if isinstance(value, str | list):
+            value = {Path(str(one)).name: one for one in _texts(value)}
+        if not isinstance(value, Mapping) or not all(isinstance(one, str) for one in value.values()):
+            raise ValueError("must be a list of paths, or a mapping from names in the work folder to paths")
+        for name in value:
+            if Path(name).is_absolute() or ".." in Path(name).parts:
+                raise ValueError(f"{name!r} lies outside of the work folder")
+        return dict(value)
+
+    @field_validator("log")
+    @classmethod
+    def _log(cls, value: list[str]) -> list[str]:
+        for one in value:
+            if ".." in Path(one).parts or Path(one).is_absolute() or not one:
+                raise ValueError(
+                    f"{one!r} lies outside of the work folder; have the command write it there: "
+                    "{log} is its path"
+                )
+        return value
+
+    @field_validator("metrics")
+    @classmethod
+    def _metrics(cls, value: dict[str, str]) -> dict[str, str]:
+        for name, text in value.items():
+            if not _METRIC.fullmatch(name):
+                raise ValueError(
+                    f"{name!r}: a metric's name has letters, digits and _; write "
+                    f"{re.sub(r'[^A-Za-z0-9_]', '_', name)}: last({name})"
+                )
+            Reduction.parse(name, text)
+        return value
+
+    @model_validator(mode="after")
+    def _fits(self) -> "CommandOptions":
+        text = " ".join(self.command)
+        if "{log}" in text and len(self.log) != 1:
+            raise ValueError(
+                "command: {log} needs one log; write log: result.csv"
+                if not self.log
+                else "command: {log} needs one log, not several; write their paths as {folder}/NAME"
+            )
+        if "{controller}" in text and self.controller != "json":
+            raise ValueError("command: {controller} needs controller: json")
+        if self.controller == "stepwise":
+            for name in ("parameters", "seed", "episode", "log"):
+                if f"{{{name}}}" in text:
+                    raise ValueError(
+                        f"command: {{{name}}} differs from episode to episode, but a stepwise command runs "
+                        "many of them; it gets parameters and seed over its standard input"
+                    )
+            if self.log or (
+                self.metrics and any(str(one) != f"last({name})" for name, one in self.reductions.items())
+            ):
+                raise ValueError(
+                    "log: a stepwise command reports metrics and fitness in its last line of an episode; "
+                    "leave out log, and write metrics: {NAME: last}"
+                )
+        elif not self.log:
+            raise ValueError("log: is missing: the file with results that the command writes, or stdout")
+        return self
+
+    @property
+    def reductions(self) -> dict[str, Reduction]:
+        """What is made of columns, by the metric's name."""
+        return {name: Reduction.parse(name, text) for name, text in self.metrics.items()}
+
+    @property
+    def name(self) -> str:
+        """The simulation's name, which holds all of this."""
+        values = self.model_dump(exclude_defaults=True)
+        return f"{SimulationName.COMMAND}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
+
+    @classmethod
+    def of(cls, name: str) -> "CommandOptions":
+        """Return what a simulation's name holds."""
+        return cls.model_validate_json(name.removeprefix(SimulationName.COMMAND))

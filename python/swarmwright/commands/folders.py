@@ -1,0 +1,128 @@
+"""Work folders, and what instances that run side by side on a machine must not share."""
+
+import contextlib
+import fcntl
+import getpass
+import os
+import shutil
+import socket
+import tempfile
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+
+_PORTS, _EACH = 21_000, 20
+"""First port, and how many belong to an instance."""
+_MOST = 2000
+"""Instances."""
+
+
+def default_place() -> Path:
+    """Return the user's folder for work folders."""
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError):
+        user = str(os.getuid())
+    return Path(tempfile.gettempdir()) / f"swarmwright-{user}"
+
+
+class Instance:
+    """One of those that run side by side on this machine; its number is its own until the process ends.
+
+    Args:
+        place: the folder of work folders.
+
+    Raises InputError when that cannot be written.
+    """
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        try:
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            status = place.stat()
+            if place == default_place() and status.st_uid != os.getuid():
+                raise InputError(f"simulation.work: {place} belongs to someone else; name another folder")
+            # Numbers, and so ports and displays, are the user's, wherever the work folders are.
+            locks = default_place()
+            locks.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self.number = self._lock(locks)
+            self.folder = place / f"instance-{self.number}"
+            self.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"simulation.work: {place} cannot be written: {error.strerror}; name another folder"
+            ) from error
+        self._next = 0
+
+    def _lock(self, locks: Path) -> int:
+        for number in range(_MOST):
+            descriptor = os.open(locks / f"{number}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(descriptor)
+                continue
+            self._descriptor = descriptor
+            return number
+        raise InputError(f"more than {_MOST} instances of commands run on this machine")
+
+    def port(self) -> int:
+        """Return a TCP port that nobody listens on, and that no other instance gets."""
+        first = _PORTS + self.number * _EACH
+        for _ in range(_EACH):
+            port = first + self._next % _EACH
+            self._next += 1
+            with socket.socket() as probe, contextlib.suppress(OSError):
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind(("127.0.0.1", port))
+                return port
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            return int(probe.getsockname()[1])
+
+    def new_folder(self, name: str) -> Path:
+        """Return a new, empty work folder."""
+        folder = self.folder / name
+        remove(folder)
+        folder.mkdir()
+        return folder
+
+    def keep_failed(self, folder: Path) -> Path:
+        """Put a folder aside in the place of the one that failed before; return where it is."""
+        kept = self.folder / "failed"
+        remove(kept)
+        folder.rename(kept)
+        return kept
+
+    def close(self) -> None:
+        """Give the number back, and remove the folder when nothing was kept."""
+        with contextlib.suppress(OSError):
+            self.folder.rmdir()
+        with contextlib.suppress(OSError):
+            os.close(self._descriptor)
+
+
+def remove(folder: Path) -> None:
+    """Delete a folder with everything in it, also what cannot be written."""
+    if not folder.exists():
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+    if folder.exists():
+        for inner, _, _ in os.walk(folder):
+            with contextlib.suppress(OSError):
+                Path(inner).chmod(0o700)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def size_of(folder: Path) -> int:
+    """Return the bytes that the files in a folder take on the disk."""
+    total, open_ = 0, [str(folder)]
+    while open_:
+        with contextlib.suppress(OSError), os.scandir(open_.pop()) as entries:
+            for entry in entries:
+                with contextlib.suppress(OSError):
+                    if entry.is_dir(follow_symlinks=False):
+                        open_.append(entry.path)
+                    else:
+                        total += entry.stat(follow_symlinks=False).st_blocks * 512
+    return total

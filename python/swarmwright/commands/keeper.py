@@ -1,0 +1,205 @@
+"""Starts the processes of a simulation's command, and ends them with all that they have started.
+
+A program of its own, which needs only Python's library: `python -I -S keeper.py DESCRIPTOR`, where the
+descriptor is a Unix socket of whole packets. Processes whose parents end become its children, also those that
+have left their session, so that all can be found. When the other end of the socket closes, however its
+process has ended, everything is killed.
+
+Packets are JSON objects. `{"start": {"command", "folder", "environment", "largest"}}` brings descriptors of
+standard input, output and error, and is answered with `{"started": PID}` or `{"refused": [ERRNO, TEXT]}`;
+`{"kill": SECONDS}` ends what was started, politely at first for so long. When the process has ended, and
+everything that it had left was killed, there is `{"ended": STATUS, "left": [names of processes]}`.
+"""
+
+import contextlib
+import ctypes
+import json
+import os
+import resource
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+_LINGER = 0.5
+"""Seconds that what a command has started may take to end after it."""
+_SUBREAPER, _DEATH_SIGNAL = 36, 1
+_LARGEST = 1 << 20
+_IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_LINUX = sys.platform == "linux"
+
+
+def _control(option: int, value: int) -> None:
+    if _LINUX:
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def _descendants() -> dict[int, str]:
+    """Return the processes below this one that have not ended: their id and name."""
+    parents: dict[int, tuple[int, str, str]] = {}
+    for entry in os.listdir("/proc") if _LINUX else ():  # noqa: PTH208 - a hundred times a second
+        if not entry.isdigit():
+            continue
+        with contextlib.suppress(OSError, ValueError):
+            text = Path(f"/proc/{entry}/stat").read_text("utf-8", "replace")
+            name, _, rest = text.partition("(")[2].rpartition(")")
+            state, parent = rest.split()[:2]
+            parents[int(entry)] = int(parent), state, name
+    found: dict[int, str] = {}
+    mine = {os.getpid()}
+    while mine:
+        mine = {pid for pid, (parent, _, _) in parents.items() if parent in mine}
+        found |= {pid: parents[pid][2] for pid in mine if parents[pid][1] not in "ZX"}
+    return found
+
+
+def _reap(process: "subprocess.Popen[bytes] | None") -> None:
+    """Collect processes that have ended and that nobody waits for."""
+    if process is not None:
+        process.poll()
+    waiting = process is not None and process.returncode is None
+    with contextlib.suppress(ChildProcessError):
+        while True:
+            if waiting:
+                ended = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+                if ended is None:
+                    return
+                if process is not None and ended.si_pid == process.pid:
+                    process.poll()
+                    waiting = False
+                    continue
+                os.waitpid(ended.si_pid, os.WNOHANG)
+            elif os.waitpid(-1, os.WNOHANG)[0] == 0:
+                return
+
+
+class Keeper:
+    """What the program does."""
+
+    def __init__(self, channel: socket.socket) -> None:
+        self._channel = channel
+        self._process: subprocess.Popen[bytes] | None = None
+        self._wake, write = os.pipe()
+        os.set_blocking(write, False)
+        os.set_blocking(self._wake, False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+
+    def run(self) -> None:
+        """Serve until the other end is closed."""
+        while True:
+            readable, _, _ = select.select([self._channel.fileno(), self._wake], [], [])
+            if self._wake in readable:
+                with contextlib.suppress(BlockingIOError):
+                    os.read(self._wake, 4096)
+                _reap(self._process)
+                if self._process is not None and self._process.returncode is not None:
+                    self._ended()
+            if self._channel.fileno() in readable:
+                data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST, 3)
+                if not data:
+                    self._kill_all()
+                    return
+                self._take(json.loads(data), descriptors)
+
+    def _take(self, request: "dict[str, object]", descriptors: "list[int]") -> None:
+        start = request.get("start")
+        if isinstance(start, dict):
+            self._start(start, descriptors)
+        elif self._process is not None:  # else it has just ended, which was said
+            self._kill(float(str(request["kill"])))
+
+    def _start(self, what: "dict[str, object]", descriptors: "list[int]") -> None:
+        command, largest, me = what["command"], int(str(what["largest"])), os.getpid()
+
+        def ready() -> None:
+            for one in _IGNORED:
+                signal.signal(one, signal.SIG_DFL)
+            _control(_DEATH_SIGNAL, signal.SIGKILL)
+            if os.getppid() != me:
+                os._exit(1)
+            for limit, value in ((resource.RLIMIT_FSIZE, largest), (resource.RLIMIT_CORE, 0)):
+                hard = resource.getrlimit(limit)[1]
+                resource.setrlimit(limit, (value if hard == -1 else min(value, hard), hard))
+
+        try:
+            self._process = subprocess.Popen(
+                command,  # type: ignore[call-overload]
+                cwd=what["folder"],
+                env={**os.environ, **what["environment"]},  # type: ignore[dict-item]
+                stdin=descriptors[0],
+                stdout=descriptors[1],
+                stderr=descriptors[2],
+                start_new_session=True,
+                preexec_fn=ready,  # noqa: PLW1509 - this process has one thread
+            )
+        except (OSError, subprocess.SubprocessError, ValueError) as error:
+            number = getattr(error, "errno", None) or 0
+            self._say({"refused": [number, getattr(error, "strerror", None) or str(error)]})
+        else:
+            self._say({"started": self._process.pid})
+        finally:
+            for descriptor in descriptors:
+                os.close(descriptor)
+
+    def _kill(self, patience: float) -> None:
+        """End the process and everything below it; first ask."""
+        assert self._process is not None
+        if patience:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGTERM)
+            until = time.monotonic() + patience
+            while time.monotonic() < until and self._process.poll() is None:
+                time.sleep(0.01)
+        self._kill_all()
+        self._process.wait()
+        self._ended(())
+
+    def _ended(self, left: "tuple[str, ...] | None" = None) -> None:
+        """Say that the process has ended, once nothing of it is left."""
+        assert self._process is not None
+        status, self._process = self._process.returncode, None
+        if left is None:
+            until = time.monotonic() + _LINGER
+            while (names := _descendants()) and time.monotonic() < until:
+                time.sleep(0.005)
+                _reap(None)
+            left = tuple(names.values())
+            if names:
+                self._kill_all()
+        self._say({"ended": status, "left": sorted(left)[:10]})
+
+    def _kill_all(self) -> None:
+        """Kill everything below this process, until there is nothing more."""
+        if not _LINUX and self._process is not None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+        until = time.monotonic() + 10.0
+        while (found := _descendants()) and time.monotonic() < until:
+            for pid in found:
+                with contextlib.suppress(ProcessLookupError, PermissionError):
+                    os.kill(pid, signal.SIGKILL)
+            time.sleep(0.001)
+            _reap(self._process)
+
+    def _say(self, report: "dict[str, object]") -> None:
+        # The other end is gone: `run` sees that.
+        with contextlib.suppress(OSError):
+            self._channel.send(json.dumps(report).encode())
+
+
+def main() -> None:
+    """Serve until the other end is closed."""
+    for one in _IGNORED:
+        signal.signal(one, signal.SIG_IGN)
+    _control(_SUBREAPER, 1)
+    with socket.socket(fileno=int(sys.argv[1])) as channel:
+        channel.set_inheritable(False)
+        Keeper(channel).run()
+
+
+if __name__ == "__main__":
+    main()

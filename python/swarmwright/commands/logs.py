@@ -1,0 +1,182 @@
+"""Reads the logs of a command: columns of numbers from tables and JSON."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from swarmwright.commands.failure import CommandFailure
+from swarmwright.core.suggestions import did_you_mean
+
+Columns = dict[str, list[float]]
+"""The values of each column, in the order of the rows."""
+Row = tuple[str, Mapping[str, Any]]
+"""Where a row stands, `log.csv:3`, and its values by column."""
+
+_FORMATS = {
+    ".csv": "csv",
+    ".tsv": "tsv",
+    ".tab": "tsv",
+    ".jsonl": "jsonl",
+    ".ndjson": "jsonl",
+    ".json": "json",
+}
+_SHOWN = 12
+_WORDS = {"true": 1.0, "false": 0.0}
+
+
+def format_of(path: str, given: str) -> str:
+    """Return a log's format: the one that is given, or by its ending; of others that of csv."""
+    return given if given != "auto" else _FORMATS.get(Path(path).suffix.lower(), "csv")
+
+
+def find(folder: Path, logs: Sequence[str]) -> list[Path]:
+    """Return the files of the logs, patterns in the order of names.
+
+    Raises CommandFailure when there is none.
+    """
+    found: list[Path] = []
+    for log in logs:
+        files = [folder / log] if not set("*?[") & set(log) else sorted(folder.glob(log))
+        files = [file for file in files if file.exists()]
+        if not files:
+            raise CommandFailure(f"ended without writing {log} (simulation.log); {_what_is_there(folder)}")
+        found += files
+    return found
+
+
+def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str]) -> Columns:
+    """Return the columns that are wanted, the rows of all files one after the other.
+
+    Args:
+        files: path or content, by the names that they have in messages.
+        formats: `auto`, or the format of all.
+        wanted: names of columns.
+
+    Raises CommandFailure for a file that is cut off or cannot be read, a column that is missing, and a value
+    that is not a finite number.
+    """
+    columns: Columns = {name: [] for name in wanted}
+    seen: dict[str, None] = {}
+    for name, file in files.items():
+        reader = _READERS[format_of(name, formats)]
+        for place, row in reader(name, file):
+            for column in row:
+                seen.setdefault(column)
+            for column in wanted:
+                if column in row:
+                    columns[column].append(_number(place, column, row[column]))
+    if not seen:
+        raise CommandFailure(f"{', '.join(files)}: has no rows")
+    for column, values in columns.items():
+        if not values:
+            known = list(seen)
+            there = ", ".join(known[:_SHOWN]) + (", .." if len(known) > _SHOWN else "")
+            where, hint = ", ".join(files), did_you_mean(column, known)
+            raise CommandFailure(f"{where}: has no column {column!r}{hint}; there is: {there}")
+    return columns
+
+
+def _number(place: str, column: str, value: Any) -> float:  # noqa: ANN401 - whatever the log holds
+    try:
+        number = _WORDS.get(value.strip().lower(), math.nan) if isinstance(value, str) else float(value)
+        if isinstance(value, str) and math.isnan(number):
+            number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        shown = repr(value) if len(repr(value)) < 40 else f"{repr(value)[:37]}..."
+        raise CommandFailure(f"{place}: {column} is {shown}, expected a number") from None
+    if not math.isfinite(number):
+        raise CommandFailure(f"{place}: {column} is {number}, expected a finite number")
+    return number
+
+
+def _text(name: str, file: Path | bytes) -> str:
+    try:
+        data = file if isinstance(file, bytes) else file.read_bytes()
+        return data.decode("utf-8-sig")
+    except OSError as error:
+        raise CommandFailure(f"{name}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError:
+        raise CommandFailure(f"{name}: is not UTF-8 text") from None
+
+
+def _table(delimiter: str) -> Callable[[str, Path | bytes], Iterator[Row]]:
+    def rows(name: str, file: Path | bytes) -> Iterator[Row]:
+        text = _text(name, file)
+        first = text.partition("\n")[0]
+        sign = ";" if delimiter == "," and ";" in first and "," not in first else delimiter
+        lines = csv.reader(io.StringIO(text), delimiter=sign)
+        header: list[str] | None = None
+        try:
+            for line in lines:
+                if not line or (len(line) == 1 and not line[0].strip()):
+                    continue
+                if header is None:
+                    header = [word.strip().removeprefix("#").strip() for word in line]
+                    continue
+                place = f"{name}:{lines.line_num}"
+                if len(line) != len(header):
+                    raise CommandFailure(
+                        f"{place}: has {len(line)} values, but there are {len(header)} columns; "
+                        "was the log cut off?"
+                    )
+                yield place, dict(zip(header, line, strict=True))
+        except csv.Error as error:
+            raise CommandFailure(f"{name}:{lines.line_num}: is no table: {error}") from None
+
+    return rows
+
+
+def _json_lines(name: str, file: Path | bytes) -> Iterator[Row]:
+    for number, line in enumerate(_text(name, file).splitlines(), 1):
+        if line.strip():
+            yield f"{name}:{number}", _object(f"{name}:{number}", _parsed(f"{name}:{number}", line))
+
+
+def _json(name: str, file: Path | bytes) -> Iterator[Row]:
+    value = _parsed(name, _text(name, file))
+    for index, one in enumerate(value if isinstance(value, list) else [value]):
+        place = f"{name}: item {index}" if isinstance(value, list) else name
+        yield place, _object(place, one)
+
+
+def _parsed(place: str, text: str) -> Any:  # noqa: ANN401 - any JSON value
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise CommandFailure(f"{place}: is not valid JSON: {error}; was the log cut off?") from None
+
+
+def _object(place: str, value: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+    if not isinstance(value, dict):
+        raise CommandFailure(f"{place}: holds no object, {{..}}")
+    return dict(flat(value))
+
+
+def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings, with names such as `pose.x`."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
+
+
+def _what_is_there(folder: Path) -> str:
+    """Return in words what a work folder holds."""
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    if not names:
+        return "its work folder is empty: have the command write into {folder}, its working folder"
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"there is: {', '.join(names[:_SHOWN])}{more}"
+
+
+_READERS: dict[str, Callable[[str, Path | bytes], Iterator[Row]]] = {
+    "csv": _table(","),
+    "tsv": _table("\t"),
+    "jsonl": _json_lines,
+    "json": _json,
+}

@@ -1,0 +1,175 @@
+"""Processes of a command, started and ended by a keeper of their own."""
+
+import contextlib
+import errno
+import json
+import os
+import secrets
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swarmwright.commands.failure import CommandFailure
+
+KEEPER = Path(__file__).with_name("keeper.py")
+_LARGEST = 1 << 20
+_ANSWER = 30.0
+"""Seconds in which the keeper answers, when the machine is slow."""
+_MARK = "SWARMWRIGHT_COMMAND"
+"""Variable of the environment by which processes are found whose keeper was killed."""
+POLITE = 2.0
+"""Seconds between asking a process to end and killing it."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended."""
+
+    status: int
+    """Exit status, or minus the number of a signal."""
+    left: tuple[str, ...]
+    """Names of processes that it had started, which still ran and were killed."""
+
+
+class Processes:
+    """Starts one process at a time; everything below it ends with it, and with this process."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._keeper = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(KEEPER), str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # signals for this process's group are not for it
+            )
+        self.channel = ours
+        self._mark = secrets.token_hex(16)
+        self._end = weakref.finalize(self, _end, ours, self._keeper, self._mark)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the keeper runs."""
+        return self._keeper.poll() is None
+
+    def start(
+        self,
+        command: Sequence[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        largest: int,
+        streams: tuple[int, int, int],
+    ) -> None:
+        """Start a process.
+
+        Args:
+            command: its words.
+            folder: its working folder.
+            environment: variables beside those of this process.
+            largest: bytes of a file that it may write.
+            streams: descriptors of its standard input, output and error.
+
+        Raises CommandFailure when it cannot be started.
+        """
+        what = {
+            "command": list(command),
+            "folder": str(folder),
+            "environment": {**environment, _MARK: self._mark},
+            "largest": largest,
+        }
+        try:
+            packet = json.dumps({"start": what}).encode()
+            socket.send_fds(self.channel, [packet], list(streams))
+            answer = self._answer()
+        except OSError as error:
+            raise CommandFailure(f"cannot be started: {error.strerror or error}") from error
+        if "refused" in answer:
+            raise CommandFailure(_refusal(command[0], *answer["refused"]))
+
+    def report(self) -> Ended:
+        """Return how the process ended, when `channel` can be read."""
+        answer = self._answer()
+        return Ended(int(answer["ended"]), tuple(map(str, answer["left"])))
+
+    def kill(self, patience: float = POLITE) -> Ended:
+        """End the process and everything below it; first ask, and wait for so many seconds."""
+        with contextlib.suppress(OSError):
+            self.channel.send(json.dumps({"kill": patience}).encode())
+        try:
+            return self.report()
+        except (OSError, CommandFailure):
+            return Ended(-9, ())
+
+    def _answer(self) -> dict[str, Any]:
+        readable, _, _ = select.select([self.channel], [], [], _ANSWER)
+        data = self.channel.recv(_LARGEST) if readable else b""
+        if not data:
+            self.close()
+            raise CommandFailure("the process that starts commands has ended, and all commands with it")
+        answer: dict[str, Any] = json.loads(data)
+        return answer
+
+    def close(self) -> None:
+        """End everything."""
+        self._end()
+
+
+def _end(channel: socket.socket, keeper: "subprocess.Popen[bytes]", mark: str) -> None:
+    channel.close()
+    try:
+        keeper.wait(15.0)
+    except subprocess.TimeoutExpired:
+        keeper.kill()
+        keeper.wait()
+    if keeper.returncode != 0:
+        _kill_marked(mark)
+
+
+def _kill_marked(mark: str) -> None:
+    """Kill what a keeper has left that was itself killed."""
+    wanted = f"{_MARK}={mark}".encode()
+    for place in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if wanted in place.read_bytes().split(b"\0"):
+                os.kill(int(place.parent.name), signal.SIGKILL)
+
+
+def _refusal(program: str, number: int, text: str) -> str:
+    """Return why a program was not started, and what can be done."""
+    if number == errno.ENOENT and os.sep not in program:
+        return f"there is no program {program!r} on the PATH, and no such file beside the experiment file"
+    if number == errno.ENOENT:
+        if Path(program).exists():
+            return f"{program}: the program that its first line (#!) names does not exist"
+        return f"{program}: there is no such file"
+    if number == errno.EACCES:
+        if Path(program).is_dir():
+            return f"{program}: is a folder, not a program"
+        how = f"chmod +x {program}"
+        if program.endswith(".py"):
+            how = f"write command: python3 {Path(program).name} .., or {how}"
+        return f"{program}: is not executable; {how}"
+    if number == errno.ENOEXEC:
+        return f"{program}: is no program: its first line must be such as #!/bin/sh"
+    return f"{program}: cannot be started: {text}"
+
+
+def found(word: str, folder: Path) -> str:
+    """Return a command's word as the process gets it: the path of the file that it names, or itself."""
+    if word.startswith("-") or not word:
+        return word
+    path = folder / word
+    try:
+        if path.is_file() and not (os.sep not in word and path.suffix == "" and shutil.which(word)):
+            return str(path.resolve() if not path.is_symlink() else path.absolute())
+    except OSError:  # too long for a name
+        pass
+    return word

@@ -1,0 +1,59 @@
+"""What is made of a column of a log: last, mean, ..; exact sums, the same on every machine."""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+from swarmwright.core.suggestions import did_you_mean
+
+_FORM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\(\s*(.+?)\s*\))?\s*")
+
+
+def _mean(column: Sequence[float]) -> float:
+    return math.fsum(column) / len(column)
+
+
+def _std(column: Sequence[float]) -> float:
+    mean = _mean(column)
+    return math.sqrt(math.fsum((value - mean) * (value - mean) for value in column) / len(column))
+
+
+FUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "last": lambda column: column[-1],
+    "first": lambda column: column[0],
+    "mean": _mean,
+    "sum": math.fsum,
+    "min": min,
+    "max": max,
+    "std": _std,
+    "count": lambda column: float(len(column)),
+}
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A function of a column."""
+
+    function: str
+    column: str
+
+    @classmethod
+    def parse(cls, metric: str, text: str) -> Self:
+        """Read `mean` or `mean(column)`. Raises ValueError."""
+        match = _FORM.fullmatch(text)
+        if match is None or match[1] not in FUNCTIONS:
+            hint = did_you_mean(match[1], FUNCTIONS) if match else ""
+            names = ", ".join(FUNCTIONS)
+            raise ValueError(
+                f"{metric}: {text!r} found, expected one of {names}, or such as mean(column){hint}"
+            )
+        return cls(match[1], match[2] or metric)
+
+    def __str__(self) -> str:
+        return f"{self.function}({self.column})"
+
+    def of(self, column: Sequence[float]) -> float:
+        """Return its value for a column, not empty."""
+        return float(FUNCTIONS[self.function](column))

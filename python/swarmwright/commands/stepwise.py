@@ -1,0 +1,235 @@
+"""Talks with a command over its standard input and output, a JSON object a line, through many episodes.
+
+    to it:    {"reset": {"parameters": {"steps": 30}, "seed": 7}}
+    from it:  {"sensors": [[0.5, -1.0], [0.1, 2.0]]}
+    to it:    {"actuators": [[0.25], [-1.0]]}
+    from it:  {"sensors": [[0.4, -1.0], [0.2, 1.0]]}
+    ..        {"done": true, "fitness": -0.31, "metrics": {"arrived": 2}}
+
+`sensors` has a row for each agent. `acting` beside it lists the agents whose actuators are wanted next, by
+default all; rows of `actuators` of others are 0. `{"error": "why"}` fails the episode. At the end of its
+standard input the command is to end. Lines that do not begin with { are output like any other.
+"""
+
+import contextlib
+import json
+import os
+import select
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.output import Printed
+from swarmwright.commands.process import Ended, Processes
+from swarmwright.commands.running import Limits, Watch, check_end
+
+_PIECE = 1 << 16
+_LONGEST = 1 << 26
+_GOODBYE = 2.0
+"""Seconds that a process has to end when its standard input is closed."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """How the process is started."""
+
+    command: Sequence[str]
+    folder: Path
+    environment: Mapping[str, str]
+
+
+class Dialogue:
+    """One process at a time, which runs episodes in turn.
+
+    Args:
+        processes: which start it.
+        start: called before a process is started.
+        limits: of an episode.
+        recycle: episodes of a process; 0 for any number.
+    """
+
+    def __init__(
+        self, processes: Processes, start: Callable[[], Start], limits: Limits, recycle: int
+    ) -> None:
+        self._processes, self._start, self._limits, self._recycle = processes, start, limits, recycle
+        self._pipes: tuple[int, int, int] | None = None
+        """Its standard input, output and error."""
+        self._ended: Ended | None = None
+        self._episodes = 0
+        self._rest = b""
+        self.printed = Printed(0)
+
+    def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
+        """Begin an episode; return what the command answers.
+
+        Raises CommandFailure for any failure, as the other methods; the process is then ended.
+        """
+        message = {"reset": {"parameters": dict(parameters), "seed": seed}}
+        if self._pipes is not None and (
+            self._has_ended() or (self._recycle and self._episodes >= self._recycle)
+        ):
+            self.close()
+        fresh = self._pipes is None
+        if fresh:
+            self._begin()
+        self._watch.begin_again()
+        self._episodes += 1
+        try:
+            return self.ask(message)
+        except CommandFailure:
+            # A process may end after an episode, which is seen here when it does so slowly.
+            if fresh or self._ended is None or self._ended.status:
+                raise
+        self._begin()
+        return self.ask(message)
+
+    def ask(self, message: Mapping[str, Any]) -> dict[str, Any]:
+        """Send a message and return the answer."""
+        try:
+            assert self._pipes is not None
+            self._write(f"{json.dumps(message, separators=(',', ':'))}\n".encode())
+            return self._checked(self._line())
+        except BaseException as error:
+            self._abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
+            raise
+
+    def _checked(self, line: bytes) -> dict[str, Any]:
+        try:
+            answer = json.loads(line)
+        except ValueError as error:
+            text = line[:60].decode("utf-8", "replace")
+            raise CommandFailure(f"wrote a line that is not valid JSON: {text}: {error}") from None
+        if not isinstance(answer, dict):
+            raise CommandFailure("wrote a line that is no JSON object")
+        if "error" in answer:
+            raise CommandFailure(f"reports: {answer['error']}")
+        return answer
+
+    def _begin(self) -> None:
+        start = self._start()
+        inner = [os.pipe() for _ in range(3)]
+        theirs = (inner[0][0], inner[1][1], inner[2][1])
+        ours = (inner[0][1], inner[1][0], inner[2][0])
+        self._ended, self._episodes, self._rest = None, 0, b""
+        self.printed = Printed(self._limits.most_output)
+        self._watch = Watch(start.folder, self._limits)
+        try:
+            self._processes.start(
+                start.command, start.folder, start.environment, self._limits.largest, theirs
+            )
+        except BaseException:
+            for one in ours:
+                os.close(one)
+            raise
+        finally:
+            for one in theirs:
+                os.close(one)
+        self._pipes = ours
+        os.set_blocking(ours[0], False)
+        self._poll = select.poll()
+        for one in (ours[1], ours[2], self._processes.channel.fileno()):
+            self._poll.register(one, select.POLLIN)
+
+    def _write(self, data: bytes) -> None:
+        assert self._pipes is not None
+        rest = memoryview(data)
+        while rest:
+            try:
+                rest = rest[os.write(self._pipes[0], rest) :]
+            except BlockingIOError:
+                self._wait(also=self._pipes[0])
+            except BrokenPipeError:
+                return  # why is found out when the answer is waited for
+
+    def _line(self) -> bytes:
+        while True:
+            line, end, rest = self._rest.partition(b"\n")
+            if end:
+                self._rest = rest
+                if line.lstrip().startswith(b"{"):
+                    return line
+                self.printed.take(line + b"\n")
+                continue
+            if len(self._rest) > _LONGEST:
+                raise CommandFailure(f"wrote a line of more than {_LONGEST} bytes")
+            if self._ended is not None:
+                check_end(self._ended, self._limits)
+                raise CommandFailure("ended in the middle of an episode, with exit status 0")
+            self._wait()
+            self._watch.check(self.printed)
+
+    def _wait(self, also: int | None = None) -> None:
+        """Wait until something can be read, or a descriptor written; read it."""
+        assert self._pipes is not None
+        if also is not None:
+            self._poll.register(also, select.POLLOUT)
+        try:
+            ready = self._poll.poll(self._watch.pause * 1000 + 1)
+        finally:
+            if also is not None:
+                self._poll.unregister(also)
+        if also is not None:
+            self._watch.check(self.printed)
+        for descriptor, _ in ready:
+            if descriptor == self._pipes[1]:
+                data = os.read(descriptor, _PIECE)
+                self._rest += data
+                if not data:
+                    self._poll.unregister(descriptor)
+            elif descriptor == self._pipes[2]:
+                if not self.printed.read(descriptor):
+                    self._poll.unregister(descriptor)
+            elif descriptor != also:
+                self._note_end()
+
+    def _note_end(self) -> None:
+        assert self._pipes is not None
+        self._ended = self._processes.report()
+        self._poll.unregister(self._processes.channel)
+        for descriptor in self._pipes[1:]:
+            os.set_blocking(descriptor, False)
+        with contextlib.suppress(BlockingIOError):
+            while data := os.read(self._pipes[1], _PIECE):
+                self._rest += data
+        with contextlib.suppress(BlockingIOError):
+            while self.printed.read(self._pipes[2]):
+                pass
+        self.printed.end()
+
+    def _has_ended(self) -> bool:
+        if self._ended is None and select.select([self._processes.channel], [], [], 0)[0]:
+            self._note_end()
+        return self._ended is not None
+
+    def _abandon(self, patience: float) -> None:
+        """End the process: nobody knows in which state it is."""
+        if self._pipes is not None and self._ended is None:
+            self._processes.kill(patience)
+            with contextlib.suppress(OSError):
+                os.set_blocking(self._pipes[2], False)
+                while self.printed.read(self._pipes[2]):
+                    pass
+        self.printed.end()
+        self._close_pipes()
+
+    def close(self) -> None:
+        """End the process: its standard input is closed, and after a while it is killed."""
+        if self._pipes is None:
+            return
+        if self._ended is None:
+            os.close(self._pipes[0])
+            self._pipes = (-1, *self._pipes[1:])
+            if select.select([self._processes.channel], [], [], _GOODBYE)[0]:
+                with contextlib.suppress(CommandFailure, OSError):
+                    self._processes.report()
+            else:
+                self._processes.kill()
+        self._close_pipes()
+
+    def _close_pipes(self) -> None:
+        for one in self._pipes or ():
+            if one >= 0:
+                os.close(one)
+        self._pipes = None

@@ -1,0 +1,123 @@
+"""Experiments whose simulation is a command: from its mapping to a name, and whether the rest fits it."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from swarmwright.commands.checking import read_definition
+from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.yaml import Path_
+from swarmwright.experiment.expression import ExpressionError
+from swarmwright.experiment.fitness import OWN, FitnessExpression
+from swarmwright.plug_ins import REGISTRIES
+from swarmwright.representations.parameter_set import ParameterSetOptions
+from swarmwright.simulations import catalogue
+
+Report = Callable[[Path_, str], None]
+WRONG = "command"
+"""Stands for a simulation whose definition is wrong."""
+_MARGIN = 30.0
+"""Seconds beside the command's own for files, and for a result's way."""
+
+
+def name_of(definition: Mapping[str, Any], values: Mapping[str, Any], report: Report) -> str:
+    """Return the name of the simulation that a mapping defines; `WRONG` after reporting what is wrong.
+
+    values: the experiment's, whose fitness is the simulation's own, unless that has one.
+    """
+    wrong: list[Path_] = []
+
+    def note(path: Path_, message: str) -> None:
+        wrong.append(path)
+        report(("simulation", *path), message)
+
+    given = dict(definition)
+    for key, text in (("simulation", given.get("fitness")), ("", values.get("fitness"))):
+        own = _expression(text)
+        if isinstance(own, str) and key:
+            note(("fitness",), own)
+        elif isinstance(own, FitnessExpression) and not key and "fitness" not in given and not own.uses_own:
+            given["fitness"] = own.text
+    options, problems = read_definition(given, Path())
+    for path, message in problems:
+        note(path, message)
+    return WRONG if options is None or wrong else options.name
+
+
+def _expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN401 - whatever the file says
+    """Return an expression, what is wrong with it, or None where there is none."""
+    if not isinstance(text, str):
+        return None
+    try:
+        return FitnessExpression(text)
+    except ExpressionError as error:
+        return str(error)
+
+
+def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) -> None:
+    """Check that an experiment's other keys fit its command; fill in how long to wait for it.
+
+    values: as they stand in the file.
+    """
+    name = checked["simulation"]
+    options = CommandOptions.of(name)
+    _check_controller(options, checked, report)
+    _check_placeholders(options, checked, report)
+    announced = catalogue.description(name)["metrics"]
+    if options.fitness is None and checked["fitness"] is None and options.controller != "stepwise":
+        measured = list(options.metrics) or list(announced)
+        if measured and OWN not in measured:
+            report(
+                ("fitness",),
+                f"is missing; write it as an expression over the metrics {', '.join(measured)}, such as "
+                f'fitness: "-{measured[0]}" (more is better)',
+            )
+    waits = values.get("timeouts")
+    if not (isinstance(waits, Mapping) and waits.get("step") is not None):
+        timeouts = checked["timeouts"]
+        step = max(timeouts.step, options.timeout + _MARGIN)
+        checked["timeouts"] = timeouts.model_copy(update={"step": step})
+
+
+def _check_controller(options: CommandOptions, checked: Mapping[str, Any], report: Report) -> None:
+    controller = checked.get("controller")
+    if controller is None:
+        return
+    steers = REGISTRIES["controller"].get(controller.kind).steers
+    if steers and options.controller == "none":
+        report(
+            ("controller", "kind"),
+            f"{controller.kind} steers agents, but the command gets no controller. To evolve parameters of "
+            "the command, write controller: {kind: parameter_set, parameters: {NAME: {type: real, range: "
+            "[0, 1]}}}; to have it run controllers, set simulation.controller to json or stepwise",
+        )
+    elif not steers and options.controller not in {"none", "stepwise"}:
+        report(
+            ("simulation", "controller"),
+            f"{controller.kind} has no controller to write as a file; leave the key out",
+        )
+    if options.controller not in {"none", "stepwise"} and checked["mode"] in {"stepwise", "batched"}:
+        report(
+            ("mode",),
+            f"in the mode {checked['mode']} controllers stay here, but the command gets its controller as a "
+            "file; leave the key out",
+        )
+
+
+def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], report: Report) -> None:
+    """Check the names in braces, as far as parameters are known."""
+    controller = checked.get("controller")
+    evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
+    parameters = [*catalogue.parameter_names(checked["simulation"]), *checked["parameters"], *evolved]
+    if options.controller == "stepwise":
+        parameters = []
+    known = [*IN_A_COMMAND, *parameters]
+    places: list[tuple[Path_, str]] = [(("simulation", "command"), word) for word in options.command]
+    places += [(("simulation", "environment", name), text) for name, text in options.environment.items()]
+    for path, text in places:
+        for name in names_in(text):
+            if name not in known:
+                hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
+                report(path, f"{{{name}}} is no placeholder, and no parameter has this name{hint}")

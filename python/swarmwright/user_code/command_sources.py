@@ -1,0 +1,98 @@
+"""The files that a simulation which is a command consists of."""
+
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.process import found
+from swarmwright.core.errors import InputError
+from swarmwright.user_code.imports import Walk
+
+DEFINITION = "command.json"
+"""The file of a copy that holds the definition; it stands in no other folder."""
+_LARGEST = 1 << 26
+"""Bytes of a file that is followed; larger ones do not belong to a simulation."""
+_SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")
+
+
+def definition_of(options: CommandOptions) -> bytes:
+    """Return the definition as text that is the same in every folder."""
+    values = options.model_dump(exclude_defaults=True, exclude={"folder"})
+    return f"{json.dumps(values, sort_keys=True, indent=2)}\n".encode()
+
+
+def sources_of(options: CommandOptions) -> dict[str, Path]:
+    """Return the files that a definition names, and what those in Python import, by their places.
+
+    A place is relative to a folder that all of them are in; `DEFINITION`, which is where the definition's
+    folder is, is among them. Raises InputError for files that are named and are not there.
+    """
+    here = Path(options.folder).resolve()
+    paths = {path for path in _named(options, here) if _belongs(path)}
+    for path in list(paths):
+        if path.suffix == ".py":
+            try:
+                paths |= set(Walk.of_file(path).files.values())
+            except OSError as error:
+                raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    inside = [path for path in paths if path.is_relative_to(here.parent)]
+    root = Path(os.path.commonpath([here, *(path.parent for path in inside)]))
+    places = {
+        path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path).lstrip("/"): path
+        for path in paths
+    }
+    main = (here / DEFINITION).relative_to(root).as_posix()
+    return {main: here / DEFINITION, **dict(sorted(places.items()))}
+
+
+def digest(options: CommandOptions, sources: Mapping[str, Path]) -> str:
+    """Return the SHA-256, in hexadecimal, of a definition and its files."""
+    whole = hashlib.sha256(definition_of(options))
+    for place, path in sources.items():
+        if path.name != DEFINITION:
+            whole.update(f"\n{place} {hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
+    return whole.hexdigest()
+
+
+def _belongs(path: Path) -> bool:
+    return not str(path).startswith(_SYSTEM) and path.stat().st_size <= _LARGEST
+
+
+def _named(options: CommandOptions, here: Path) -> Iterator[Path]:
+    for word in options.command:
+        plain = word.replace("{here}", str(here))
+        for part in (plain, plain.partition("=")[2]):
+            path = Path(found(part, here))
+            if path.is_absolute() and _is_file(path):
+                yield path
+    for key, names in (
+        ("parameters", [] if options.parameters is None else [options.parameters]),
+        ("files", list(options.files.values())),
+        ("sources", options.sources),
+    ):
+        for name in names:
+            path = (here / name).absolute()
+            if key == "sources" and path.is_dir():
+                yield from _within(path)
+            elif _is_file(path):
+                yield Path(os.path.normpath(path))
+            else:
+                raise InputError(f"{key}: {path}: there is no such file")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def _within(folder: Path) -> Iterator[Path]:
+    for path in sorted(folder.rglob("*")):
+        parts = path.relative_to(folder).parts
+        if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in parts):
+            yield Path(os.path.normpath(path))

@@ -1,0 +1,186 @@
+"""Whatever goes wrong with a command is a failed evaluation with its reason, and no process is left."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swarmwright import RunError, evaluate, simulate
+from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.process import Processes
+from tests.python.commands.processes import WELL, Traced
+
+
+def test_well(traced: Traced) -> None:
+    assert simulate(traced.shell(WELL)) == 1.5
+    assert traced.left() == []
+    # Its work folder is gone.
+    assert [path for path in (traced.folder / "work").rglob("*") if path.is_file()] == []
+
+
+def test_no_such_program(traced: Traced) -> None:
+    with pytest.raises(RunError, match="there is no program 'simulatr' on the PATH, and no such file"):
+        simulate(traced.experiment("simulatr {parameters}"))
+
+
+def test_program_that_cannot_be_executed(traced: Traced) -> None:
+    script = traced.folder / "sim.py"
+    script.write_text("#!/usr/bin/env python3\n")
+    with pytest.raises(RunError, match=r"not executable; write command: python3 sim\.py \.\., or chmod \+x"):
+        simulate(traced.experiment("sim.py {parameters}"))
+    script.write_text("#!/no/such/interpreter\n")
+    script.chmod(0o755)
+    with pytest.raises(RunError, match=r"the program that its first line \(#!\) names does not exist"):
+        simulate(traced.experiment("./sim.py {parameters}"))
+
+
+def test_exit_status_with_the_end_of_the_output(traced: Traced) -> None:
+    reason = traced.fails("for i in 1 2 3 4 5; do echo line $i; done; echo out of fuel >&2; exit 7")
+    assert "sh: ended with exit status 7; its last output: line 4 | line 5 | out of fuel; its files: " in reason
+    # The work folder is there to be looked at.
+    kept = Path(reason.rpartition("its files: ")[2])
+    assert (kept / "parameters.yaml").read_text().startswith("speed: ")
+
+
+def test_signal(traced: Traced) -> None:
+    assert "was ended by SIGSEGV" in traced.fails("kill -SEGV $$")
+
+
+def test_hang(traced: Traced) -> None:
+    began = time.monotonic()
+    reason = traced.fails("echo before; setsid sleep 1000 & sleep 1000", timeout=0.3)
+    assert "has not ended after 0.3 s (simulation.timeout), and was ended; its last output: before" in reason
+    assert time.monotonic() - began < 2  # it was asked to end, and did
+
+
+def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
+    assert "has not ended" in traced.fails("trap '' TERM INT; while :; do sleep 0.05; done", timeout=0.2)
+
+
+@pytest.mark.parametrize(
+    ("log", "reason"),
+    [
+        ("time,fitness\\n1,2\\n2", r"log.csv:3: has 1 values, but there are 2 columns; was the log cut off\?"),
+        ("time,fitness\\n", "log.csv: has no rows"),
+        ("", "log.csv: has no rows"),
+        ("fitness\\nnan\\n", "log.csv:2: fitness is nan, expected a finite number"),
+        ("fitness\\n-inf\\n", "log.csv:2: fitness is -inf, expected a finite number"),
+        ("fitness\\nbad\\n", "log.csv:2: fitness is 'bad', expected a number"),
+        ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\?; there is: time, Fitnes"),
+    ],
+)
+def test_log(traced: Traced, log: str, reason: str) -> None:
+    with pytest.raises(RunError, match=reason):
+        simulate(traced.shell(f"printf '{log}' > log.csv"))
+    assert traced.left() == []
+
+
+def test_no_log(traced: Traced) -> None:
+    reason = traced.fails("echo > result.csv; echo written")
+    assert "ended without writing log.csv (simulation.log); there is: parameters.yaml, result.csv" in reason
+    assert "its last output: written" in reason
+
+
+def test_half_an_object(traced: Traced) -> None:
+    reason = traced.fails('printf \'{"fitness": 1}\\n{"fitne\' > log.jsonl', log="log.jsonl")
+    assert "log.jsonl:2: is not valid JSON" in reason
+    assert "was the log cut off?" in reason
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "sleep 1000 &",
+        "setsid sleep 1000 &",  # in a session of its own
+        "(setsid sh -c 'sleep 1000 & sleep 1000' > /dev/null 2>&1 &);",  # and nobody's child
+    ],
+)
+def test_children_left_behind(traced: Traced, script: str) -> None:
+    reason = traced.fails(f"{script} {WELL}")
+    assert "left processes behind, which were killed: " in reason
+    assert "sleep" in reason
+
+
+def test_children_that_are_ended_without_failure(traced: Traced) -> None:
+    assert simulate(traced.shell(f"setsid sleep 1000 & {WELL}", children="end")) == 1.5
+    assert traced.left() == []
+
+
+def test_children_that_end_soon_after(traced: Traced) -> None:
+    assert simulate(traced.shell(f"sleep 0.1 & {WELL}")) == 1.5
+
+
+def test_one_large_file(traced: Traced) -> None:
+    reason = traced.fails("exec head -c 100000000 /dev/zero > large", disk=2)
+    assert "was ended by SIGXFSZ: a file of more than 2 MB (simulation.disk)" in reason
+    assert not any(path.stat().st_size > 2_000_000 for path in (traced.folder / "work").rglob("large"))
+
+
+def test_many_files(traced: Traced) -> None:
+    script = "i=0; while :; do i=$((i+1)); head -c 900000 /dev/zero > part-$i; done"
+    assert "wrote more than 5 MB into its work folder (simulation.disk)" in traced.fails(script, disk=5)
+
+
+def test_a_gigabyte_of_output(traced: Traced) -> None:
+    began = time.monotonic()
+    reason = traced.fails("echo begins; exec head -c 1000000000 /dev/zero", output=1)
+    assert "printed more than 1 MB (simulation.output), and was ended" in reason
+    assert time.monotonic() - began < 10
+
+
+def test_one_failure_does_not_stop_the_others(traced: Traced) -> None:
+    experiment = traced.shell(
+        "if grep -q 'speed: 0.0$' parameters.yaml; then exit 3; fi; " + WELL, fitness="fitness"
+    )
+    fitness = evaluate(experiment, [[0.0], [0.5]])
+    assert (str(fitness[0]), fitness[1]) == ("nan", 1.5)
+
+
+PROGRAM = """
+import sys
+from swarmwright import simulate
+from tests.python.commands.processes import Traced
+from pathlib import Path
+traced = Traced(Path(sys.argv[1]))
+traced.mark = sys.argv[2]
+print(simulate(traced.shell("touch begun; (setsid sleep 1000 &) ; sleep 1000", disk=9), servers=sys.argv[3]))
+"""
+
+
+@pytest.mark.parametrize("servers", ["in-process", "local"])
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
+def test_the_tool_ends(traced: Traced, servers: str, end: signal.Signals) -> None:
+    """However it ends, its commands end with it."""
+    arguments = [sys.executable, "-c", PROGRAM, str(traced.folder), traced.mark, servers]
+    tool = subprocess.Popen(arguments, stderr=subprocess.DEVNULL)
+    try:
+        _wait_for(traced, 3)
+        tool.send_signal(end)
+        tool.wait(20)
+        assert traced.left(within=10) == []
+    finally:
+        tool.kill()
+        tool.wait()
+
+
+def _wait_for(traced: Traced, count: int) -> None:
+    until = time.monotonic() + 30
+    while len(traced.left()) < count and time.monotonic() < until:
+        time.sleep(0.05)
+    assert len(traced.left()) >= count
+
+
+def test_the_keeper_is_killed(traced: Traced) -> None:
+    """As by a system that runs out of memory: the process notices, and ends what was left."""
+    processes = Processes()
+    script = ["sh", "-c", "(setsid sleep 1000 &) ; sleep 1000"]
+    processes.start(script, traced.folder, {"TRACED": traced.mark}, 1000, (0, 1, 2))
+    _wait_for(traced, 2)
+    os.kill(processes._keeper.pid, signal.SIGKILL)
+    with pytest.raises(CommandFailure, match="the process that starts commands has ended"):
+        processes.report()
+    assert traced.left(within=5) == []
