@@ -37,7 +37,7 @@ Overview:
     sweep, compare              variants with several seeds, and statistical tests
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
-    Simulation, BatchSimulation, Parameter   base classes of custom simulations
+    Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
     InputError, RunError        invalid input; a run that failed for other reasons
@@ -53,6 +53,7 @@ from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 
 if TYPE_CHECKING:
     from swarmwright import callbacks, templates
+    from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.evaluation.evaluate import evaluate, simulate
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BatchSimulation",
+    "CommandSimulation",
     "Comparison",
     "Controller",
     "Experiment",
@@ -101,6 +103,7 @@ __all__ = [
 
 _LAZY = {
     "BatchSimulation": "simulations.batches",
+    "CommandSimulation": "adapters.command",
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",
     "Experiment": "experiment.experiment",

@@ -227,9 +227,9 @@ impl Simulation for Hosted {
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let controller = self.controller.take();
-        match self.proceed(|host| {
-            host.call_method1("reset", (dict(host.py(), parameters)?, controller))
-        }) {
+        match self
+            .proceed(|host| host.call_method1("reset", (dict(host.py(), parameters)?, controller)))
+        {
             Err(Trouble::Refused(text)) => Err(refused(&text)),
             other => {
                 or_fail(other);

@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import LIBRARIES, SimulationName
+from swarmwright.core.simulation_names import LIBRARIES, SimulationName, is_command
 
 if TYPE_CHECKING:
     from swarmwright.simulations.base import Simulation
@@ -19,15 +19,22 @@ if TYPE_CHECKING:
 __all__ = ["simulation"]
 
 
-@cache
 def simulation(name: str) -> "type[Simulation | BatchSimulation]":
     """Return the class of simulations with an adapter's name.
 
     Raises InputError: the library is not installed, or has no such environment.
     """
+    if is_command(name):
+        from swarmwright.commands.definition import CommandOptions
+        from swarmwright.user_code.command_sources import digest
+
+        return _command(name, digest(CommandOptions.of(name)))
+    return _of_library(name)
+
+
+@cache
+def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
     parsed = SimulationName.parse(name)
-    if parsed.is_command:
-        return _command(name)
     library, environment, options = parsed.library, parsed.place, parsed.options()
     try:
         module = import_module(f"swarmwright.adapters.{library}")
@@ -49,11 +56,14 @@ def simulation(name: str) -> "type[Simulation | BatchSimulation]":
     return type(base.__name__, (base,), attributes)
 
 
-def _command(name: str) -> "type[Simulation]":
+@cache
+def _command(name: str, digest: str) -> "type[Simulation]":
+    """Return the class of a command; another one when a file of it has changed."""
     from swarmwright.adapters.command import CommandSimulation
 
     attributes = {
         "adapted": name,
+        "digest": digest,
         "__module__": CommandSimulation.__module__,
         "__doc__": CommandSimulation.__doc__,
     }

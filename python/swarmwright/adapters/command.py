@@ -3,7 +3,7 @@
 import itertools
 import json
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,12 +18,12 @@ from swarmwright.commands.placeholders import filled, filled_file
 from swarmwright.commands.process import Processes, found
 from swarmwright.commands.running import Limits, run
 from swarmwright.commands.stepwise import Dialogue, Start
-from swarmwright.core.errors import InputError, SimulationError
+from swarmwright.core.errors import EpisodeError, InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
-from swarmwright.user_code.command_sources import digest, sources_of
+from swarmwright.user_code.command_sources import digest
 
 _PARAMETERS = {"yaml": "parameters.yaml", "json": "parameters.json", "ros2": "parameters.yaml"}
 _DIGITS = 12
@@ -50,10 +50,12 @@ class CommandSimulation(Simulation):
     """What an experiment would say below `simulation`; paths are relative to the file of the class."""
     adapted: ClassVar[str] = ""
     """The name from which the class was made; empty for a user-written class."""
+    digest: ClassVar[str] = ""
+    """SHA-256 of definition and files when the class was made; empty for a user-written class."""
     copies = False
     takes_controller = False
     steers_itself = True
-    """Whether no agent is steered from outside: asked instead of trying."""
+    """Parameter sets are possible; said so that no episode is run to find out."""
     visual: ClassVar[bool] = False
     """Whether episodes are run by `runVisual`."""
 
@@ -69,7 +71,7 @@ class CommandSimulation(Simulation):
         self._here = Path(self.options.folder)
         takes = self.options.controller
         self.takes_controller = takes not in {"none", "stepwise"}
-        self.steers_itself = takes != "stepwise"
+        self._stepped = takes == "stepwise"
         self.title = type(self).title or self.options.title or self._title()
         for name in ("sensors", "actuators", "dimensions", "determinism"):
             setattr(self, name, getattr(self.options, name))
@@ -102,7 +104,7 @@ class CommandSimulation(Simulation):
     def _title(self) -> str:
         name = self.options.name
         label = SimulationName.parse(name).label
-        return f"{label}@{digest(self.options, sources_of(self.options))[:_DIGITS]}"
+        return f"{label}@{(self.digest or digest(self.options))[:_DIGITS]}"
 
     # The functions of D6.1.
 
@@ -164,9 +166,8 @@ class CommandSimulation(Simulation):
         """Run the episode, or begin one that is stepped; see `Simulation.reset`."""
         self.seed = seed
         self._measured = {}
-        if not self.steers_itself:
-            answer = self._talk(lambda: self._stepper().reset(parameters, seed))
-            return self._answered(answer, first=True)
+        if self._stepped:
+            return self._talk(lambda: self._stepper().reset(parameters, seed))
         if controller is None and self.takes_controller:
             raise InputError(
                 "simulation.controller: the command gets its controller as a file, which needs the mode "
@@ -177,28 +178,28 @@ class CommandSimulation(Simulation):
 
     def step(self, actions: NDArray[np.float32]) -> ArrayLike:
         """Go on by one step, where the command is stepped."""
-        return self._answered(self._talk(lambda: self._stepper().ask({"actuators": actions.tolist()})))
+        return self._talk(lambda: self._stepper().ask({"actuators": actions.tolist()}))
 
     def done(self) -> bool:
         """Return whether the episode has ended."""
-        return self.steers_itself or self._done
+        return not self._stepped or self._done
 
     def acting(self) -> ArrayLike | None:
         """Return who acts next."""
-        return None if self.steers_itself else self._acting
+        return self._acting if self._stepped else None
 
     def fitness(self) -> float:
         """Return the fitness: of the definition's expression, or what the logs say."""
         if self._own is None or not self._own_applies:
             if OWN not in self._measured:
-                raise SimulationError(
+                raise EpisodeError(
                     "has no fitness: give the experiment a fitness, an expression over its metrics"
                 )
             return self._measured[OWN]
         row = np.array([[self._measured[name] for name in self._own.metrics]])
         values, faults = self._own(np.array([self._measured.get(OWN, 0.0)]), row)
         if faults:
-            raise SimulationError(f"fitness: {faults[0].reason}")
+            raise EpisodeError(f"fitness: {faults[0].reason}")
         return float(values[0])
 
     def measure(self) -> Mapping[str, float]:
@@ -251,12 +252,12 @@ class CommandSimulation(Simulation):
         folders.remove(self.folder)
         return None
 
-    def _explained(self, reason: str, printed: Printed, kept: Path | None) -> SimulationError:
+    def _explained(self, reason: str, printed: Printed, kept: Path | None) -> EpisodeError:
         """Return a failure with the last of what the command printed."""
         program = SimulationName.parse(self.options.name).label
         last = f"; its last output: {printed.summary}" if printed.summary else ""
         where = f"; its files: {kept}" if kept is not None else ""
-        return SimulationError(f"{program}: {reason}{last}{where}", printed.tail or None)
+        return EpisodeError(f"{program}: {reason}{last}{where}", printed.tail or None)
 
     def _run(self) -> None:
         assert self._processes is not None
@@ -271,6 +272,8 @@ class CommandSimulation(Simulation):
         if self._instance is None:
             place = folders.default_place() if self.options.work is None else self._here / self.options.work
             self._instance = folders.Instance(place)
+            if self.options.keep != "all":
+                self._instance.clear()
             weakref.finalize(self, self._instance.close)
         if self._processes is None or not self._processes.is_alive:
             self._processes = Processes()
@@ -286,7 +289,7 @@ class CommandSimulation(Simulation):
             "port": instance.port(),
             "episode": episode,
         }
-        if self.steers_itself:
+        if not self._stepped:
             values["parameters"] = self.folder / _PARAMETERS[self.options.parameters_format]
         if self.takes_controller:
             values["controller"] = self.folder / "controller.json"
@@ -322,37 +325,37 @@ class CommandSimulation(Simulation):
         self.setEnvironment(self.options.environment)
         return Start(self._command(self.options.command), self.folder, self.environment)
 
-    def _talk(self, exchange: Any) -> dict[str, Any]:  # noqa: ANN401 - a function
+    def _talk(self, exchange: Callable[[], dict[str, Any]]) -> ArrayLike:
+        """Exchange a message for an answer; return the sensors in it."""
         try:
-            answer: dict[str, Any] = exchange()
+            answer = exchange()
+            self._done = answer.get("done") is True
+            self._acting = answer.get("acting")
+            if self._done:
+                self._measured = self._results(answer)
+            elif "sensors" not in answer:
+                raise CommandFailure(
+                    f"answered {json.dumps(answer)[:80]}, which has neither sensors nor done"
+                )
         except CommandFailure as failure:
-            printed = Printed(0) if self._dialogue is None else self._dialogue.printed
+            printed = Printed(0)
+            if self._dialogue is not None:
+                self._dialogue.abandon()
+                printed = self._dialogue.printed
             raise self._explained(str(failure), printed, None) from None
-        return answer
+        sensors: ArrayLike = answer.get("sensors", np.zeros((1, self.sensors)))
+        return sensors
 
-    def _answered(self, answer: Mapping[str, Any], *, first: bool = False) -> ArrayLike:
-        """Take an answer of the command; return the sensors."""
-        self._done = bool(answer.get("done", False))
-        self._acting = answer.get("acting")
-        if self._done:
-            metrics = answer.get("metrics") or {}
-            found = {**metrics, OWN: answer["fitness"]} if "fitness" in answer else dict(metrics)
-            self._measured = {name: self._finite(name, value) for name, value in found.items()}
-            for name in self.metrics:
-                if name not in self._measured:
-                    there = ", ".join(metrics) or "none"
-                    raise SimulationError(
-                        f"the last answer of the episode lacks metric {name!r}; it has: {there}"
-                    )
-        if "sensors" in answer:
-            sensors: ArrayLike = answer["sensors"]
-            return sensors
-        if not self._done:
-            raise SimulationError(f"answered {json.dumps(answer)[:80]}, which has neither sensors nor done")
-        return np.zeros((1, self.sensors)) if first else ()
-
-    @staticmethod
-    def _finite(name: str, value: Any) -> float:  # noqa: ANN401 - any JSON value
-        if isinstance(value, bool | int | float) and np.isfinite(value):
-            return float(value)
-        raise SimulationError(f"{name} is {json.dumps(value)[:40]}, expected a finite number")
+    def _results(self, answer: Mapping[str, Any]) -> dict[str, float]:
+        """Return metrics and fitness of the last answer of an episode."""
+        found = dict(answer.get("metrics") or {})
+        if "fitness" in answer:
+            found[OWN] = answer["fitness"]
+        for name in self.metrics:
+            if name not in found:
+                there = ", ".join(found) or "none"
+                raise CommandFailure(f"ended the episode without the metric {name!r}; there is: {there}")
+        for name, value in found.items():
+            if not (isinstance(value, bool | int | float) and np.isfinite(value)):
+                raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a finite number")
+        return {name: float(value) for name, value in found.items()}

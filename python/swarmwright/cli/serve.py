@@ -91,10 +91,12 @@ def command(
 
     SIMULATION is the title of one that is built in, or a class in Python, as path/to/file.py:Class or
     package.module:Class, which derives from swarmwright.Simulation, or an environment of another library, as
-    gymnasium:CartPole-v1 or pettingzoo:mpe2.simple_spread_v3?N=5.
+    gymnasium:CartPole-v1 or pettingzoo:mpe2.simple_spread_v3?N=5, or an experiment file (.yaml), whose
+    simulation is offered: the way to serve one that is a command.
 
     Every server is a separate process and serves one optimization tool at a time.
     """
+    simulation = _named(simulation)
     title = _title(simulation)
     if first is None:
         first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
@@ -129,6 +131,15 @@ def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, resta
                 reporter.tell(news.get(timeout=1.0))
     finally:
         servers.stop()
+
+
+def _named(simulation: str) -> str:
+    """Return the name of a simulation, that of the experiment where it is a file."""
+    if Path(simulation).suffix not in {".yaml", ".yml"}:
+        return simulation
+    from swarmwright.experiment.experiment import Experiment
+
+    return Experiment.load(simulation).simulation
 
 
 def _title(simulation: str) -> str:

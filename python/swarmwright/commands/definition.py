@@ -51,7 +51,7 @@ class CommandOptions(Options):
     Its process has a work folder of its own. The command's words, the values of `environment` and the text of
     `files` may hold placeholders: {parameters}, {controller}, {log} (paths of these files), {folder} (the
     work folder), {here} (the folder of the experiment file), {seed}, {episode}, {instance}, {port}, and the
-    simulation's parameters by their names. In the command {{ is a brace.
+    simulation's parameters by their names. {{name}} in a command stands for {name}.
     """
 
     command: Command
@@ -115,7 +115,7 @@ class CommandOptions(Options):
     disk: float = Field(default=1000.0, gt=0)
     """Megabytes that an episode may have in its work folder, and in any one file. Beyond, it has failed."""
     children: Literal["fail", "end"] = "fail"
-    """What a process means that still runs half a second after the command has ended: that the episode has
+    """What a process means that still runs 0.3 s after the command has ended: that the episode has
     failed, or nothing. It is ended in any case."""
     keep: Literal["failed", "all", "none"] = "failed"
     """Which work folders are kept: that of the last failed episode of each instance, all, or none."""

@@ -80,6 +80,11 @@ class Instance:
             probe.bind(("127.0.0.1", 0))
             return int(probe.getsockname()[1])
 
+    def clear(self) -> None:
+        """Delete the work folders that a process has left that was killed."""
+        for folder in [*self.folder.glob("episode-*"), self.folder / "stepwise"]:
+            remove(folder)
+
     def new_folder(self, name: str) -> Path:
         """Return a new, empty work folder."""
         folder = self.folder / name

@@ -24,7 +24,7 @@ import sys
 import time
 from pathlib import Path
 
-_LINGER = 0.5
+_LINGER = 0.3
 """Seconds that what a command has started may take to end after it."""
 _SUBREAPER, _DEATH_SIGNAL = 36, 1
 _LARGEST = 1 << 20

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean
 
-_PLACE = re.compile(r"\{\{|\}\}|\{([A-Za-z_][\w.\-/]*)\}")
+_NAME = r"[A-Za-z_][\w.\-/]*"
+_PLACE = re.compile(rf"\{{\{{{_NAME}\}}\}}|(?<!\$)\{{({_NAME})\}}")
+"""{{name}}, which stands for {name}, or a placeholder; ${name} is a shell's variable."""
 IN_A_COMMAND = ("parameters", "controller", "log", "folder", "here", "seed", "episode", "instance", "port")
 """What can be put into a command beside the simulation's parameters."""
 
@@ -30,7 +32,7 @@ def filled(text: str, values: Mapping[str, object], where: str) -> str:
 
     def value(match: re.Match[str]) -> str:
         if match[1] is None:
-            return match[0][0]
+            return match[0][1:-1]
         if match[1] not in values:
             hint = did_you_mean(match[1], values) or f"; there is: {', '.join(values)}"
             raise InputError(

@@ -58,7 +58,8 @@ class Dialogue:
         """Its standard input, output and error."""
         self._ended: Ended | None = None
         self._episodes = 0
-        self._rest = b""
+        self._rest = bytearray()
+        self._searched = 0
         self.printed = Printed(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -92,7 +93,7 @@ class Dialogue:
             self._write(f"{json.dumps(message, separators=(',', ':'))}\n".encode())
             return self._checked(self._line())
         except BaseException as error:
-            self._abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
+            self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
             raise
 
     def _checked(self, line: bytes) -> dict[str, Any]:
@@ -112,7 +113,8 @@ class Dialogue:
         inner = [os.pipe() for _ in range(3)]
         theirs = (inner[0][0], inner[1][1], inner[2][1])
         ours = (inner[0][1], inner[1][0], inner[2][0])
-        self._ended, self._episodes, self._rest = None, 0, b""
+        self._ended, self._episodes = None, 0
+        self._rest, self._searched = bytearray(), 0
         self.printed = Printed(self._limits.most_output)
         self._watch = Watch(start.folder, self._limits)
         try:
@@ -144,21 +146,34 @@ class Dialogue:
                 return  # why is found out when the answer is waited for
 
     def _line(self) -> bytes:
+        """Return the next line that is an answer."""
         while True:
-            line, end, rest = self._rest.partition(b"\n")
-            if end:
-                self._rest = rest
-                if line.lstrip().startswith(b"{"):
-                    return line
-                self.printed.take(line + b"\n")
-                continue
+            line = self._next_line()
+            if line is None:
+                if self._ended is not None:
+                    check_end(self._ended, self._limits)
+                    raise CommandFailure("ended in the middle of an episode, with exit status 0")
+                self._wait()
+                self._watch.check(self.printed)
+            elif line.lstrip().startswith(b"{"):
+                return line
+            else:
+                self.printed.take(line)
+
+    def _next_line(self) -> bytes | None:
+        """Take a line of what was read, also the beginning of one that is too long to be an answer."""
+        end = self._rest.find(b"\n", self._searched) + 1
+        self._searched = len(self._rest)
+        if not end and len(self._rest) > _PIECE and not self._rest.lstrip().startswith(b"{"):
+            end = len(self._rest)
+        if not end:
             if len(self._rest) > _LONGEST:
                 raise CommandFailure(f"wrote a line of more than {_LONGEST} bytes")
-            if self._ended is not None:
-                check_end(self._ended, self._limits)
-                raise CommandFailure("ended in the middle of an episode, with exit status 0")
-            self._wait()
-            self._watch.check(self.printed)
+            return None
+        line = bytes(self._rest[:end])
+        del self._rest[:end]
+        self._searched = 0
+        return line
 
     def _wait(self, also: int | None = None) -> None:
         """Wait until something can be read, or a descriptor written; read it."""
@@ -203,7 +218,7 @@ class Dialogue:
             self._note_end()
         return self._ended is not None
 
-    def _abandon(self, patience: float) -> None:
+    def abandon(self, patience: float = 0.5) -> None:
         """End the process: nobody knows in which state it is."""
         if self._pipes is not None and self._ended is None:
             self._processes.kill(patience)

@@ -44,6 +44,10 @@ class SimulationError(RunError):
         self.stack = stack
 
 
+class EpisodeError(SimulationError):
+    """An episode failed outside of Python's code, which needs no place in it. `stack` is what was printed."""
+
+
 def explained(error: BaseException) -> str:
     """Return kind and text of an exception raised by third-party code; or the line that raised it."""
     kind, words = type(error).__name__, str(error).strip()

@@ -155,7 +155,7 @@ class Experiment:
                 continue
             if one.name == "simulation" and is_command(value):
                 value = SimulationName.parse(value).definition
-                if value.get("fitness") == self.fitness:  # it was taken from the experiment
+                if value.get("fitness", "") == self.fitness:  # it was taken from the experiment
                     del value["fitness"]
             if one.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)

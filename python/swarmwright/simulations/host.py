@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, SimulationError
+from swarmwright.core.errors import EpisodeError, InputError, SimulationError
 from swarmwright.core.tracebacks import is_installed, shown
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batch_checks import BatchChecks, Many
@@ -276,7 +276,7 @@ class Host:
             if method == "reset":  # about the parameters
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
-        except SimulationError as error:  # it says where and what
+        except EpisodeError as error:  # it says where and what
             self._tell(str(error), error.stack)
             raise
         # Also `sys.exit` ends only the episode.

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from swarmwright.commands.definition import CommandOptions
@@ -49,17 +49,19 @@ def sources_of(options: CommandOptions) -> dict[str, Path]:
     return {main: here / DEFINITION, **dict(sorted(places.items()))}
 
 
-def digest(options: CommandOptions, sources: Mapping[str, Path]) -> str:
+def digest(options: CommandOptions) -> str:
     """Return the SHA-256, in hexadecimal, of a definition and its files."""
     whole = hashlib.sha256(definition_of(options))
-    for place, path in sources.items():
+    for place, path in sources_of(options).items():
         if path.name != DEFINITION:
             whole.update(f"\n{place} {hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
     return whole.hexdigest()
 
 
 def _belongs(path: Path) -> bool:
-    return not str(path).startswith(_SYSTEM) and path.stat().st_size <= _LARGEST
+    """Whether a file is the user's, and not an installed program."""
+    installed = path.parent.name in {"bin", "sbin"} or str(path.resolve()).startswith(_SYSTEM)
+    return not installed and path.stat().st_size <= _LARGEST
 
 
 def _named(options: CommandOptions, here: Path) -> Iterator[Path]:

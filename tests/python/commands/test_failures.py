@@ -40,7 +40,9 @@ def test_program_that_cannot_be_executed(traced: Traced) -> None:
 
 def test_exit_status_with_the_end_of_the_output(traced: Traced) -> None:
     reason = traced.fails("for i in 1 2 3 4 5; do echo line $i; done; echo out of fuel >&2; exit 7")
-    assert "sh: ended with exit status 7; its last output: line 4 | line 5 | out of fuel; its files: " in reason
+    assert (
+        "sh: ended with exit status 7; its last output: line 4 | line 5 | out of fuel; its files: " in reason
+    )
     # The work folder is there to be looked at.
     kept = Path(reason.rpartition("its files: ")[2])
     assert (kept / "parameters.yaml").read_text().startswith("speed: ")
@@ -64,7 +66,10 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
 @pytest.mark.parametrize(
     ("log", "reason"),
     [
-        ("time,fitness\\n1,2\\n2", r"log.csv:3: has 1 values, but there are 2 columns; was the log cut off\?"),
+        (
+            "time,fitness\\n1,2\\n2",
+            r"log.csv:3: has 1 values, but there are 2 columns; was the log cut off\?",
+        ),
         ("time,fitness\\n", "log.csv: has no rows"),
         ("", "log.csv: has no rows"),
         ("fitness\\nnan\\n", "log.csv:2: fitness is nan, expected a finite number"),

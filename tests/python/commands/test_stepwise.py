@@ -1,0 +1,146 @@
+"""Commands that are stepped over their standard input and output."""
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, RunError, evaluate, optimize, simulate
+from tests.python.cli.test_services import events
+from tests.python.commands.processes import Traced
+from tests.python.records import same_record
+
+MINISIM = Path(__file__).with_name("minisim_process.py")
+DEFINITION = {
+    "command": [sys.executable, str(MINISIM)],
+    "title": "minisim",
+    "controller": "stepwise",
+    "sensors": 4,
+    "actuators": 1,
+    "metrics": {"arrived": "last", "caught": "last", "steps": "last", "distance": "last"},
+    "determinism": "bitwise",
+}
+VALUES: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"placement": "random", "numAgents": 3},
+    "controller": {"kind": "fully_meshed", "hidden": 1},
+    "method": {"kind": "nnga", "population": 12, "generations": 2},
+    "ranking": {"episodes": 2},
+    "fitness": "arrived - 0.1 * distance",
+}
+
+
+def test_two_commands_beside_two_built_in_servers_have_one_record(
+    start: Any, embedded_broker: str, tmp_path: Path
+) -> None:
+    command = Experiment.from_mapping({**VALUES, "simulation": DEFINITION, "fitness": None})
+    command.save(tmp_path / "command.yaml")
+    processes = [
+        start("serve", tmp_path / "command.yaml", "--broker", embedded_broker, "--count", "2", "--json"),
+        start("serve", "minisim", "--broker", embedded_broker, "--count", "2", "--json"),
+    ]
+    for process in processes:
+        events(process, "ready", 2)
+    experiment = Experiment.from_mapping(VALUES)
+    alone = optimize(experiment, out=tmp_path / "alone", servers="local")
+    # Enough that all four take part although one kind is much faster.
+    together = optimize(
+        experiment.replace(mode="stepwise"), out=tmp_path / "together", broker=embedded_broker
+    )
+    same_record(together, alone)
+    assert len(together.store.servers()) == 4
+
+
+def test_the_same_as_built_in() -> None:
+    built_in = Experiment.from_mapping(VALUES)
+    command = Experiment.from_mapping({**VALUES, "simulation": {**DEFINITION, "recycle": 3}})
+    genomes = np.random.default_rng(1).normal(size=(4, built_in.genome_size)).astype(np.float32)
+    expected = evaluate(built_in, genomes, servers="local").tobytes()
+    for servers in ("in-process", "local"):
+        assert evaluate(command, genomes, servers=servers).tobytes() == expected
+    for mode in ("stepwise", "batched"):
+        assert evaluate(command.replace(mode=mode), genomes, servers=1).tobytes() == expected
+
+
+STEPPED = """
+import json, os, sys
+for number, line in enumerate(sys.stdin):
+    speed = json.loads(line)["reset"]["parameters"]["speed"]
+    {script}
+"""
+WELL = (
+    'print(json.dumps({"done": True, "fitness": speed + 0.25, "metrics": {"pid": os.getpid()}}), flush=True)'
+)
+
+
+def stepped(traced: Traced, script: str = WELL, **definition: Any) -> Experiment:
+    (traced.folder / "stepped.py").write_text(STEPPED.replace("{script}", script))
+    return traced.experiment(
+        [sys.executable, "stepped.py"],
+        controller="stepwise",
+        fitness="fitness + 0 * pid",
+        metrics={"pid": "last"},
+        **definition,
+    )
+
+
+def test_one_process_runs_many_episodes(traced: Traced) -> None:
+    experiment = stepped(traced, f"assert number < 5; {WELL}")
+    assert evaluate(experiment, [[0.0], [0.5], [1.0], [0.25], [0.75]]).tolist() == [
+        0.25,
+        0.75,
+        1.25,
+        0.5,
+        1.0,
+    ]
+
+
+@pytest.mark.parametrize("how", ["recycle", "exit"])
+def test_another_process_after_some_episodes(traced: Traced, how: str) -> None:
+    script = f"assert number < 2; {WELL}" + ("; number == 1 and sys.exit()" if how == "exit" else "")
+    experiment = stepped(traced, script, recycle=2 if how == "recycle" else 0)
+    assert evaluate(experiment, [[0.0], [0.5], [1.0], [0.25], [0.75]]).tolist() == [
+        0.25,
+        0.75,
+        1.25,
+        0.5,
+        1.0,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("sys.exit(3)", "stepped: ended with exit status 3"),
+        ("sys.exit(0)", "ended in the middle of an episode, with exit status 0"),
+        ("raise OSError('no more rope')", "exit status 1; its last output: .*OSError: no more rope"),
+        ("print('{\"done\"', flush=True)", r'wrote a line that is not valid JSON: \{"done"'),
+        ('print(\'{"error": "no motor"}\', flush=True)', "reports: no motor"),
+        ("print('{\"done\": true}', flush=True)", "without the metric 'pid'; there is: none"),
+        ("print('{\"x\": true}', flush=True)", "has neither sensors nor done"),
+        ('print(\'{"done": true, "fitness": NaN, "metrics": {"pid": 1}}\', flush=True)', "fitness is NaN"),
+        ("print('nothing' * 10**6)", "printed more than 1 MB"),
+        ("import time; time.sleep(1000)", r"has not ended after 0\.8 s"),
+        ("import subprocess; subprocess.Popen(['sleep', '1000']); sys.exit(2)", "exit status 2"),
+    ],
+)
+def test_failures(traced: Traced, script: str, reason: str) -> None:
+    began = time.monotonic()
+    with pytest.raises(RunError, match=reason):
+        simulate(stepped(traced, script, timeout=0.8, output=1))
+    assert time.monotonic() - began < 5
+    assert traced.left() == []
+
+
+def test_after_a_failure_another_process_goes_on(traced: Traced) -> None:
+    experiment = stepped(traced, f"assert speed != 0.5; {WELL}")
+    fitness = evaluate(experiment, [[0.0], [0.5], [1.0]])
+    assert [str(value) for value in fitness] == ["0.25", "nan", "1.25"]
+
+
+def test_nothing_is_left_after_a_run(traced: Traced) -> None:
+    simulate(stepped(traced), servers="local")
+    assert traced.left(within=5) == []
