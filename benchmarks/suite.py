@@ -107,6 +107,12 @@ def _wrappers(scale: Scale) -> Suite:
     return WrapperSuite(scale.smaller)
 
 
+def _commands(scale: Scale) -> Suite:
+    from benchmarks.commands import CommandSuite
+
+    return CommandSuite(scale.smaller)
+
+
 def _busy(_scale: Scale) -> Suite:
     from benchmarks.busy import BusySuite
 
@@ -130,12 +136,13 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "methods": _methods,
     "store": _store,
     "wrappers": _wrappers,
+    "commands": _commands,
     "busy": _busy,
     "frevo": _frevo,
     "program": _program,
 }
 """By name, which `--only` searches."""
-QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods", "store", "wrappers")
+QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods", "store", "wrappers", "commands")
 """Those that take seconds and need no library for Python of their own."""
 
 

@@ -222,7 +222,11 @@ class CommandSimulation(Simulation):
         """Run an episode from files to files."""
         instance = self._ready()
         number = next(self._episodes)
-        self.folder = instance.new_folder(f"episode-{number}")
+        # One name, so that the same failure has the same reason.
+        name = f"episode-{number}" if self.options.keep == "all" else "episode"
+        self.folder = instance.new_folder(name)
+        for log in self.options.log:
+            (self.folder / log).parent.mkdir(parents=True, exist_ok=True)
         self._values = self._placeholders(instance, number) | {**parameters, "seed": self.seed}
         self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
         failed = True

@@ -137,9 +137,16 @@ def _named(simulation: str) -> str:
     """Return the name of a simulation, that of the experiment where it is a file."""
     if Path(simulation).suffix not in {".yaml", ".yml"}:
         return simulation
+    from swarmwright.core.errors import InputError
+    from swarmwright.core.simulation_names import is_command
+    from swarmwright.experiment.commands import missing_program
     from swarmwright.experiment.experiment import Experiment
 
-    return Experiment.load(simulation).simulation
+    experiment = Experiment.load(simulation)
+    problem = missing_program(experiment.simulation) if is_command(experiment.simulation) else None
+    if problem is not None:
+        raise InputError(f"{experiment.place('simulation')}command: {problem}")
+    return experiment.simulation
 
 
 def _title(simulation: str) -> str:

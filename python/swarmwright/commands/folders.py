@@ -82,7 +82,7 @@ class Instance:
 
     def clear(self) -> None:
         """Delete the work folders that a process has left that was killed."""
-        for folder in [*self.folder.glob("episode-*"), self.folder / "stepwise"]:
+        for folder in [*self.folder.glob("episode*"), self.folder / "stepwise"]:
             remove(folder)
 
     def new_folder(self, name: str) -> Path:

@@ -70,5 +70,7 @@ class Printed:
     @property
     def summary(self) -> str:
         """The last lines in one, for a reason; empty if nothing was printed."""
-        lines = [line.strip() for line in self._last if line.strip()]
+        lines = [
+            line.strip() for line in self._last if line.strip("^~ \t")
+        ]  # marks in tracebacks do not count
         return " | ".join(lines[-_SUMMARY:])

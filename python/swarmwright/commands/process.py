@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.commands.failure import CommandFailure
+from swarmwright.core.suggestions import did_you_mean
 
 KEEPER = Path(__file__).with_name("keeper.py")
 _LARGEST = 1 << 20
@@ -160,6 +161,29 @@ def _refusal(program: str, number: int, text: str) -> str:
     if number == errno.ENOEXEC:
         return f"{program}: is no program: its first line must be such as #!/bin/sh"
     return f"{program}: cannot be started: {text}"
+
+
+def missing_program(words: Sequence[str], folder: Path) -> str | None:
+    """Return why a command's program cannot be started, as far as that is known before; None where it can.
+
+    folder: that its path is relative to.
+    """
+    program = found(words[0], folder)
+    if "{" in program or shutil.which(program):
+        return None
+    there = Path(program).exists()
+    if os.sep not in program and not there:
+        return f"{_refusal(program, errno.ENOENT, '')}{did_you_mean(program, _programs())}"
+    return _refusal(program, errno.EACCES if there else errno.ENOENT, "")
+
+
+def _programs() -> list[str]:
+    """Return the names of programs on the PATH."""
+    names: set[str] = set()
+    for place in os.get_exec_path():
+        with contextlib.suppress(OSError):
+            names.update(entry.name for entry in os.scandir(place))
+    return sorted(names)
 
 
 def found(word: str, folder: Path) -> str:

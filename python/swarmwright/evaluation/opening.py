@@ -13,11 +13,12 @@ from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
-from swarmwright.core.simulation_names import LIBRARIES, is_python
+from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
 from swarmwright.evaluation.base import HERE, Backend, Servers, metrics_of
 from swarmwright.evaluation.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.evaluation.through_broker import BrokerBackend
+from swarmwright.experiment import commands
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.user_code.changes import files_of
@@ -201,6 +202,10 @@ def _require_here(experiment: Experiment) -> None:
             hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
         where = experiment.place("simulation")
         raise InputError(f"{where}{unknown('simulation', simulation, catalogue.titles())}; {hint}")
+    if is_command(simulation):
+        problem = commands.missing_program(simulation)
+        if problem is not None:
+            raise InputError(f"{experiment.place('simulation')}command: {problem}")
     announced, wanted = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
     if wanted.dimensions != announced["dimensions"]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from swarmwright.commands import process
 from swarmwright.commands.checking import read_definition
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
@@ -79,6 +80,12 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
         timeouts = checked["timeouts"]
         step = max(timeouts.step, options.timeout + _MARGIN)
         checked["timeouts"] = timeouts.model_copy(update={"step": step})
+
+
+def missing_program(name: str) -> str | None:
+    """Return why the command of a simulation cannot be started on this machine; None where it can."""
+    options = CommandOptions.of(name)
+    return process.missing_program(options.command, Path(options.folder))
 
 
 def _check_controller(options: CommandOptions, checked: Mapping[str, Any], report: Report) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright import RunError, evaluate, simulate
+from swarmwright import InputError, RunError, evaluate, simulate
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.process import Processes
 from tests.python.commands.processes import WELL, Traced
@@ -23,19 +23,31 @@ def test_well(traced: Traced) -> None:
 
 
 def test_no_such_program(traced: Traced) -> None:
-    with pytest.raises(RunError, match="there is no program 'simulatr' on the PATH, and no such file"):
-        simulate(traced.experiment("simulatr {parameters}"))
+    """Known before any episode."""
+    with pytest.raises(InputError, match=r"command: there is no program 'pyhton3' on the PATH.*'python3"):
+        simulate(traced.experiment("pyhton3 sim.py"))
+    with pytest.raises(InputError, match=r"sims/run: there is no such file"):
+        simulate(traced.experiment("sims/run {parameters}"))
 
 
 def test_program_that_cannot_be_executed(traced: Traced) -> None:
     script = traced.folder / "sim.py"
-    script.write_text("#!/usr/bin/env python3\n")
-    with pytest.raises(RunError, match=r"not executable; write command: python3 sim\.py \.\., or chmod \+x"):
-        simulate(traced.experiment("sim.py {parameters}"))
     script.write_text("#!/no/such/interpreter\n")
+    with pytest.raises(
+        InputError, match=r"not executable; write command: python3 sim\.py \.\., or chmod \+x"
+    ):
+        simulate(traced.experiment("sim.py {parameters}"))
     script.chmod(0o755)
     with pytest.raises(RunError, match=r"the program that its first line \(#!\) names does not exist"):
         simulate(traced.experiment("./sim.py {parameters}"))
+
+
+def test_a_program_that_goes_while_it_is_used(traced: Traced) -> None:
+    program = traced.folder / "sim"
+    program.write_text(f"#!/bin/sh\n{WELL}\nrm {program}\n")
+    program.chmod(0o755)
+    fitness = evaluate(traced.experiment("./sim"), [[0.0], [0.5]])
+    assert [str(value) for value in fitness] == ["1.5", "nan"]
 
 
 def test_exit_status_with_the_end_of_the_output(traced: Traced) -> None:
