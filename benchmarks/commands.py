@@ -41,7 +41,7 @@ STEPS, EPISODES = 100, 10
 
 
 class CommandSuite:
-    """Episodes over standard input and output beside the program alone; processes with files beside bare ones."""
+    """Episodes over stdin and stdout beside the program alone; processes with files beside bare ones."""
 
     def __init__(self, smaller: int) -> None:
         self._folder = tempfile.TemporaryDirectory()

@@ -73,8 +73,8 @@ class CommandSimulation(Simulation):
         self.takes_controller = takes not in {"none", "stepwise"}
         self._stepped = takes == "stepwise"
         self.title = type(self).title or self.options.title or self._title()
-        for name in ("sensors", "actuators", "dimensions", "determinism"):
-            setattr(self, name, getattr(self.options, name))
+        self.sensors, self.actuators = self.options.sensors or 1, self.options.actuators or 1
+        self.dimensions, self.determinism = self.options.dimensions, self.options.determinism
         self._own = None if self.options.fitness is None else FitnessExpression(self.options.fitness)
         self._reductions = self.options.reductions
         if not self.metrics:

@@ -14,6 +14,7 @@ from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
 
+_SHELL = frozenset({">", ">>", "<", "|", "||", "&", "&&", ";", "2>&1", "2>"})
 _METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 STANDARD_OUTPUT = "stdout"
 """The log of a command that prints its results."""
@@ -23,11 +24,16 @@ def _words(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     """Split a command as a shell does, which itself is not used."""
     if isinstance(value, str):
         try:
-            value = shlex.split(value)
+            value = shlex.split(text := value)
         except ValueError as error:
             raise ValueError(
                 f"cannot be split into words: {error}; a list of words needs no quotes"
             ) from None
+        strange = next((word for word in value if word in _SHELL), None)
+        if strange is not None:
+            raise ValueError(
+                f"{strange} is for a shell, and none is used; write [sh, -c, {json.dumps(text)}]"
+            )
     if not isinstance(value, list) or not all(isinstance(one, str | int | float) for one in value):
         raise ValueError(f"must be text or a list of words, not {shown(value)}")
     words = ["" if isinstance(one, bool) else str(one) for one in value]
@@ -97,10 +103,10 @@ class CommandOptions(Options):
     """How a controller that steers agents goes in. none: not at all, what is evolved are parameters
     (parameter_set). json: as a file, {controller}. stepwise: the command is asked for sensors and given
     actuators over its standard input and output, a JSON object a line; one process runs many episodes."""
-    sensors: int = Field(default=1, ge=1, le=1_000_000)
-    """Sensor values of an agent, where there is a controller."""
-    actuators: int = Field(default=1, ge=1, le=1_000_000)
-    """Actuator values of an agent, where there is a controller."""
+    sensors: int | None = Field(default=None, ge=1, le=1_000_000)
+    """Sensor values of an agent; needed where controllers steer agents."""
+    actuators: int | None = Field(default=None, ge=1, le=1_000_000)
+    """Actuator values of an agent; needed where controllers steer agents."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)

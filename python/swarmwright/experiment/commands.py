@@ -100,6 +100,10 @@ def _check_controller(options: CommandOptions, checked: Mapping[str, Any], repor
             "the command, write controller: {kind: parameter_set, parameters: {NAME: {type: real, range: "
             "[0, 1]}}}; to have it run controllers, set simulation.controller to json or stepwise",
         )
+    elif steers:
+        for name in ("sensors", "actuators"):
+            if getattr(options, name) is None:
+                report(("simulation", name), f"is missing: how many {name} an agent has")
     elif not steers and options.controller not in {"none", "stepwise"}:
         report(
             ("simulation", "controller"),
