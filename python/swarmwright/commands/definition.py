@@ -174,14 +174,6 @@ class CommandOptions(Options):
     @model_validator(mode="after")
     def _fits(self) -> "CommandOptions":
         text = " ".join(self.command)
-        if "{log}" in text and len(self.log) != 1:
-            raise ValueError(
-                "command: {log} needs one log; write log: result.csv"
-                if not self.log
-                else "command: {log} needs one log, not several; write their paths as {folder}/NAME"
-            )
-        if "{controller}" in text and self.controller != "json":
-            raise ValueError("command: {controller} needs controller: json")
         if self.controller == "stepwise":
             for name in ("parameters", "seed", "episode", "log"):
                 if f"{{{name}}}" in text:
@@ -196,7 +188,15 @@ class CommandOptions(Options):
                     "log: a stepwise command reports metrics and fitness in its last line of an episode; "
                     "leave out log, and write metrics: {NAME: last}"
                 )
-        elif not self.log:
+        if "{log}" in text and len(self.log) != 1:
+            raise ValueError(
+                "command: {log} needs one log; write log: result.csv"
+                if not self.log
+                else "command: {log} needs one log, not several; write their paths as {folder}/NAME"
+            )
+        if "{controller}" in text and self.controller != "json":
+            raise ValueError("command: {controller} needs controller: json")
+        if not self.log and self.controller != "stepwise":
             raise ValueError("log: is missing: the file with results that the command writes, or stdout")
         return self
 

@@ -61,8 +61,8 @@ def problem(folder: Path, old: str, new: str) -> str:
             "fitness: is missing; write it as an expression over the metrics distance",
         ),
         (
-            "controller: {kind: p",
-            "other: {kind: p",
+            YAML.splitlines()[-1],
+            "",
             "layered steers agents, but the command gets no controller. To",
         ),
         ("metrics:", "controller: json\n  metrics:", "parameter_set has no controller to write as a file"),
