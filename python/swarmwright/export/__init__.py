@@ -13,6 +13,7 @@ EXPORTERS: Registry[Exporter] = Registry(
         "c": "swarmwright.export.c:C",
         "cpp": "swarmwright.export.cpp:Cpp",
         "micropython": "swarmwright.export.micropython:MicroPython",
+        "onnx": "swarmwright.export.onnx:Onnx",
         "python": "swarmwright.export.python:Python",
     },
     "swarmwright.export:Exporter",

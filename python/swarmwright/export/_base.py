@@ -27,6 +27,8 @@ class Exporter(ABC):
     tolerance: ClassVar[float] = 0.0
     """Largest difference from the simulation's actuators that is promised; 0 promises the same bits."""
 
+    refuses: ClassVar[bool] = True
+    """Whether it refuses a sensor that is NaN or infinite."""
     longest: ClassVar[int] = 30
     """Steps of a random sequence, at most, with which it is verified."""
 

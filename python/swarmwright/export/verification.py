@@ -79,7 +79,7 @@ def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> V
                 0 if values is None else sum(values.get(name) != one for name, one in subject.values.items())
             )
             return Verification(float(wrong), wrong, 0.0, 0, 0, 0, 0, "", test)
-        drawn = random_sequences(subject.specification, longest=exporter.longest)
+        drawn = random_sequences(subject.specification, refused=exporter.refuses, longest=exporter.longest)
         found = [(drawn, exporter.run(folder, prefix, drawn))]
         episodes = subject.episodes
         if episodes is not None and len(episodes):

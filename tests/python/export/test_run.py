@@ -63,7 +63,7 @@ def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
     assert len(first) == int(np.flatnonzero(episodes.first)[1])
 
 
-@pytest.mark.parametrize("form", ["c", "cpp", "python"])
+@pytest.mark.parametrize("form", ["c", "cpp", "python", "onnx"])
 def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: Path, form: str) -> None:
     result = program("export", minisim.path, "--to", form, "--output", "out", "--verify", "--prefix", "robot")
     assert result.returncode == 0, result.stderr
@@ -71,7 +71,11 @@ def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: 
     assert lines[0].startswith(f"Candidate {minisim.best.candidate} of generation {minisim.best.generation} ")
     assert lines[-1].startswith("Verified: largest difference 0, bit-identical in 10,000 random sequences (")
     assert " and 3 episodes of the simulation (" in lines[-1]
-    assert (tmp_path / "out" / {"c": "robot.h", "cpp": "robot.hpp", "python": "robot.py"}[form]).is_file()
+    assert (
+        tmp_path
+        / "out"
+        / {"c": "robot.h", "cpp": "robot.hpp", "python": "robot.py", "onnx": "robot.onnx"}[form]
+    ).is_file()
 
 
 def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:
@@ -183,7 +187,7 @@ def test_what_was_exported_is_written_over(program: Any, minisim: Run, tmp_path:
     assert "0 of generation 0" in (tmp_path / "controller" / "controller.h").read_text()
 
 
-def test_no_compiler(program: Any, minisim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_compiler(program: Any, minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "nocc -O2")
     result = program("export", minisim.path, "--to", "c", "--verify")
     assert result.returncode == 2
@@ -191,7 +195,7 @@ def test_no_compiler(program: Any, minisim: Run, monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(InputError, match="verification needs cc, which is not installed: apt install gcc"):
-        swarmwright.export_controller(minisim, to="c", verify=True)
+        swarmwright.export_controller(minisim, to="c", output=tmp_path / "out", verify=True)
 
 
 def test_a_failed_candidate(tmp_path: Path) -> None:

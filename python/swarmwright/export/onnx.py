@@ -1,0 +1,142 @@
+"""ONNX models: `--to onnx`."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.export._base import Exporter, Files, facts
+from swarmwright.export.programs import run
+from swarmwright.export.python_code import byte_text
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Subject
+from swarmwright.export.text import render
+
+if TYPE_CHECKING:
+    from swarmwright.export.onnx_graph import Graph
+
+_NUMBERS = 20_000_000
+"""Products that are computed at once."""
+
+
+class Onnx(Exporter):
+    """`PREFIX.onnx`, a model of opset 17, and a self-test that runs it with onnxruntime.
+
+    Inputs: `sensors`, (agents, sensors), and for what remembers `state`, zeros at the start of an episode.
+    Outputs: `actuators` and `next_state`, which is the state of the next step. The sums of networks are in
+    the order of the simulation, so that a runtime that neither fuses nor reorders gives the same bits.
+    """
+
+    form: ClassVar[str] = "onnx"
+    tolerance: ClassVar[float] = 1e-5
+    refuses: ClassVar[bool] = False
+
+    def files(self, subject: Subject, prefix: str) -> Files:
+        """Return the model and its self-test."""
+        if not subject.steers:
+            raise InputError(
+                "controller: a parameter set has no inputs and outputs, and so no ONNX model; export it to "
+                "c, cpp, python or micropython"
+            )
+        _need("onnx")
+        from swarmwright.export.onnx_graph import graph_of, model  # noqa: PLC0415 - needs onnx
+
+        graph = graph_of(subject)
+        data = model(subject, graph, prefix, facts(subject, ""))
+        return {f"{prefix}.onnx": data, f"{prefix}_onnx_test.py": _test(subject, graph, prefix)}
+
+    def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
+        """Step the model with onnxruntime, many sequences at once."""
+        session = _session(folder / f"{prefix}.onnx")
+        states = {one.name: one for one in session.get_inputs() if one.name == "state"}
+        starts = np.flatnonzero(sequences.first)
+        lengths = np.diff([*starts.tolist(), len(sequences)])
+        together = max(1, _NUMBERS // _products(session))
+        found = np.zeros_like(sequences.actuators)
+        for begin in range(0, len(starts), together):
+            part = slice(begin, begin + together)
+            _step_all(session, states, (starts[part], lengths[part]), sequences.sensors, found)
+        return found
+
+    def self_test(self, folder: Path, prefix: str) -> str:
+        """Run `PREFIX_onnx_test.py`."""
+        name = f"{prefix}_onnx_test.py"
+        said = run([sys.executable, name], folder, f"the self-test {name}")
+        if not said.startswith(b"ok"):
+            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        return name
+
+
+def _need(*modules: str) -> None:
+    from importlib.util import find_spec  # noqa: PLC0415 - beside its use
+
+    missing = [name for name in modules if find_spec(name) is None]
+    if missing:
+        raise InputError(f"ONNX models need {' and '.join(missing)}: pip install 'swarmwright[onnx]'")
+
+
+def _session(file: Path) -> Any:  # noqa: ANN401 - onnxruntime has no types
+    _need("onnxruntime")
+    import onnxruntime  # noqa: PLC0415 - optional
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(file, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own kinds
+        raise RunError(f"verification: onnxruntime refuses {file.name}: {error}") from error
+
+
+def _products(session: Any) -> int:  # noqa: ANN401 - onnxruntime has no types
+    return int(session.get_modelmeta().custom_metadata_map["numbers_at_once"])
+
+
+def _step_all(
+    session: Any,  # noqa: ANN401 - onnxruntime has no types
+    states: Mapping[str, Any],
+    sequences: tuple[NDArray[np.intp], NDArray[np.intp]],
+    sensors: NDArray[np.float32],
+    found: NDArray[np.float32],
+) -> None:
+    """Write the actuators of sequences, which begin somewhere and have a length, to the rows of `found`."""
+    starts, lengths = sequences
+    state = {}
+    if states:
+        one = states["state"]
+        kind = np.int64 if one.type == "tensor(int64)" else np.float32
+        state["state"] = np.zeros((len(starts), *one.shape[1:]), kind)
+    for step in range(int(lengths.max(initial=0))):
+        active = np.flatnonzero(lengths > step)
+        rows = starts[active] + step
+        given = {name: values[active] for name, values in state.items()}
+        outputs = session.run(None, {"sensors": sensors[rows], **given})
+        found[rows] = outputs[0]
+        for values in state.values():
+            values[active] = outputs[1]
+
+
+def _test(subject: Subject, graph: "Graph", prefix: str) -> str:
+    golden = subject.golden
+    lines: list[str] = []
+    for index in range(len(golden)):
+        if golden.first[index]:
+            lines += [*(["    ),"] if lines else []), "    ("]
+        row = f"{byte_text(golden.sensors[index])}, {byte_text(golden.actuators[index])}"
+        lines.append(f"        ({row}),")
+    return render(
+        "onnx_test.txt",
+        {
+            "p": prefix,
+            "facts": facts(subject, "    "),
+            "golden": subject.golden_words,
+            "sequences": "\n".join([*lines, "    ),"]),
+            "reset": graph.initial_state or "None",
+            "state_input": ', "state": state' if graph.initial_state else "",
+            "outputs": "actuators, state" if graph.initial_state else "(actuators,)",
+            "tolerance": repr(Onnx.tolerance),
+        },
+    )
