@@ -1,5 +1,6 @@
 """Simulations that are commands, by files (D6.1, 4.1) or over standard input and output."""
 
+import hashlib
 import itertools
 import json
 import weakref
@@ -10,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.commands import folders, logs, parameter_file
+from swarmwright.commands import builds, folders, forms, logs, parameter_file
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.output import Printed
@@ -35,8 +36,8 @@ class CommandSimulation(Simulation):
 
     An experiment can say all that is needed, `simulation: {command: ..}`. Where it cannot, derive a class: it
     has `definition` with the same keys, and overrides some of the functions of D6.1 (4.1), which are called
-    for an episode in this order: `setEnvironment`, `setParameters`, `exportRepresentation` where there is a
-    controller, `run`, `readLogs`, which may use `getLogs`.
+    for an episode in this order: `setEnvironment`, `exportRepresentation` where there is a controller that
+    was not compiled before, `setParameters`, `run`, `readLogs`, which may use `getLogs`.
 
         class Rescue(CommandSimulation):
             definition = {"command": "python3 rescue.py {parameters}", "log": "rescue.txt"}
@@ -61,6 +62,8 @@ class CommandSimulation(Simulation):
 
     folder: Path
     """The work folder of the episode."""
+    build: Path | None = None
+    """The folder where the controller is compiled, where it is."""
     environment: dict[str, str]
     """Variables of the environment that the command gets beside those of this process."""
     seed: int
@@ -69,9 +72,8 @@ class CommandSimulation(Simulation):
     def __init__(self) -> None:
         self.options = self._options()
         self._here = Path(self.options.folder)
-        takes = self.options.controller
-        self.takes_controller = takes not in {"none", "stepwise"}
-        self._stepped = takes == "stepwise"
+        self.takes_controller = self.options.takes_controller
+        self._stepped = self.options.controller == "stepwise"
         self.title = type(self).title or self.options.title or self._title()
         self.sensors, self.actuators = self.options.sensors or 1, self.options.actuators or 1
         self.dimensions, self.determinism = self.options.dimensions, self.options.determinism
@@ -132,8 +134,9 @@ class CommandSimulation(Simulation):
             self._write(name, filled_file(text, self._values))
 
     def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
-        """Write the controller into the work folder, as the simulator reads it."""
-        self._write("controller.json", f"{controller.json}\n")
+        """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
+        for name, text in forms.files(self.options.controller, controller).items():
+            (self.build or self.folder).joinpath(name).write_text(text, "utf-8")
 
     def run(self) -> None:
         """Run the command to its end."""
@@ -231,10 +234,15 @@ class CommandSimulation(Simulation):
         self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
         failed = True
         try:
+            if controller is not None and self.options.compile is not None:
+                self.build = self._build_of(controller, instance.place)
+                self._values |= {"build": self.build, "controller": self.build / self._controller_file}
             self.setEnvironment(self.options.environment)
-            self.setParameters({**parameters, "seed": self.seed})
-            if controller is not None:
+            if controller is not None and self.options.compile is not None:
+                self._compile(controller, self.options.compile)
+            elif controller is not None:
                 self.exportRepresentation(controller)
+            self.setParameters({**parameters, "seed": self.seed})
             (self.runVisual if self.visual else self.run)()
             self._measured = {name: float(value) for name, value in self.readLogs().items()}
             failed = False
@@ -262,6 +270,30 @@ class CommandSimulation(Simulation):
         last = f"; its last output: {printed.summary}" if printed.summary else ""
         where = f"; its files: {kept}" if kept is not None else ""
         return EpisodeError(f"{program}: {reason}{last}{where}", printed.tail or None)
+
+    def _compile(self, controller: Controller, command: list[str]) -> None:
+        """Compile a controller, unless that was done for this one."""
+
+        def build(folder: Path) -> None:
+            assert self._processes is not None
+            self.exportRepresentation(controller)
+            words = self._command(command)
+            run(self._processes, words, folder, self.environment, self._limits, self._printed)
+
+        assert self.build is not None
+        try:
+            builds.built(self.build, build)
+        except CommandFailure as failure:
+            raise CommandFailure(f"compile: {failure}") from None
+
+    def _build_of(self, controller: Controller, place: Path) -> Path:
+        """Return the folder where a controller is compiled."""
+        key = hashlib.sha256(f"{self.digest or self.options.name}\n{controller.json}".encode())
+        return place / "builds" / key.hexdigest()
+
+    @property
+    def _controller_file(self) -> str:
+        return forms.main_file(self.options.controller)
 
     def _run(self) -> None:
         assert self._processes is not None
@@ -296,7 +328,7 @@ class CommandSimulation(Simulation):
         if not self._stepped:
             values["parameters"] = self.folder / _PARAMETERS[self.options.parameters_format]
         if self.takes_controller:
-            values["controller"] = self.folder / "controller.json"
+            values["controller"] = self.folder / self._controller_file
         if len(self.options.log) == 1:
             values["log"] = self.folder / self.options.log[0]
         return values

@@ -56,8 +56,9 @@ class CommandOptions(Options):
 
     Its process has a work folder of its own. The command's words, the values of `environment` and the text of
     `files` may hold placeholders: {parameters}, {controller}, {log} (paths of these files), {folder} (the
-    work folder), {here} (the folder of the experiment file), {seed}, {episode}, {instance}, {port}, and the
-    simulation's parameters by their names. {{name}} in a command stands for {name}.
+    work folder), {build} (the folder of what was compiled), {here} (the folder of the experiment file),
+    {seed}, {episode}, {instance}, {port}, and the simulation's parameters by their names. {{name}} in a
+    command stands for {name}.
     """
 
     command: Command
@@ -99,16 +100,21 @@ class CommandOptions(Options):
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's, or the metric
     or column `fitness`."""
-    controller: Literal["none", "json", "stepwise"] = "none"
+    controller: Literal["none", "json", "c", "cpp", "python", "stepwise"] = "none"
     """How a controller that steers agents goes in. none: not at all, what is evolved are parameters
-    (parameter_set). json: as a file, {controller}. stepwise: the command is asked for sensors and given
-    actuators over its standard input and output, a JSON object a line; one process runs many episodes."""
+    (parameter_set). json: as a file with its specification, {controller}. c, cpp, python: as source code, see
+    `swarmwright export`; {controller} is controller.c, controller.hpp or controller.py. stepwise: the command
+    is asked for sensors and given actuators over its standard input and output, a JSON object a line; one
+    process runs many episodes."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
     """Sensor values of an agent; needed where controllers steer agents."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
     """Actuator values of an agent; needed where controllers steer agents."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
+    compile: Command | None = None
+    """A command that is run once for each controller before its episodes, with {controller} and {build}, the
+    folder where the controller is and where it puts what `command` then runs."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
     """Seconds that an episode may take. Then it has failed, and its processes are ended."""
     recycle: int = Field(default=0, ge=0)
@@ -194,11 +200,20 @@ class CommandOptions(Options):
                 if not self.log
                 else "command: {log} needs one log, not several; write their paths as {folder}/NAME"
             )
-        if "{controller}" in text and self.controller != "json":
-            raise ValueError("command: {controller} needs controller: json")
+        if "{controller}" in text and not self.takes_controller:
+            raise ValueError("command: {controller} needs a controller: json, c, cpp or python")
+        if "{build}" in text and self.compile is None:
+            raise ValueError("command: {build} needs compile, a command that puts something there")
+        if self.compile is not None and not self.takes_controller:
+            raise ValueError("compile: needs a controller: c, cpp, json or python")
         if not self.log and self.controller != "stepwise":
             raise ValueError("log: is missing: the file with results that the command writes, or stdout")
         return self
+
+    @property
+    def takes_controller(self) -> bool:
+        """Whether the command gets controllers as files."""
+        return self.controller not in {"none", "stepwise"}
 
     @property
     def reductions(self) -> dict[str, Reduction]:

@@ -9,7 +9,18 @@ from swarmwright.core.suggestions import did_you_mean
 _NAME = r"[A-Za-z_][\w.\-/]*"
 _PLACE = re.compile(rf"\{{\{{{_NAME}\}}\}}|(?<!\$)\{{({_NAME})\}}")
 """{{name}}, which stands for {name}, or a placeholder; ${name} is a shell's variable."""
-IN_A_COMMAND = ("parameters", "controller", "log", "folder", "here", "seed", "episode", "instance", "port")
+IN_A_COMMAND = (
+    "parameters",
+    "controller",
+    "log",
+    "folder",
+    "build",
+    "here",
+    "seed",
+    "episode",
+    "instance",
+    "port",
+)
 """What can be put into a command beside the simulation's parameters."""
 
 

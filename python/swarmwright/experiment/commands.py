@@ -98,18 +98,18 @@ def _check_controller(options: CommandOptions, checked: Mapping[str, Any], repor
             ("controller", "kind"),
             f"{controller.kind} steers agents, but the command gets no controller. To evolve parameters of "
             "the command, write controller: {kind: parameter_set, parameters: {NAME: {type: real, range: "
-            "[0, 1]}}}; to have it run controllers, set simulation.controller to json or stepwise",
+            "[0, 1]}}}; to have it run controllers, set simulation.controller, such as to json or stepwise",
         )
     elif steers:
         for name in ("sensors", "actuators"):
             if getattr(options, name) is None:
                 report(("simulation", name), f"is missing: how many {name} an agent has")
-    elif not steers and options.controller not in {"none", "stepwise"}:
+    elif not steers and options.takes_controller:
         report(
             ("simulation", "controller"),
             f"{controller.kind} has no controller to write as a file; leave the key out",
         )
-    if options.controller not in {"none", "stepwise"} and checked["mode"] in {"stepwise", "batched"}:
+    if options.takes_controller and checked["mode"] in {"stepwise", "batched"}:
         report(
             ("mode",),
             f"in the mode {checked['mode']} controllers stay here, but the command gets its controller as a "
@@ -127,6 +127,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     known = [*IN_A_COMMAND, *parameters]
     places: list[tuple[Path_, str]] = [(("simulation", "command"), word) for word in options.command]
     places += [(("simulation", "environment", name), text) for name, text in options.environment.items()]
+    places += [(("simulation", "compile"), word) for word in options.compile or ()]
     for path, text in places:
         for name in names_in(text):
             if name not in known:

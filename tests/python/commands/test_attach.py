@@ -249,33 +249,3 @@ def test_many_logs_and_standard_output(traced: Traced) -> None:
     assert simulate(experiment) == -6.0
     experiment = traced.shell("echo '{\"fitness\": 2.5}'", log="stdout", log_format="jsonl")
     assert simulate(experiment) == 2.5
-
-
-CONTROLLED = """
-import json, sys
-controller = json.load(open(sys.argv[1]))
-print("fitness", sum(controller["weights"]) + controller["sensors"], sep="\\n", file=open("log.csv", "w"))
-"""
-
-
-@pytest.mark.parametrize("servers", ["in-process", 1])
-def test_a_controller_as_a_file(traced: Traced, servers: Any) -> None:
-    (traced.folder / "controlled.py").write_text(CONTROLLED)
-    values = {
-        "simulation": {
-            "command": [sys.executable, "controlled.py", "{controller}"],
-            "folder": str(traced.folder),
-            "work": str(traced.folder / "work"),
-            "controller": "json",
-            "log": "log.csv",
-            "sensors": 3,
-            "actuators": 2,
-        },
-        "controller": {"kind": "layered", "hidden": []},
-    }
-    experiment = Experiment.from_mapping(values)
-    genomes = np.arange(16, dtype=np.float32).reshape(2, 8) / 8
-    assert evaluate(experiment, genomes, servers=servers).tolist() == [3 + 3.5, 3 + 11.5]
-    for mode in ("stepwise", "batched"):
-        with pytest.raises(InputError, match=f"mode: in the mode {mode} controllers stay here"):
-            experiment.replace(mode=mode)
