@@ -36,6 +36,7 @@ Overview:
     Run, Controller             results: record, plots, replays; a callable controller
     sweep, compare              variants with several seeds, and statistical tests
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
+    export_bundle, verify_bundle  an archive to hand over, with proof; its check
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
@@ -58,6 +59,8 @@ if TYPE_CHECKING:
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.evaluation.evaluate import evaluate, simulate
     from swarmwright.experiment.experiment import Experiment
+    from swarmwright.export.bundle import Bundle, export_bundle
+    from swarmwright.export.bundle_verification import BundleVerification, verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.optimization.optimize import Generation, optimize, resume
     from swarmwright.representations.controller import Controller
@@ -72,6 +75,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BatchSimulation",
+    "Bundle",
+    "BundleVerification",
     "CommandSimulation",
     "Comparison",
     "Controller",
@@ -91,6 +96,7 @@ __all__ = [
     "callbacks",
     "compare",
     "evaluate",
+    "export_bundle",
     "export_controller",
     "optimize",
     "post_evaluate",
@@ -99,10 +105,13 @@ __all__ = [
     "simulate",
     "sweep",
     "templates",
+    "verify_bundle",
 ]
 
 _LAZY = {
     "BatchSimulation": "simulations.batches",
+    "Bundle": "export.bundle",
+    "BundleVerification": "export.bundle_verification",
     "CommandSimulation": "adapters.command",
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",
@@ -117,6 +126,7 @@ _LAZY = {
     "SweepResult": "analysis.sweep.result",
     "compare": "analysis.comparison",
     "evaluate": "evaluation.evaluate",
+    "export_bundle": "export.bundle",
     "export_controller": "export.exporting",
     "optimize": "optimization.optimize",
     "post_evaluate": "runs.post_evaluation",
@@ -124,6 +134,7 @@ _LAZY = {
     "resume": "optimization.optimize",
     "simulate": "evaluation.evaluate",
     "sweep": "analysis.sweep.result",
+    "verify_bundle": "export.bundle_verification",
 }
 
 

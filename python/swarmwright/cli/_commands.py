@@ -19,6 +19,7 @@ COMMANDS = (
     "plot",
     "draw",
     "export",
+    "verify",
     "new",
     "broker",
     "serve",

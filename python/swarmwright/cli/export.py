@@ -42,7 +42,6 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
 @click.option(
     "--to",
     "form",
-    required=True,
     metavar="FORM",
     help="c, cpp, python, micropython or onnx, or what an installed package adds.",
 )
@@ -74,16 +73,40 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
     help="Compile and run what was written, in 10,000 random sequences and in the run's episodes, and "
     "compare its actuators with the simulation's. The last line holds the largest difference.",
 )
+@click.option(
+    "--bundle",
+    type=click.Path(path_type=Path),
+    metavar="FILE.zip",
+    help="Instead of --to: write an archive to hand over, with all forms, each verified where its compiler "
+    "is installed, the record of the evaluation, and a manifest. `swarmwright verify` checks it.",
+)
+@click.option(
+    "--mapping",
+    type=ExistingPath(),
+    metavar="FILE",
+    help="With --bundle: put this file into it as mapping.yaml, which says what topics the sensors and "
+    "actuators are.",
+)
+@click.option(
+    "--license",
+    "terms",
+    type=ExistingPath(),
+    metavar="FILE",
+    help="With --bundle: put this text into it as LICENSE.txt. Default: permission to do anything with it.",
+)
 @click.option("--force", is_flag=True, help="Write over files that Swarmwright did not export.")
 @trust_option
 @json_option
 def command(
     run: Path,
-    form: str,
+    form: str | None,
     output: Path | None,
     chosen: tuple[int | None, int] | None,
     prefix: str,
     verify: bool,
+    bundle: Path | None,
+    mapping: Path | None,
+    terms: Path | None,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -92,11 +115,24 @@ def command(
     The exported controller keeps its state from step to step, as in the simulation. With --verify, the exit
     status is 1 unless it has the same bits as in the simulation, or for ONNX differs by 1e-5 at most.
     """
+    from swarmwright.export import EXPORTERS
     from swarmwright.export.exporting import export_controller
 
     said = Output(as_json=as_json)
     show_warnings()
     generation, candidate = chosen or (None, None)
+    if bundle is not None:
+        if form is not None or output is not None or verify:
+            raise click.UsageError(
+                "--bundle holds all forms, verified: leave out --to, --output and --verify"
+            )
+        return _bundle(said, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
+    if form is None:
+        raise click.UsageError(
+            f"what to export to is missing: --to {', '.join(EXPORTERS.names())}, or --bundle FILE.zip"
+        )
+    if mapping is not None or terms is not None:
+        raise click.UsageError("--mapping and --license are for bundles: name one with --bundle FILE.zip")
     exported = export_controller(
         run,
         to=form,
@@ -133,3 +169,51 @@ def command(
         said.text(f"Verified without episodes: {found.without_episodes}")
     said.text(f"Verified: {found.words}" if found.ok else found.words)
     return 0 if found.ok else 1
+
+
+def _bundle(
+    said: Output,
+    run: Path,
+    file: Path,
+    generation: int | None,
+    candidate: int | None,
+    prefix: str,
+    mapping: Path | None,
+    terms: Path | None,
+    *,
+    force: bool,
+) -> int:
+    """Write an archive, and say what is in it."""
+    from swarmwright.export.bundle import export_bundle
+
+    made = export_bundle(
+        run,
+        file,
+        generation=generation,
+        candidate=candidate,
+        prefix=prefix,
+        mapping=mapping,
+        license=terms,
+        force=force,
+    )
+    facts = dict(made.subject.facts)
+    said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    for form, found in made.verified.items():
+        said.text(f"  {form}: {found.words}")
+    for form, reason in made.unverified.items():
+        said.text(f"  {form}: not verified: {reason}")
+    for form, reason in made.without.items():
+        said.text(f"  {form}: left out: {reason}")
+    said.text(f"{file}: SHA-256 of the manifest {made.digest}")
+    said.json(
+        {
+            "run": str(run),
+            "bundle": str(file),
+            "digest": made.digest,
+            **{name.lower(): text for name, text in facts.items() if name != "Run"},
+            "verified": {form: found.to_mapping() for form, found in made.verified.items()},
+            "unverified": made.unverified,
+            "without": made.without,
+        }
+    )
+    return 0

@@ -1,0 +1,292 @@
+"""Checking a bundle that somebody hands over: its files, its forms, and the fitness that it states."""
+
+import hashlib
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmwright.core.errors import InputError, RunError, SwarmwrightError
+from swarmwright.core.untrusted import one_line
+from swarmwright.export import EXPORTERS
+from swarmwright.export._base import Exporter, Files
+from swarmwright.export.bundle import (
+    CONTROLLER,
+    EPISODES,
+    EVALUATION,
+    FORMAT,
+    MANIFEST,
+    as_bytes,
+    episodes_of,
+)
+from swarmwright.export.sequences import Sequences, difference
+from swarmwright.export.subject import Subject
+from swarmwright.export.text import check_prefix
+from swarmwright.export.verification import Verification, verify
+
+_LARGEST = 1 << 28
+"""Bytes of all files of a bundle."""
+
+
+@dataclass
+class BundleVerification:
+    """What the check of a bundle found."""
+
+    file: Path
+    digest: str
+    """SHA-256 of the manifest, in hexadecimal. Compare it with that of the sender."""
+    facts: list[tuple[str, str]]
+    """Where the controller comes from, in lines of a name and a text."""
+    files: int
+    """Files that are as the manifest says."""
+    forms: dict[str, Verification] = field(default_factory=dict)
+    """By form, how it compares with the engine's controller."""
+    unverified: dict[str, str] = field(default_factory=dict)
+    """By form, why it was not run."""
+    episodes: int = 0
+    """Episodes in which the controller was evaluated again, with the fitness that is stated."""
+    not_evaluated: str = ""
+    """Why it was not evaluated again; empty where it was."""
+    problems: list[str] = field(default_factory=list)
+    """What is not as stated."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether all that was checked is as stated."""
+        return not self.problems
+
+    @property
+    def largest_difference(self) -> float:
+        """Between actuators of all forms that were run, absolute."""
+        return max((one.largest_difference for one in self.forms.values()), default=0.0)
+
+    @property
+    def words(self) -> str:
+        """One line, which holds the largest difference."""
+        if not self.ok:
+            many = len(self.problems)
+            return f"FAILED: {many} problem{'s' if many > 1 else ''}"
+        forms = ", ".join(self.forms) if self.forms else "no form was run"
+        return f"largest difference {self.largest_difference:.3g} ({forms})"
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the report as plain values."""
+        return {
+            "ok": self.ok,
+            "digest": self.digest,
+            "files": self.files,
+            "forms": {name: one.to_mapping() for name, one in self.forms.items()},
+            "unverified": self.unverified,
+            "largest_difference": self.largest_difference,
+            "episodes": self.episodes,
+            "not_evaluated": self.not_evaluated,
+            "problems": self.problems,
+        }
+
+
+def verify_bundle(file: str | Path) -> BundleVerification:
+    """Check a bundle, wherever it comes from; nothing that it contains is executed unless it is known.
+
+    Every file must be as its manifest says. In the recorded episodes the engine's controller must do what
+    they state, and where the simulation is a built-in one, it must get the fitness that is stated. Each form
+    is exported again from the specification. Where that gives the same files, they are compiled and run as by
+    `export --verify`. Where it does not, they are not run: they were changed, or another version of
+    Swarmwright wrote them.
+
+    Args:
+        file: the archive.
+
+    Raises InputError when it is no bundle, or one of a later version.
+    """
+    path = Path(file)
+    files = _read(path)
+    try:
+        return _checked(path, files)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{path}: {MANIFEST}, or what it names, is not as a bundle has it: {error}"
+        ) from None
+
+
+def _read(path: Path) -> dict[str, bytes]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            infos = archive.infolist()
+            if sum(info.file_size for info in infos) > _LARGEST:
+                raise InputError(
+                    f"{path}: has more than {_LARGEST >> 20} MiB of files; no bundle is so large"
+                )
+            names = [info.filename for info in infos]
+            if len(set(names)) < len(names):
+                raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
+            if MANIFEST not in names:
+                raise InputError(
+                    f"{path}: is no bundle: it has no {MANIFEST}; "
+                    "`swarmwright export RUN --bundle FILE.zip` makes one"
+                )
+            return {info.filename: archive.read(info) for info in infos}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, RuntimeError, NotImplementedError, EOFError) as error:
+        raise InputError(f"{path}: is no bundle, or is damaged: {error}") from error
+
+
+def _twice(names: list[str]) -> str:
+    return next(name for name in names if names.count(name) > 1)
+
+
+def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
+    manifest = json.loads(files[MANIFEST])
+    if not isinstance(manifest, Mapping) or not isinstance(manifest.get("format"), int):
+        raise InputError(f"{path}: {MANIFEST}: has no format; it is no bundle of Swarmwright")
+    if manifest["format"] != FORMAT:
+        raise InputError(
+            f"{path}: has the format {manifest['format']}, of Swarmwright {manifest.get('swarmwright')}; "
+            f"this version reads {FORMAT}"
+        )
+    digest = hashlib.sha256(files[MANIFEST]).hexdigest()
+    facts = [(str(name), str(text)) for name, text in manifest["facts"]]
+    report = BundleVerification(path, digest, facts, 0)
+    _compare_files(manifest, files, report)
+    if not report.ok:  # what was changed is not computed with
+        return report
+    subject = _subject(manifest, files, facts, report)
+    prefix = str(manifest["prefix"])
+    check_prefix(prefix)
+    for form in manifest["forms"]:
+        _run_form(str(form), prefix, subject, files, report, by=str(manifest["swarmwright"]))
+    _evaluate(json.loads(files[EVALUATION]), subject, report)
+    return report
+
+
+def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report: BundleVerification) -> None:
+    listed = manifest["files"]
+    for name in sorted({*files, *listed} - {MANIFEST}):
+        if name not in files:
+            report.problems.append(f"{name}: is missing")
+        elif name not in listed:
+            report.problems.append(f"{name}: is not in the manifest")
+        elif hashlib.sha256(files[name]).hexdigest() != listed[name]["sha256"]:
+            report.problems.append(
+                f"{name}: is not what was written: its SHA-256 differs from the manifest's"
+            )
+        else:
+            report.files += 1
+
+
+def _subject(
+    manifest: Mapping[str, Any],
+    files: dict[str, bytes],
+    facts: list[tuple[str, str]],
+    report: BundleVerification,
+) -> Subject:
+    """Return the controller, with episodes that have been compared with what the engine's controller does."""
+    from swarmwright.representations.controller import Controller  # noqa: PLC0415 - loads the engine
+
+    specification = json.loads(files[CONTROLLER])
+    controller = Controller(specification)
+    description, recorded = dict(manifest["description"]), manifest["episodes"]
+    if "sensors" not in specification:
+        return Subject(
+            specification, tuple(facts), values=controller.parameters, ranges=dict(manifest["ranges"])
+        )
+    episodes = None
+    if EPISODES in files:
+        episodes = episodes_of(
+            files[EPISODES].decode(), int(specification["sensors"]), int(specification["actuators"])
+        )
+        if len(episodes):
+            does = Sequences.computed(specification, episodes.first, episodes.sensors)
+            largest, differing = difference(does, episodes.actuators)
+            if differing:
+                report.problems.append(
+                    f"{EPISODES}: the controller does something else in these episodes: {differing:,} "
+                    f"actuators differ, by up to {largest:.3g}"
+                )
+    return Subject(
+        specification, tuple(facts), description, episodes, int(recorded["count"]), str(recorded["reason"])
+    )
+
+
+def _run_form(
+    form: str, prefix: str, subject: Subject, files: dict[str, bytes], report: BundleVerification, *, by: str
+) -> None:
+    """Compare a form with what the controller is exported as, and run it; by: the version that wrote it."""
+    from swarmwright import __version__  # noqa: PLC0415 - asks the engine
+
+    try:
+        exporter: Exporter = EXPORTERS.get(form)()
+        again: Files = exporter.files(subject, prefix)
+    except SwarmwrightError as error:
+        report.unverified[form] = str(error)
+        return
+    there = {
+        name.removeprefix(f"{form}/"): data for name, data in files.items() if name.startswith(f"{form}/")
+    }
+    if there != {name: as_bytes(content) for name, content in again.items()}:
+        if by == __version__:
+            report.problems.append(f"{form}: its files are not those that the controller is exported as")
+        else:
+            report.unverified[form] = (
+                f"Swarmwright {by} wrote it; this version, {__version__}, exports the controller differently"
+            )
+        return
+    try:
+        found = verify(exporter, subject, prefix, again)
+    except InputError as error:  # no compiler
+        report.unverified[form] = str(error)
+        return
+    except RunError as error:
+        report.problems.append(f"{form}: {error}")
+        return
+    report.forms[form] = found
+    if not found.ok:
+        report.problems.append(f"{form}: {found.words}")
+
+
+def _evaluate(evaluation: Mapping[str, Any], subject: Subject, report: BundleVerification) -> None:
+    """Evaluate the controller in the episodes of the run and those with held-out seeds."""
+    from swarmwright.simulations import catalogue  # noqa: PLC0415 - loads the engine
+
+    simulation = evaluation["experiment"].get("simulation")
+    if simulation not in catalogue.titles():
+        report.not_evaluated = f"the simulation {one_line(str(simulation))} is not a built-in one"
+        return
+    stated = [(evaluation["seeds"], evaluation["episodes"])]
+    if evaluation["held_out"] is not None:
+        stated.append((evaluation["held_out"]["seeds"], evaluation["held_out"]["episodes"]))
+    for seeds, episodes in stated:
+        try:
+            found = _episodes(evaluation["experiment"], subject, [int(seed) for seed in seeds])
+        except SwarmwrightError as error:
+            report.not_evaluated = str(error)
+            return
+        report.episodes += len(seeds)
+        for seed, value, is_now in zip(seeds, episodes, found, strict=True):
+            if not _same(value, is_now):
+                report.problems.append(
+                    f"{EVALUATION}: the fitness in the episode with seed {seed} is {is_now!r}, not {value}"
+                )
+
+
+def _same(stated: float | None, found: float) -> bool:
+    return math.isnan(found) if stated is None else stated == found
+
+
+def _episodes(values: Mapping[str, Any], subject: Subject, seeds: list[int]) -> list[float]:
+    from swarmwright.evaluation.base import Controllers  # noqa: PLC0415 - loads the engine
+    from swarmwright.evaluation.opening import open_backend  # noqa: PLC0415 - loads the engine
+    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
+
+    experiment = Experiment.from_mapping(dict(values))
+    architecture = {**subject.specification, "weights": []}
+    weights = np.array(subject.specification["weights"], dtype=np.float32)[np.newaxis]
+    with open_backend(experiment, servers="in-process") as backend:
+        results = backend.evaluate(Controllers(architecture, weights), seeds, lambda *_: None)
+    found: list[float] = results.fitness[0].tolist()
+    return found

@@ -1,0 +1,267 @@
+"""Bundles: what is in them, and what their check notices."""
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import swarmwright
+from swarmwright import InputError, Run
+from swarmwright.export import EXPORTERS
+from swarmwright.export.bundle import episodes_of, export_bundle
+from swarmwright.export.bundle_verification import verify_bundle
+from swarmwright.export.subject import subject_of
+
+MINISIM: dict[str, Any] = {
+    "simulation": "minisim", "servers": "local", "ranking": {"episodes": 2, "unseen_episodes": 12},
+    "parameters": {"placement": "random", "numAgents": 2},
+    "controller": {"kind": "fully_meshed", "hidden": 2, "activation": "tanh"},
+    "method": {"kind": "nnga", "population": 20, "generations": 30},
+}  # fmt: skip
+RULE: dict[str, Any] = {
+    **MINISIM, "parameters": {"steering": "rule"},
+    "controller": {"kind": "parameter_set", "parameters": {
+        "avoidance": {"type": "real", "range": [0, 5]},
+        "evasion": {"type": "categorical", "choices": ["left", "right"]},
+    }},
+}  # fmt: skip
+Files = dict[str, bytes]
+
+
+@pytest.fixture(scope="module", params=[MINISIM, RULE], ids=["network", "parameters"])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    out = tmp_path_factory.mktemp("runs") / "robots"
+    return swarmwright.optimize(swarmwright.Experiment.from_mapping(request.param), out=out)
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    out = tmp_path_factory.mktemp("runs") / "robots"
+    return swarmwright.optimize(swarmwright.Experiment.from_mapping(MINISIM), out=out)
+
+
+@pytest.fixture(scope="module")
+def bundle(network: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One whose forms are C alone, which takes less time."""
+    file = tmp_path_factory.mktemp("bundles") / "robots.zip"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["c"])
+        export_bundle(network, file)
+    return file
+
+
+def read(file: Path) -> Files:
+    with zipfile.ZipFile(file) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write(file: Path, files: Files, *, sealed: bool) -> None:
+    """Write an archive; sealed: with a manifest that fits it, as one who knows what it does would."""
+    if sealed:
+        manifest = json.loads(files["manifest.json"])
+        manifest["files"] = {
+            name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+            for name, data in files.items()
+            if name != "manifest.json"
+        }
+        files = {**files, "manifest.json": json.dumps(manifest).encode()}
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+
+
+def test_the_program_writes_and_verifies(program: Any, run: Run, tmp_path: Path) -> None:
+    (tmp_path / "topics.yaml").write_text("heading: cmd_vel\n")
+    made = program("export", run.path, "--bundle", "robots.zip", "--mapping", "topics.yaml", "--json")
+    assert made.returncode == 0, made.stderr
+    told = json.loads(made.stdout)
+    assert all(found["ok"] for found in told["verified"].values())
+    assert {"c", "cpp", "python"} <= told["verified"].keys()
+    files = read(tmp_path / "robots.zip")
+    assert hashlib.sha256(files["manifest.json"]).hexdigest() == told["digest"]
+    assert files["mapping.yaml"] == b"heading: cmd_vel\n"
+    assert b"Permission to use" in files["LICENSE.txt"]
+    checked = program("verify", "robots.zip", "--json")
+    assert checked.returncode == 0, checked.stderr
+    found = json.loads(checked.stdout)
+    assert found["digest"] == told["digest"]
+    assert found["files"] == len(files) - 1
+    assert found["forms"].keys() == told["verified"].keys()
+    assert found["episodes"] == 2 + (12 if "episodes.csv" in files else 0)  # those held out, too
+    assert found["largest_difference"] == 0
+    shown = program("verify", "robots.zip")
+    assert shown.returncode == 0
+    assert shown.stdout.splitlines()[-1].startswith("Verified: largest difference 0 (c, cpp")
+
+
+def test_the_same_candidate_is_the_same_archive(network: Run, bundle: Path, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["c"])
+        export_bundle(network, tmp_path / "again.zip")
+        other = export_bundle(network, tmp_path / "other.zip", generation=0, candidate=3)
+    assert (tmp_path / "again.zip").read_bytes() == bundle.read_bytes()
+    assert json.loads(read(other.file)["evaluation.json"])["held_out"] is None  # these are of the best
+
+
+def test_episodes_are_a_table_with_every_bit(network: Run, bundle: Path) -> None:
+    files, episodes = read(bundle), subject_of(network).episodes
+    assert episodes is not None
+    text = files["episodes.csv"].decode()
+    assert text.splitlines()[0] == "begins,goal x,goal y,defender x,defender y,heading"
+    again = episodes_of(text, 4, 1)
+    for name in ("first", "sensors", "actuators", "accepted"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(episodes, name))
+
+
+def _comment(files: Files) -> None:
+    files["c/controller.c"] += b"/* harmless */\n"
+
+
+def _weight(files: Files) -> None:
+    controller = json.loads(files["controller.json"])
+    controller["weights"][0] += 1.0
+    files["controller.json"] = json.dumps(controller).encode()
+
+
+def _fitness(files: Files) -> None:
+    evaluation = json.loads(files["evaluation.json"])
+    evaluation["episodes"][1] += 0.5
+    files["evaluation.json"] = json.dumps(evaluation).encode()
+
+
+def _held_out(files: Files) -> None:
+    evaluation = json.loads(files["evaluation.json"])
+    evaluation["held_out"]["episodes"][3] = 0.0
+    files["evaluation.json"] = json.dumps(evaluation).encode()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_comment, "c: its files are not those that the controller is exported as"),
+        (_weight, "episodes.csv: the controller does something else in these episodes"),
+        (_fitness, "evaluation.json: the fitness in the episode with seed 1 is "),
+        (_held_out, "evaluation.json: the fitness in the episode with seed 1000000003 is "),
+    ],
+)
+def test_what_was_changed_is_noticed(
+    bundle: Path, tmp_path: Path, change: Callable[[Files], None], words: str
+) -> None:
+    """Also where the manifest was changed with it; and changed code is not executed."""
+    files = read(bundle)
+    change(files)
+    write(tmp_path / "changed.zip", files, sealed=False)
+    found = verify_bundle(tmp_path / "changed.zip")
+    assert not found.ok
+    assert [problem.partition(": ")[2][:27] for problem in found.problems] == ["is not what was written: it"]
+    write(tmp_path / "sealed.zip", files, sealed=True)
+    found = verify_bundle(tmp_path / "sealed.zip")
+    assert not found.ok
+    assert any(words in problem for problem in found.problems), found.problems
+    assert change is not _comment or "c" not in found.forms
+
+
+def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
+    files = read(bundle)
+    del files["c/controller.h"]
+    files["c/more.c"] = b""
+    write(tmp_path / "changed.zip", files, sealed=False)
+    assert verify_bundle(tmp_path / "changed.zip").problems == [
+        "c/controller.h: is missing",
+        "c/more.c: is not in the manifest",
+    ]
+    result = program("verify", "changed.zip")
+    assert result.returncode == 1
+    assert result.stdout.splitlines()[-1] == "FAILED: 2 problems"
+
+
+def test_another_version_wrote_it_otherwise(bundle: Path, tmp_path: Path) -> None:
+    """Then it cannot be told from a change, so it is not executed; all else is checked."""
+    files = read(bundle)
+    _comment(files)
+    manifest = json.loads(files["manifest.json"])
+    manifest["swarmwright"] = "9.9.9"
+    files["manifest.json"] = json.dumps(manifest).encode()
+    write(tmp_path / "later.zip", files, sealed=True)
+    found = verify_bundle(tmp_path / "later.zip")
+    assert found.ok
+    assert not found.forms
+    assert found.unverified["c"].startswith("Swarmwright 9.9.9 wrote it; this version, ")
+    assert found.words == "largest difference 0 (no form was run)"
+    assert found.episodes == 14
+
+
+def _not_a_bundle(file: Path) -> None:
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("readme.txt", "no manifest")
+
+
+def _later(file: Path) -> None:
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("manifest.json", json.dumps({"format": 2, "swarmwright": "9.0"}))
+
+
+def _wrong(file: Path) -> None:
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("manifest.json", json.dumps({"format": 1, "files": [1], "facts": []}))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda file: file.write_bytes(b"no archive"), "is no bundle, or is damaged"),
+        (_not_a_bundle, "is no bundle: it has no manifest.json"),
+        (_later, "has the format 2, of Swarmwright 9.0; this version reads 1"),
+        (_wrong, "manifest.json, or what it names, is not as a bundle has it"),
+        (lambda file: file.mkdir(), "Is a directory"),
+    ],
+)
+def test_what_is_no_bundle(tmp_path: Path, make: Callable[[Path], object], words: str) -> None:
+    make(tmp_path / "x.zip")
+    with pytest.raises(InputError, match=words):
+        verify_bundle(tmp_path / "x.zip")
+
+
+def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
+    data = bundle.read_bytes()
+    (tmp_path / "half.zip").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match="is no bundle, or is damaged"):
+        verify_bundle(tmp_path / "half.zip")
+    # A bit of the compressed data of a file.
+    flipped = bytearray(data)
+    flipped[len(data) // 3] ^= 1
+    (tmp_path / "flipped.zip").write_bytes(flipped)
+    try:
+        assert not verify_bundle(tmp_path / "flipped.zip").ok
+    except InputError as error:
+        assert "is no bundle, or is damaged" in str(error)  # noqa: PT017 - both are right
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--bundle", "x.tar"], "x.tar: a bundle is an archive, so its name ends with .zip"),
+        (["--bundle", "no/x.zip"], "no/x.zip: there is no folder no"),
+        (["--bundle", "there.zip"], "there.zip: is there already and is no bundle"),
+        (["--bundle", "x.zip", "--to", "c"], "leave out --to, --output and --verify"),
+        (["--bundle", "x.zip", "--prefix", "int"], "'int' is a word of C, C++ or Python"),
+        (["--bundle", "x.zip", "--candidate", "999:0"], "generation 999"),
+        (["--to", "c", "--mapping", "there.zip"], "--mapping and --license are for bundles"),
+        ([], "what to export to is missing: --to c, cpp, "),
+    ],
+)
+def test_mistakes_are_explained(
+    program: Any, network: Run, tmp_path: Path, arguments: list[str], words: str
+) -> None:
+    (tmp_path / "there.zip").write_text("mine")
+    result = program("export", network.path, *arguments)
+    assert result.returncode == 2
+    assert words in result.stderr
+    assert "Traceback" not in result.stderr
+    assert (tmp_path / "there.zip").read_text() == "mine"
+    assert not (tmp_path / "x.zip").exists()
