@@ -166,6 +166,8 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
 
 def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report: BundleVerification) -> None:
     listed = manifest["files"]
+    if not isinstance(listed, Mapping):
+        raise TypeError("files is no mapping")
     for name in sorted({*files, *listed} - {MANIFEST}):
         if name not in files:
             report.problems.append(f"{name}: is missing")
