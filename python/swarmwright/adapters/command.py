@@ -135,8 +135,8 @@ class CommandSimulation(Simulation):
 
     def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
         """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
-        for name, text in forms.files(self.options.controller, controller).items():
-            (self.build or self.folder).joinpath(name).write_text(text, "utf-8")
+        for name, data in forms.files(self.options.controller, controller).items():
+            (self.build or self.folder).joinpath(name).write_bytes(data)
 
     def run(self) -> None:
         """Run the command to its end."""

@@ -139,13 +139,13 @@ def _named(simulation: str) -> str:
         return simulation
     from swarmwright.core.errors import InputError
     from swarmwright.core.simulation_names import is_command
-    from swarmwright.experiment.commands import missing_program
+    from swarmwright.experiment.commands import missing
     from swarmwright.experiment.experiment import Experiment
 
     experiment = Experiment.load(simulation)
-    problem = missing_program(experiment.simulation) if is_command(experiment.simulation) else None
+    problem = missing(experiment.simulation) if is_command(experiment.simulation) else None
     if problem is not None:
-        raise InputError(f"{experiment.place('simulation')}command: {problem}")
+        raise InputError(f"{experiment.place('simulation')}{problem}")
     return experiment.simulation
 
 

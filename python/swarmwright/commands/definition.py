@@ -90,9 +90,11 @@ class CommandOptions(Options):
     log: Texts = Field(default=[])
     """What the program writes, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
     list; the rows of all are taken together. `stdout`: what it prints."""
-    log_format: Literal["auto", "csv", "tsv", "jsonl", "json"] = "auto"
+    log_format: Literal["auto", "csv", "tsv", "jsonl", "json", "rosbag", "mcap"] = "auto"
     """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns; jsonl has
-    an object a line; json an object, or a list of objects, whose nested values have names such as pose.x."""
+    an object a line; json an object, or a list of objects, whose nested values have names such as pose.x;
+    rosbag, a file or folder of ROS 1 or 2, and mcap have messages, whose values are columns such as
+    /robot_1/pose.position.x."""
     metrics: dict[str, str] = Field(default={})
     """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std or
     count, or with a column of another name mean(column). Default: those of the fitness, each the last value
@@ -100,12 +102,12 @@ class CommandOptions(Options):
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's, or the metric
     or column `fitness`."""
-    controller: Literal["none", "json", "c", "cpp", "python", "stepwise"] = "none"
+    controller: Literal["none", "json", "c", "cpp", "python", "onnx", "stepwise"] = "none"
     """How a controller that steers agents goes in. none: not at all, what is evolved are parameters
-    (parameter_set). json: as a file with its specification, {controller}. c, cpp, python: as source code, see
-    `swarmwright export`; {controller} is controller.c, controller.hpp or controller.py. stepwise: the command
-    is asked for sensors and given actuators over its standard input and output, a JSON object a line; one
-    process runs many episodes."""
+    (parameter_set). json: as a file with its specification, {controller}. c, cpp, python, onnx: as source
+    code or a model, see `swarmwright export`; {controller} is controller.c, controller.hpp, controller.py or
+    controller.onnx. stepwise: the command is asked for sensors and given actuators over its standard input
+    and output, a JSON object a line; one process runs many episodes."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
     """Sensor values of an agent; needed where controllers steer agents."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)
@@ -201,11 +203,11 @@ class CommandOptions(Options):
                 else "command: {log} needs one log, not several; write their paths as {folder}/NAME"
             )
         if "{controller}" in text and not self.takes_controller:
-            raise ValueError("command: {controller} needs a controller: json, c, cpp or python")
+            raise ValueError("command: {controller} needs a controller: json, c, cpp, python or onnx")
         if "{build}" in text and self.compile is None:
             raise ValueError("command: {build} needs compile, a command that puts something there")
         if self.compile is not None and not self.takes_controller:
-            raise ValueError("compile: needs a controller: c, cpp, json or python")
+            raise ValueError("compile: needs a controller: json, c, cpp, python or onnx")
         if not self.log and self.controller != "stepwise":
             raise ValueError("log: is missing: the file with results that the command writes, or stdout")
         return self

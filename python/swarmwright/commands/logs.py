@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from swarmwright.commands import bags
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.core.suggestions import did_you_mean
 
@@ -23,7 +24,12 @@ _FORMATS = {
     ".jsonl": "jsonl",
     ".ndjson": "jsonl",
     ".json": "json",
+    ".bag": "rosbag",
+    ".db3": "rosbag",
+    ".mcap": "mcap",
 }
+Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
+"""Takes a log's name and path or content, and which columns are wanted."""
 _SHOWN = 12
 _WORDS = {"true": 1.0, "false": 0.0}
 
@@ -63,7 +69,7 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
     seen: dict[str, None] = {}
     for name, file in files.items():
         reader = _READERS[format_of(name, formats)]
-        for place, row in reader(name, file):
+        for place, row in reader(name, file, wanted):
             for column in row:
                 seen.setdefault(column)
             for column in wanted:
@@ -103,8 +109,8 @@ def _text(name: str, file: Path | bytes) -> str:
         raise CommandFailure(f"{name}: is not UTF-8 text") from None
 
 
-def _table(delimiter: str) -> Callable[[str, Path | bytes], Iterator[Row]]:
-    def rows(name: str, file: Path | bytes) -> Iterator[Row]:
+def _table(delimiter: str) -> Reader:
+    def rows(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
         text = _text(name, file)
         first = text.partition("\n")[0]
         sign = ";" if delimiter == "," and ";" in first and "," not in first else delimiter
@@ -130,13 +136,13 @@ def _table(delimiter: str) -> Callable[[str, Path | bytes], Iterator[Row]]:
     return rows
 
 
-def _json_lines(name: str, file: Path | bytes) -> Iterator[Row]:
+def _json_lines(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
     for number, line in enumerate(_text(name, file).splitlines(), 1):
         if line.strip():
             yield f"{name}:{number}", _object(f"{name}:{number}", _parsed(f"{name}:{number}", line))
 
 
-def _json(name: str, file: Path | bytes) -> Iterator[Row]:
+def _json(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
     value = _parsed(name, _text(name, file))
     for index, one in enumerate(value if isinstance(value, list) else [value]):
         place = f"{name}: item {index}" if isinstance(value, list) else name
@@ -174,9 +180,11 @@ def _what_is_there(folder: Path) -> str:
     return f"there is: {', '.join(names[:_SHOWN])}{more}"
 
 
-_READERS: dict[str, Callable[[str, Path | bytes], Iterator[Row]]] = {
+_READERS: dict[str, Reader] = {
     "csv": _table(","),
     "tsv": _table("\t"),
     "jsonl": _json_lines,
     "json": _json,
+    "rosbag": bags.rosbag,
+    "mcap": bags.mcap,
 }

@@ -203,9 +203,9 @@ def _require_here(experiment: Experiment) -> None:
         where = experiment.place("simulation")
         raise InputError(f"{where}{unknown('simulation', simulation, catalogue.titles())}; {hint}")
     if is_command(simulation):
-        problem = commands.missing_program(simulation)
+        problem = commands.missing(simulation)
         if problem is not None:
-            raise InputError(f"{experiment.place('simulation')}command: {problem}")
+            raise InputError(f"{experiment.place('simulation')}{problem}")
     announced, wanted = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
     if wanted.dimensions != announced["dimensions"]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmwright.commands import process
+from swarmwright.commands import bags, logs, process
 from swarmwright.commands.checking import read_definition
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
@@ -82,10 +82,15 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
         checked["timeouts"] = timeouts.model_copy(update={"step": step})
 
 
-def missing_program(name: str) -> str | None:
-    """Return why the command of a simulation cannot be started on this machine; None where it can."""
+def missing(name: str) -> str | None:
+    """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
     options = CommandOptions.of(name)
-    return process.missing_program(options.command, Path(options.folder))
+    problem = process.missing_program(options.command, Path(options.folder))
+    if problem is not None:
+        return f"command: {problem}"
+    found = (bags.missing(logs.format_of(log, options.log_format)) for log in options.log)
+    reason = next(filter(None, found), None)
+    return None if reason is None else f"log: {reason}"
 
 
 def _check_controller(options: CommandOptions, checked: Mapping[str, Any], report: Report) -> None:

@@ -30,6 +30,17 @@ def control(sensors):
 """
     + LOOP
 )
+ONNX = (
+    """
+import sys
+import numpy as np
+import onnxruntime
+session = onnxruntime.InferenceSession(sys.argv[1])
+def control(sensors):
+    return session.run(["actuators"], {"sensors": np.array([sensors], np.float32)})[0][0]
+"""
+    + LOOP
+)
 C = """
 #include "controller.h"
 #include <math.h>
@@ -103,6 +114,17 @@ def test_read_by_a_script(tmp_path: Path, form: str, text: str) -> None:
     assert evaluate(one, genomes, servers=1).tolist() == expected(one, genomes)
 
 
+def test_read_by_a_runtime_for_models(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    (tmp_path / "sim.py").write_text(ONNX)
+    one = experiment(
+        tmp_path, [sys.executable, "sim.py", "{controller}", "{seed}", "{log}"], controller="onnx"
+    )
+    genomes = genomes_of(one, 1)
+    found = evaluate(one, genomes, servers="in-process").tolist()
+    assert found == pytest.approx(expected(one, genomes), abs=1e-4)
+
+
 COMPILER = '#!/bin/sh\necho compiled >> {here}/compilations\nexec cc "$@"\n'
 
 
@@ -141,7 +163,9 @@ def test_what_does_not_compile_is_a_failed_evaluation(tmp_path: Path) -> None:
 
 
 def test_compile_needs_a_controller(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"simulation\.compile: needs a controller: c, cpp, json or python"):
+    with pytest.raises(
+        InputError, match=r"simulation\.compile: needs a controller: json, c, cpp, python or onnx"
+    ):
         experiment(tmp_path, "x", compile="cc")
     with pytest.raises(InputError, match=r"\{build\} needs compile"):
         experiment(tmp_path, "{build}/x", controller="c")
