@@ -35,7 +35,7 @@ JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protoc
 CPP := wrappers/cpp/build
 CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
-ENGINE := $(shell find engine -name target -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
+ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
 
 # Installs Debian packages where that is allowed, else says which ones are missing.
 define install
@@ -78,8 +78,8 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/t
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
-	# Many tests wait for other processes: three at a time keep two processors busy.
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=25 --durations-min=10
+	# Tests wait for other processes more than half of their time: five at a time keep two processors busy.
+	$(BIN)/python -m pytest -n 5 --dist worksteal --durations=25 --durations-min=10
 
 brokers: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }

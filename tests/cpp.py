@@ -19,8 +19,9 @@ SANITIZED = ("address", "thread")
 def _sources() -> Iterator[Path]:
     for crate in (ROOT / "engine").glob("*/"):
         if crate.name != "target":
-            yield from crate.rglob("*.rs")
-            yield from crate.glob("Cargo.*")
+            yield from (crate / "src").rglob("*.rs")
+            for pattern in ("*.rs", "Cargo.*"):
+                yield from crate.glob(pattern)
     for folder in (PROJECT, ROOT / "engine" / "c"):
         for pattern in ("CMake*.*", "*.in", "*.h", "*.hpp", "*.c", "*.cpp"):
             yield from (path for path in folder.rglob(pattern) if BUILD not in path.parents)

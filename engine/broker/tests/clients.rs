@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-mod common;
+use crate::common;
 
 use common::{broker, in_time};
 use std::time::Duration;

@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-mod common;
+use crate::common;
 
 use common::{Client, Hello, broker, in_time};
 use std::net::TcpListener;

@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-mod common;
+use crate::common;
 
 use common::{CONNACK, Client, DISCONNECT, Hello, broker, in_time, packet, text};
 use std::io::{Read, Write};

@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-mod common;
+use crate::common;
 
 use common::{CONNACK, Client, DISCONNECT, Hello, in_time};
 use socket2::{Domain, Socket, Type};

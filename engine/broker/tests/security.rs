@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-mod common;
+use crate::common;
 
 use common::{CONNACK, Client, Hello, in_time, packet, text};
 use rustls::pki_types::{CertificateDer, ServerName, pem::PemObject};

@@ -7,7 +7,7 @@
     reason = "tests"
 )]
 
-mod common;
+use crate::common;
 
 use common::{CONNACK, Client, Hello, in_time};
 use std::io::{self, Read, Write};

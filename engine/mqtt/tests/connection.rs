@@ -1,7 +1,7 @@
 //! The connection against the built-in broker.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::thread;
 use std::time::{Duration, Instant};

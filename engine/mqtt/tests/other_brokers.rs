@@ -1,7 +1,7 @@
 //! The connection against brokers that behave otherwise than the built-in one, and against listeners that are not brokers.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::io::{Read, Write};
 use std::net::TcpListener;

@@ -1,6 +1,6 @@
 //! Servers that fail whatever they get: they are found out, and what they failed is evaluated elsewhere.
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

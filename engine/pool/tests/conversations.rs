@@ -1,6 +1,6 @@
 //! Whole conversations between optimization tools and servers, in any order of arrival.
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

@@ -1,6 +1,6 @@
 //! Episodes that fail in a simulation's code: tried elsewhere at once, told once, with the place where it happened.
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

@@ -1,6 +1,6 @@
 //! Steps that take as long as late acknowledgements.
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

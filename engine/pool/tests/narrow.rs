@@ -2,7 +2,7 @@
 
 #![allow(clippy::panic, reason = "a test")]
 
-mod common;
+use crate::common;
 
 use common::{Extended, Line, Net, Party, server, tool, tool_with, work};
 use swarmwright_pool::{Mode, Work};

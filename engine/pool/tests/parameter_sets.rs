@@ -2,7 +2,7 @@
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
-mod common;
+use crate::common;
 
 use common::{Line, Net, Party, server, tool_in_mode};
 use serde_json::{Value, json};

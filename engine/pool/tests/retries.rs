@@ -2,7 +2,7 @@
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

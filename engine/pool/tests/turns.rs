@@ -1,6 +1,6 @@
 //! Several optimization tools that want the same servers.
 
-mod common;
+use crate::common;
 
 use common::{Line, Net, Party, server, tool_in_mode, work};
 use swarmwright_pool::Mode;

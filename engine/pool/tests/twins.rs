@@ -1,7 +1,7 @@
 //! Two servers with one id, one of which came back from somewhere: the results are those of one alone.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

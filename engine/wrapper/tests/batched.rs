@@ -1,7 +1,7 @@
 //! Batched stepwise: what goes to and fro, what is refused, when a batch ends.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

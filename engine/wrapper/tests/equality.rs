@@ -1,7 +1,7 @@
 //! Stepwise, batched, offloaded and in process: the same fitness, to the bit.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::collections::HashMap;
 use std::sync::Arc;

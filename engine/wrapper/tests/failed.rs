@@ -1,7 +1,7 @@
 //! What goes wrong in a simulation reaches the tool, and the server is usable afterwards.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
 //! Whatever comes in on the topic of requests, the server stays usable.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use common::{Server, batch, request};
 use proptest::prelude::*;

@@ -1,7 +1,7 @@
 //! Metrics: announced, sent with every stepwise fitness, and with other results where they are asked for.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use common::{ID, Server, batch, bits, object, request};
 use serde_json::{Value, json};

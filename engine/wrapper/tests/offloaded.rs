@@ -1,7 +1,7 @@
 //! Offloaded evaluation: who gets the server, what is refused and how, what a simulation that fails does.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 use std::time::Duration;

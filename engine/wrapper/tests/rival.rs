@@ -1,7 +1,7 @@
 //! Two servers with one id: one of them goes, and what is meant for one is not done by the other.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

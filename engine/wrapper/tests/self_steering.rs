@@ -1,7 +1,7 @@
 //! Simulations that steer their agents themselves: no actuators are asked for, the fitness comes, messages are read in between.
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,7 +1,7 @@
 //! Who gets a server: tools with and without a name that want it at once, and messages that overtake others.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
-mod common;
+use crate::common;
 
 use std::time::Duration;
 

@@ -1,6 +1,12 @@
 //! A client for the tests: raw MQTT over any stream, encoded here and not by the broker's own code.
 
-#![allow(dead_code, reason = "each test file uses a part of it")]
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::expect_used,
+    reason = "a test; each uses a part of it"
+)]
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;

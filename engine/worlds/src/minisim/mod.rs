@@ -28,6 +28,7 @@
 
 mod lanes;
 mod nearest;
+mod points;
 mod rule;
 mod settings;
 
@@ -37,6 +38,7 @@ use crate::{
 };
 pub(crate) use lanes::MinisimLanes;
 use nearest::Nearest;
+use points::{Point, squared_distance};
 use settings::{MAX_BODIES, Settings};
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 
@@ -57,9 +59,6 @@ const METRICS: &[MetricInfo] = &[
 ];
 /// Index of `steps` in the above.
 const STEPS: usize = 2;
-
-/// A position, x and y.
-type Point = [f32; 2];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
@@ -89,11 +88,6 @@ impl Default for Minisim {
     fn default() -> Self {
         Self::at_start(Settings::default())
     }
-}
-
-fn squared_distance(from: Point, to: Point) -> f32 {
-    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
-    dx * dx + dy * dy
 }
 
 fn distance(from: Point, to: Point) -> f32 {

@@ -1,0 +1,9 @@
+//! The integration tests of this crate as one program: each program links the whole engine anew.
+
+mod clients;
+mod common;
+mod lifecycle;
+mod messages;
+mod passwords;
+mod security;
+mod websocket;

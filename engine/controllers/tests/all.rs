@@ -1,0 +1,9 @@
+//! The integration tests of this crate as one program: each program links the whole engine anew.
+
+mod controller;
+mod functions;
+mod kinds;
+mod lanes;
+mod parameter_set;
+mod specification;
+mod vectors;

@@ -1,0 +1,6 @@
+//! The integration tests of this crate as one program: each program links the whole engine anew.
+
+mod common;
+mod connection;
+mod dialects;
+mod other_brokers;

@@ -1,0 +1,16 @@
+//! The integration tests of this crate as one program: each program links the whole engine anew.
+
+mod audits;
+mod broken;
+mod common;
+mod conversations;
+mod extensions;
+mod failed;
+mod lag;
+mod layers;
+mod narrow;
+mod parameter_sets;
+mod retries;
+mod shares;
+mod turns;
+mod twins;

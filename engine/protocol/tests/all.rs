@@ -1,0 +1,5 @@
+//! The integration tests of this crate as one program: each program links the whole engine anew.
+
+mod extension;
+mod fields;
+mod vectors;
