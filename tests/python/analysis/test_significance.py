@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from swarmwright.analysis.significance import difference, holm, kruskal_wallis, mann_whitney
 
@@ -30,6 +29,8 @@ def test_p_is_the_share_of_arrangements_that_are_as_extreme(one: np.ndarray, two
 
 @pytest.mark.parametrize(("n", "m"), [(5, 7), (12, 20), (25, 30)])
 def test_without_ties_it_is_scipys_exact_test(n: int, m: int) -> None:
+    from scipy import stats
+
     random = np.random.default_rng(n)
     one, two = random.normal(0.5, 1, n), random.normal(0, 1, m)
     expected = stats.mannwhitneyu(one, two, method="exact")
@@ -39,6 +40,8 @@ def test_without_ties_it_is_scipys_exact_test(n: int, m: int) -> None:
 
 
 def test_many_runs_are_approximated() -> None:
+    from scipy import stats
+
     random = np.random.default_rng(1)
     one, two = random.integers(0, 9, 60).astype(float), random.integers(1, 10, 60).astype(float)
     expected = stats.mannwhitneyu(one, two, method="asymptotic")
@@ -103,6 +106,8 @@ def test_all_alike() -> None:
 
 
 def test_kruskal_and_wallis_is_scipys_and_takes_failures() -> None:
+    from scipy import stats
+
     groups = [np.array([1.0, 2, 3]), np.array([2.0, 4, 9]), np.array([7.0, 8, 1])]
     found = kruskal_wallis(groups)
     expected = stats.kruskal(*groups)
