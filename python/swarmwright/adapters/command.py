@@ -58,7 +58,7 @@ class CommandSimulation(Simulation):
     steers_itself = True
     """Parameter sets are possible; said so that no episode is run to find out."""
     visual: ClassVar[bool] = False
-    """Whether episodes are run by `runVisual`."""
+    """Whether episodes are run by `runVisual`, as `swarmwright simulate --visual` asks for."""
 
     folder: Path
     """The work folder of the episode."""
@@ -140,11 +140,14 @@ class CommandSimulation(Simulation):
 
     def run(self) -> None:
         """Run the command to its end."""
-        self._run()
+        self._run(self.options.command)
 
     def runVisual(self) -> None:  # noqa: N802 - D6.1's name
-        """Run the command so that it shows itself: as `run`, unless it is overridden."""
-        self.run()
+        """Run the command so that it shows itself: `visual` of the definition, else as `run`."""
+        if self.options.visual is None:
+            self.run()
+        else:
+            self._run(self.options.visual)
 
     def readLogs(self) -> Mapping[str, float]:  # noqa: N802 - D6.1's name
         """Return the metrics of the episode, and `fitness` where the logs have that."""
@@ -295,9 +298,9 @@ class CommandSimulation(Simulation):
     def _controller_file(self) -> str:
         return forms.main_file(self.options.controller)
 
-    def _run(self) -> None:
+    def _run(self, command: list[str]) -> None:
         assert self._processes is not None
-        words = self._command(self.options.command)
+        words = self._command(command)
         run(self._processes, words, self.folder, self.environment, self._limits, self._printed)
 
     def _command(self, words: list[str]) -> list[str]:

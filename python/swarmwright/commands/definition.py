@@ -114,6 +114,9 @@ class CommandOptions(Options):
     """Actuator values of an agent; needed where controllers steer agents."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""
+    visual: Command | None = None
+    """A command that is run in the place of `command` by `swarmwright simulate --visual`, to show an episode.
+    Default: the same."""
     compile: Command | None = None
     """A command that is run once for each controller before its episodes, with {controller} and {build}, the
     folder where the controller is and where it puts what `command` then runs."""
@@ -181,7 +184,7 @@ class CommandOptions(Options):
 
     @model_validator(mode="after")
     def _fits(self) -> "CommandOptions":
-        text = " ".join(self.command)
+        text = " ".join([*self.command, *(self.visual or [])])
         if self.controller == "stepwise":
             for name in ("parameters", "seed", "episode", "log"):
                 if f"{{{name}}}" in text:

@@ -80,7 +80,13 @@ def open_backend(
         patience = experiment.timeouts.connect if wait is None else wait
         with engine_errors():
             pool = patiently(
-                lambda: _pool(experiment, address, visual=visual, alone=broker is None),
+                # A command shows itself, in one piece: no step of it crosses the broker.
+                lambda: _pool(
+                    experiment,
+                    address,
+                    visual=visual and not is_command(experiment.simulation),
+                    alone=broker is None,
+                ),
                 patience,
                 logging.getLogger("swarmwright").warning,
             )
@@ -165,6 +171,7 @@ def open_servers(
             "prefix": experiment.prefix,
             "step_timeout": experiment.timeouts.step,
             "alone": broker is None,
+            "visual": visual,
         }
         for index in range(count)
     ]

@@ -3,8 +3,8 @@
 Arguments: a file descriptor, to which events go as JSON lines, then the arguments of `_engine.serve` as a
 JSON object, where a simulation in Python is named by its class, `wait`, seconds for a broker that does not
 answer, `files`, path -> SHA-256, which the source of the class must have: all servers of a run compute the
-same, `progress`, the descriptor of a file in which it says what it computes, and `marked`, whether what it
-prints is to say for which candidate.
+same, `visual`, whether a command is to show its episodes, `progress`, the descriptor of a file in which it
+says what it computes, and `marked`, whether what it prints is to say for which candidate.
 
 Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
 {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
@@ -43,7 +43,7 @@ def _end_with_parent() -> None:
         os._exit(0)
 
 
-def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
+def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], None], *, visual: bool) -> Any:  # noqa: ANN401 - as the engine takes it
     """Return what `_engine.serve` takes: the title of a built-in simulation, or a host of a user's class."""
     if name in catalogue.titles():
         return name
@@ -54,6 +54,8 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     loading.serving = True
     kind = loading.load(name)
     check_unchanged(files)
+    if visual and hasattr(kind, "runVisual"):  # of a command
+        kind.visual = True
     return Host(kind, failed)
 
 
@@ -99,7 +101,8 @@ def _serve(events: int, settings: dict[str, Any]) -> int:
 
     try:
         with engine_errors():
-            simulation = _simulation(settings.pop("simulation"), settings.pop("files", {}), failed)
+            name, files = settings.pop("simulation"), settings.pop("files", {})
+            simulation = _simulation(name, files, failed, visual=settings.pop("visual", False))
             wait = settings.pop("wait", 0.0)
             patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
     except SwarmwrightError as error:

@@ -133,6 +133,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     places: list[tuple[Path_, str]] = [(("simulation", "command"), word) for word in options.command]
     places += [(("simulation", "environment", name), text) for name, text in options.environment.items()]
     places += [(("simulation", "compile"), word) for word in options.compile or ()]
+    places += [(("simulation", "visual"), word) for word in options.visual or ()]
     for path, text in places:
         for name in names_in(text):
             if name not in known:

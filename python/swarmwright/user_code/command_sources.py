@@ -65,7 +65,7 @@ def _belongs(path: Path) -> bool:
 
 
 def _named(options: CommandOptions, here: Path) -> Iterator[Path]:
-    for word in [*options.command, *(options.compile or ())]:
+    for word in [*options.command, *(options.compile or ()), *(options.visual or ())]:
         plain = word.replace("{here}", str(here))
         for part in (plain, plain.partition("=")[2]):
             path = Path(found(part, here))

@@ -249,3 +249,11 @@ def test_many_logs_and_standard_output(traced: Traced) -> None:
     assert simulate(experiment) == -6.0
     experiment = traced.shell("echo '{\"fitness\": 2.5}'", log="stdout", log_format="jsonl")
     assert simulate(experiment) == 2.5
+
+
+def test_an_episode_that_is_shown(traced: Traced) -> None:
+    script = f"printf 'fitness\\n%s\\n' {{seed}} > log.csv; echo $0 >> {traced.folder}/seen"
+    experiment = traced.experiment(["sh", "-c", script, "hidden"], visual=["sh", "-c", script, "window"])
+    assert simulate(experiment, seed=3) == 3
+    assert simulate(experiment, visual=True, seed=4) == 4
+    assert (traced.folder / "seen").read_text().split() == ["hidden", "window"]
