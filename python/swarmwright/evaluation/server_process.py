@@ -55,7 +55,7 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     kind = loading.load(name)
     check_unchanged(files)
     if visual and hasattr(kind, "runVisual"):  # of a command
-        kind.visual = True
+        kind.visual = True  # type: ignore[union-attr] # a CommandSimulation, which is above this
     return Host(kind, failed)
 
 

@@ -20,7 +20,8 @@ from swarmwright.user_code.changes import choose
 from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.imports import Walk
 from swarmwright.user_code.notices import copy_is_used
-from swarmwright.user_code.permission import require_copy
+from swarmwright.user_code.parts import of_simulation
+from swarmwright.user_code.permission import require_command, require_copy
 
 _stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
 """Path of a file -> that and its neighbours as they were when it was imported."""
@@ -80,6 +81,12 @@ def _kept_command(name: str) -> str:
     if held is None:
         return name
     copy, kept = held
+    now = of_simulation(name)
+    if now is None or now.digests.get(kept.main) != kept.digests[kept.main]:
+        # The files are those of the copy, but the command is another one.
+        if not serving:
+            require_command(name)
+        return name
     choice = choose(copy, kept)
     if not serving:
         require_copy(copy, kept, choice)

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.user_code import trust
 from swarmwright.user_code.changes import Choice
 from swarmwright.user_code.copying import Copy, Kept
@@ -33,20 +33,26 @@ def require_copy(copy: Copy, kept: Kept, choice: Choice) -> None:
 
 def require_named(simulation: str) -> None:
     """Raise InputError unless the code that a run names, and has no copy of, may be executed."""
+    if is_command(simulation):
+        require_command(simulation)
+        return
     found = _files(simulation)
     if found:
         files = {place: hashlib.sha256(path.read_bytes()).hexdigest() for place, path in found.items()}
         trust.require(files, next(iter(found.values())))
 
 
+def require_command(simulation: str) -> None:
+    """Raise InputError unless a command may be executed: its words, and the files that it names."""
+    part = of_simulation(simulation)
+    assert part is not None
+    trust.require(part.digests, part.origin)
+
+
 def _files(simulation: str) -> Mapping[str, Path]:
     """Return the files of a class or environment that are not installed; none if it does not exist."""
     parsed = SimulationName.parse(simulation)
     try:
-        if parsed.is_command:
-            part = of_simulation(simulation)
-            files = {} if part is None else part.files
-            return {name: one.origin for name, one in files.items() if part is not None and name != part.main}
         if parsed.file is not None:
             return Walk.of_file(parsed.file.resolve()).files
         if parsed.module in {"", "__main__"}:
