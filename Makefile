@@ -2,6 +2,7 @@
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
+# make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make schedules  100,000 seeded schedules of faults for pools and servers, in virtual time (minutes)
@@ -17,7 +18,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-export help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
+.PHONY: brokers test-brokers test-ros1 test-export help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -34,8 +35,12 @@ JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
 CPP := wrappers/cpp/build
 CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
+ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros1/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
+
+ROS1 := ros-core catkin rosbash ros-message-generation libroscpp-dev libgeometry-msgs-dev libnav-msgs-dev libsensor-msgs-dev libstd-msgs-dev \
+	libstd-srvs-dev python3-geometry-msgs python3-nav-msgs python3-rospy python3-sensor-msgs python3-std-srvs
 
 # Installs Debian packages where that is allowed, else says which ones are missing.
 define install
@@ -103,6 +108,12 @@ test-export: $(VENV)/.engine $(VENV)/.dev
 	export MICROPYTHON="node $(CURDIR)/build/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs"
 	SWARMWRIGHT_TEST_EXPORT=1 $(BIN)/python -m pytest -n 2 tests/python/export
 
+# With ROS 1 as Debian has it: real masters, nodes and launch files, the page of the documentation.
+test-ros1: $(VENV)/.engine $(VENV)/.dev
+	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && command -v catkin_make > /dev/null \
+		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
+	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 tests/ros1
+
 INPUTS ?= 1000000
 
 fuzz: $(VENV)/.engine $(VENV)/.dev
@@ -128,7 +139,7 @@ lint-java: $(JAVA)
 
 lint-cpp:
 	@command -v clang-format > /dev/null || { $(call install,clang-format); }
-	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES))
+	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES)) $(ROS1_SOURCES)
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check

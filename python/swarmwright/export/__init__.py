@@ -15,6 +15,7 @@ EXPORTERS: Registry[Exporter] = Registry(
         "micropython": "swarmwright.export.micropython:MicroPython",
         "onnx": "swarmwright.export.onnx:Onnx",
         "python": "swarmwright.export.python:Python",
+        "ros1": "swarmwright.export.ros1:Ros1",
     },
     "swarmwright.export:Exporter",
 )

@@ -1,0 +1,24 @@
+// @mark@; changes here are lost.
+// The exported controller, whatever its prefix and its size.
+#pragma once
+
+#include <stdbool.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+extern const int exported_sensors;
+extern const int exported_actuators;
+extern const char* const exported_sensor_names[];
+extern const char* const exported_actuator_names[];
+
+// Goes to the start of an episode: forgets everything.
+void exported_reset(void);
+
+// Computes the actuators for one control cycle; false when a sensor is NaN or infinite.
+bool exported_step(const float* sensors, float* actuators);
+
+#ifdef __cplusplus
+}
+#endif

@@ -1,0 +1,60 @@
+// @mark@; changes here are lost.
+// What mapping.yaml says: which field of which topic is which sensor or actuator of the controller.
+#pragma once
+
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "xmlrpcpp/XmlRpcValue.h"
+
+// A mistake in the mapping: where it is and how to repair it.
+struct MappingError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+using Interval = std::pair<double, double>;
+
+// A number on a topic.
+struct Place {
+  std::string where;  // in the mapping, for messages: sensors[0] (goal x)
+  std::string topic;
+  std::string type;
+  std::string field;
+};
+
+struct SensorMapping {
+  Place place;
+  // sensor = clip(value * scale + offset), in binary64, then rounded to binary32.
+  double scale = 1;
+  double offset = 0;
+  std::optional<Interval> clip;
+  std::optional<double> infinite;  // the value where nothing is in range; default: the largest range
+  std::optional<Interval> sector;  // of a laser scan, in degrees, counter-clockwise from straight ahead
+  bool mean = false;               // of the ranges in the sector, instead of the smallest
+  double timeout = 0;              // s
+};
+
+struct ActuatorMapping {
+  Place place;
+  // value = limits(actuator * scale + offset), in binary64.
+  double scale = 1;
+  double offset = 0;
+  std::optional<Interval> limits;
+};
+
+struct Mapping {
+  double rate = 0;  // control cycles per second
+  bool reset_after_silence = false;
+  std::vector<SensorMapping> sensors;      // in the controller's order
+  std::vector<ActuatorMapping> actuators;  // in the controller's order
+};
+
+// Reads the parameter `mapping`. Throws MappingError.
+Mapping read_mapping(const XmlRpc::XmlRpcValue& value, const std::vector<std::string>& sensors,
+                     const std::vector<std::string>& actuators);
+
+// "a, b or c".
+std::string choice(const std::vector<std::string>& words);

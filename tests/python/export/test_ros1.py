@@ -1,0 +1,65 @@
+"""The package for ROS 1 without ROS; `tests/ros1` builds and runs it."""
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml  # type: ignore[import-untyped] # it has no types
+
+from swarmwright import InputError
+from swarmwright.export import EXPORTERS
+from swarmwright.export.ros1 import Ros1
+from swarmwright.export.subject import Subject
+from swarmwright.export.verification import verify
+from swarmwright.export.writing import write
+from tests.python.export.specifications import network
+
+SUBJECT = Subject(
+    network("fully_meshed", "tanh", [-1.0, 1.0]),
+    (("Run", "robots"),),
+    {
+        "sensor_names": ["goal x", "goal", "goal"],
+        "actuator_names": ["N", "on"],
+        "sensor_units": ["m", "m", ""],
+    },
+)
+
+
+def test_the_package_has_the_controller_and_its_names() -> None:
+    assert isinstance(EXPORTERS.get("ros1")(), Ros1)
+    files = {name: str(content) for name, content in Ros1().files(SUBJECT, "Rover").items()}
+    assert ET.fromstring(files["package.xml"]).findtext("name") == "rover"
+    assert "project(rover LANGUAGES C CXX)" in files["CMakeLists.txt"]
+    assert '#include "Rover.c"' in files["src/exported.c"]
+    node = ET.fromstring(files["launch/controller.launch"]).find("group/node")
+    assert node is not None
+    assert (node.get("pkg"), node.get("type")) == ("rover", "swarmwright_controller")
+    mapping = yaml.safe_load(files["config/mapping.template.yaml"])
+    # Names that YAML takes for truth values are text, and the same name twice is told apart.
+    assert [entry["sensor"] for entry in mapping["sensors"]] == ["goal x", "goal 1", "goal 2"]
+    assert [entry["actuator"] for entry in mapping["actuators"]] == ["N", "on"]
+    for name in ("goal x", "goal 1", "goal 2", "N", "on"):
+        assert f'    "{name}",' in files["src/exported.c"]
+    assert not [name for name, content in files.items() if "@" in content and name != "package.xml"]
+
+
+def test_the_controller_in_the_package_has_the_same_bits() -> None:
+    found = verify(Ros1(), SUBJECT, "rover", Ros1().files(SUBJECT, "rover"))
+    assert found.ok
+    assert found.differing == 0
+
+
+def test_what_cannot_be_a_package_is_refused() -> None:
+    with pytest.raises(InputError, match="a parameter set steers no robot"):
+        Ros1().files(Subject({"kind": "parameter_set", "parameters": {}}, values={"a": 1}), "rover")
+    with pytest.raises(InputError, match="'exported' is a file of the package"):
+        Ros1().files(SUBJECT, "exported")
+
+
+def test_it_is_written_again_beside_an_own_mapping(tmp_path: Path) -> None:
+    files = Ros1().files(SUBJECT, "rover")
+    write(files, tmp_path)
+    own = tmp_path / "config" / "mapping.yaml"
+    own.write_text("rate: 5\n", encoding="utf-8")
+    write(files, tmp_path)
+    assert own.read_text(encoding="utf-8") == "rate: 5\n"
