@@ -95,9 +95,10 @@ def open_backend(
         if local is not None:
             local.attach(pool)
             stack.callback(local.detach)
-        where = f"servers on {address}" if local is None else f"{local.count} servers on {address}"
+        many = "servers" if local is None else f"{local.count} server{'s' if local.count > 1 else ''}"
+        where = f"{many} on {address}"
         if wanted == "local" and local is not None:
-            where = f"{local.count} worker processes"
+            where = f"{local.count} worker process{'es' if local.count > 1 else ''}"
         yield BrokerBackend(experiment, pool, local, where)
 
 
