@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import cma
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,6 +78,8 @@ class Case:
 
     def theirs(self, seed: int) -> float:
         """Return the evaluations of the library in binary64; infinite beyond the limit."""
+        import cma
+
         before = np.random.get_state()  # noqa: NPY002 - the library uses it
         settings = {
             "seed": seed,

@@ -4,10 +4,8 @@ import hashlib
 from collections.abc import Callable
 from typing import Any
 
-import cma
 import numpy as np
 import pytest
-from cma.boundary_handler import BoundTransform
 from numpy.typing import NDArray
 
 from benchmarks.against_cma import Case, cases
@@ -60,6 +58,8 @@ class Reference:
     """The formulas of the tutorial, with the constants of the library; a generation at a time."""
 
     def __init__(self, genes: int, population: int, *, separable: bool) -> None:
+        import cma
+
         options = {"popsize": population, "CMA_diagonal": separable, "verbose": -9, "CMA_mirrors": 0}
         options["AdaptSigma"] = cma.sigma_adaptation.CMAAdaptSigmaCSA  # as below 300 genes
         library = cma.CMAEvolutionStrategy(np.zeros(genes), 0.5, options)
@@ -170,6 +170,8 @@ def test_populations_and_steps() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_bounds_are_handled_as_the_library_does(kind: str) -> None:
     """By its transformation; genes begin where they should, and are spread at most a third of the width."""
+    from cma.boundary_handler import BoundTransform
+
     lower = np.array([0.0, -1.0, -np.inf, 2.0, 100.0])
     upper = np.array([1.0, 50.0, 3.0, np.inf, 100.5])
     center = np.array([0.01, 49.9, 2.99, 2.001, 100.2])
