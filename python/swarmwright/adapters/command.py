@@ -47,7 +47,7 @@ class CommandSimulation(Simulation):
                 return {"rescued": self.getLogs()["rescue.txt"].count("RESCUED")}
     """
 
-    definition: ClassVar[Mapping[str, Any]]
+    definition: ClassVar[Mapping[str, Any]] = {}
     """What an experiment would say below `simulation`; paths are relative to the file of the class."""
     adapted: ClassVar[str] = ""
     """The name from which the class was made; empty for a user-written class."""
