@@ -73,7 +73,7 @@ pub fn evaluate(
     Some(fits.and_then(|()| evaluate(block, means, create)))
 }
 
-/// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, sensor_names, actuator_names,
+/// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, their names and units,
 /// parameters (name to type, default, description), metrics (name to unit, description); None for an unknown title.
 pub fn describe(title: &str) -> Option<Value> {
     let simulation = create(title)?;
@@ -96,6 +96,8 @@ pub fn describe(title: &str) -> Option<Value> {
         "actuators": description.actuators,
         "sensor_names": simulation.sensor_names(),
         "actuator_names": simulation.actuator_names(),
+        "sensor_units": simulation.sensor_units(),
+        "actuator_units": simulation.actuator_units(),
         "parameters": parameters,
         "metrics": metrics,
         "determinism": description.determinism.name(),

@@ -174,6 +174,16 @@ pub trait Simulation: Send {
         let _ = controller;
     }
 
+    /// Units of an agent's sensors, in their order, as text; empty where the simulation says nothing about them.
+    fn sensor_units(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Units of an agent's actuators, as [`sensor_units`](Self::sensor_units).
+    fn actuator_units(&self) -> &'static [&'static str] {
+        &[]
+    }
+
     /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.
     ///
     /// # Errors

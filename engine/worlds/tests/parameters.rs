@@ -215,6 +215,8 @@ fn every_built_in_simulation_describes_itself() {
         for (names, count) in [
             ("sensor_names", text.sensors),
             ("actuator_names", text.actuators),
+            ("sensor_units", text.sensors),
+            ("actuator_units", text.actuators),
         ] {
             assert_eq!(
                 description[names].as_array().unwrap().len(),

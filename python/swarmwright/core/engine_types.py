@@ -237,6 +237,8 @@ class Description(TypedDict):
     actuators: int
     sensor_names: list[str]
     actuator_names: list[str]
+    sensor_units: list[str]
+    actuator_units: list[str]
     parameters: dict[str, ParameterDescription]
     metrics: dict[str, MetricDescription]
     determinism: str | None

@@ -12,7 +12,7 @@ from swarmwright.export.c_code import code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import render
+from swarmwright.export.text import check_header, render
 
 LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt install gcc")
 
@@ -28,6 +28,7 @@ class C(Exporter):
 
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return sources, self-test, CMakeLists.txt and, for what steers agents, a sketch."""
+        check_header(prefix)
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
             return {**c_parameters.files(subject, prefix), "CMakeLists.txt": cmake}

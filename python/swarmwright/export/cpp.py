@@ -12,7 +12,7 @@ from swarmwright.export.c_code import Code, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import render
+from swarmwright.export.text import check_header, render
 
 LANGUAGE = Language("C++", "cpp", "c++11", "CXX", ("c++", "g++", "clang++"), "apt install g++")
 
@@ -27,6 +27,7 @@ class Cpp(Exporter):
 
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return header, self-test and CMakeLists.txt."""
+        check_header(prefix)
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
             return {**c_parameters.files(subject, prefix, cpp=True), "CMakeLists.txt": cmake}

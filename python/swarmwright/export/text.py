@@ -32,6 +32,13 @@ _CPP = (
     "protected public reinterpret_cast requires static_assert static_cast std template this thread_local "
     "throw true try typeid typename using virtual wchar_t xor xor_eq"
 )
+_C_HEADERS = (
+    "arduino assert complex ctype endian errno fcntl fenv inttypes iso646 limits locale math memory poll "
+    "pthread sched setjmp signal spawn stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib "
+    "stdnoreturn string strings termios tgmath threads time uchar unistd wchar wctype"
+)
+_HEADERS = frozenset(_C_HEADERS.split())
+"""Headers of C, POSIX and Arduino: a file of that name would be included in their place."""
 _RESERVED = frozenset(f"{_C} {_CPP}".split()) | frozenset(keyword.kwlist)
 
 
@@ -48,6 +55,12 @@ def check_prefix(prefix: str) -> None:
         raise InputError(
             f"prefix: {prefix!r} ends with _test, as the files of self-tests do; take another one"
         )
+
+
+def check_header(prefix: str) -> None:
+    """Raise InputError for a prefix that is the name of a header of C, POSIX or Arduino."""
+    if prefix.lower() in _HEADERS:
+        raise InputError(f"prefix: {prefix}.h is a header of C or of the system; take another prefix")
 
 
 def check_module(prefix: str) -> None:
@@ -73,7 +86,8 @@ def render(template: str, values: Mapping[str, str]) -> str:
         if alone and not values[alone[1]]:
             continue
         lines.append(_PLACEHOLDER.sub(lambda match: values[match[1]], line))
-    return "\n".join(lines) + "\n"
+    written = "\n".join(lines) + "\n"
+    return written if template.startswith("python") else re.sub(r"\n{3,}", "\n\n", written)
 
 
 def plain(text: object) -> str:

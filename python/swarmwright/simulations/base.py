@@ -28,6 +28,10 @@ class Described(ABC):
     """Names of an agent's sensors, one for each, for drawings of controllers; empty: they are numbered."""
     actuator_names: Sequence[str] = ()
     """Names of an agent's actuators, in the same way."""
+    sensor_units: Sequence[str] = ()
+    """Units of an agent's sensors, one for each, such as m or rad, for exported controllers."""
+    actuator_units: Sequence[str] = ()
+    """Units of an agent's actuators, in the same way."""
     parameters: Mapping[str, Any] = {}
     """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
 

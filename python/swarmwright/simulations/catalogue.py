@@ -81,8 +81,9 @@ def title(simulation: str) -> str:
 def description(simulation: str) -> dict[str, Any]:
     """Return the description of a simulation that is available here.
 
-    Title, dimensions, max_agents, sensors, actuators, sensor_names and actuator_names (empty where the
-    simulation has none), parameters, and metrics (name -> unit, description).
+    Title, dimensions, max_agents, sensors, actuators, their names (sensor_names, actuator_names) and units
+    (sensor_units, actuator_units; empty where the simulation has none), parameters, and metrics (name ->
+    unit, description).
     Raises InputError for a class that cannot be loaded.
     """
     if is_python(simulation):

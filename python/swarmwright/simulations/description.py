@@ -27,6 +27,8 @@ class Description:
     actuators: int
     sensor_names: tuple[str, ...]
     actuator_names: tuple[str, ...]
+    sensor_units: tuple[str, ...]
+    actuator_units: tuple[str, ...]
     parameters: Mapping[str, Parameter]
     metrics: Mapping[str, str]
     copies: bool
@@ -49,6 +51,8 @@ class Description:
             "actuators": self.actuators,
             "sensor_names": list(self.sensor_names),
             "actuator_names": list(self.actuator_names),
+            "sensor_units": list(self.sensor_units),
+            "actuator_units": list(self.actuator_units),
             "parameters": {
                 name: {"type": one.kind, "default": one.default, "description": one.description}
                 for name, one in self.parameters.items()
@@ -75,16 +79,20 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     most = simulation.max_agents
     sensors = _count(where, "sensors", getattr(simulation, "sensors", None))
     actuators = _count(where, "actuators", getattr(simulation, "actuators", None))
+
+    def channels(name: str, count: int) -> tuple[str, ...]:
+        return _channels(where, name, getattr(simulation, name, ()), count)
+
     return Description(
         title=title,
         dimensions=_count(where, "dimensions", simulation.dimensions, least=0),
         max_agents=None if most is None else _count(where, "max_agents", most),
         sensors=sensors,
         actuators=actuators,
-        sensor_names=_channels(where, "sensor_names", getattr(simulation, "sensor_names", ()), sensors),
-        actuator_names=_channels(
-            where, "actuator_names", getattr(simulation, "actuator_names", ()), actuators
-        ),
+        sensor_names=channels("sensor_names", sensors),
+        actuator_names=channels("actuator_names", actuators),
+        sensor_units=channels("sensor_units", sensors),
+        actuator_units=channels("actuator_units", actuators),
         parameters=parameters,
         metrics=_metrics(where, simulation.metrics),
         copies=bool(simulation.copies),
@@ -98,14 +106,15 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
 
 
 def _channels(where: str, name: str, value: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401 - whatever it says
-    """Return the names of sensors or actuators: one for each, or none at all."""
+    """Return names or units of sensors or actuators: one for each, or none at all."""
+    what = name.partition("_")[2]
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InputError(f"{where}.{name}: {value!r} found, expected a list of {count} names")
+        raise InputError(f"{where}.{name}: {value!r} found, expected a list of {count} {what}")
     names = tuple(value)
     if not all(isinstance(one, str) for one in names):
         raise InputError(f"{where}.{name}: {list(names)!r} found, expected text only")
     if names and len(names) != count:
-        raise InputError(f"{where}.{name}: {len(names)} names found, expected {count}")
+        raise InputError(f"{where}.{name}: {len(names)} {what} found, expected {count}")
     return names
 
 

@@ -88,9 +88,9 @@ def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:
         f"{minisim.best.fitness!r} (mean of 3 episodes)",
         "Simulation  minisim",
         "fully_meshed, 4-2-1, tanh",
-        "CONTROLLER_SENSOR_DEFENDER_X = 2, /* defender x, ",
+        "CONTROLLER_SENSOR_DEFENDER_X = 2, /* defender x in map widths, ",
         " in the recorded episodes */",
-        "CONTROLLER_ACTUATOR_HEADING = 0 /* heading, -1 to 1 */",
+        "CONTROLLER_ACTUATOR_HEADING = 0 /* heading in half turns, -1 to 1 */",
         "void controller_reset(controller_t *controller);",
         "bool controller_step(controller_t *controller, const float *sensors, float *actuators);",
     ):
@@ -160,6 +160,8 @@ def test_verification_fails_where_bits_differ(
         (["--to", "c", "--prefix", "2wheels"], "prefix: '2wheels' found, expected a letter"),
         (["--to", "c", "--prefix", "class"], "prefix: 'class' is a word of C, C++ or Python"),
         (["--to", "c", "--prefix", "a_test"], "prefix: 'a_test' ends with _test"),
+        (["--to", "cpp", "--prefix", "String"], "prefix: String.h is a header of C or of the system"),
+        (["--to", "micropython", "--prefix", "array"], "prefix: 'array' is a module of Python"),
         (["--to", "c", "--output", "taken"], "taken: is a file where a folder is expected"),
         (
             ["--to", "c", "--output", "full"],

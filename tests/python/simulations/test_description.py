@@ -28,6 +28,8 @@ def test_what_is_announced() -> None:
         "actuators": 1,
         "sensor_names": [],
         "actuator_names": [],
+        "sensor_units": [],
+        "actuator_units": [],
         "parameters": {"steps": steps, "trouble": trouble},
         "metrics": {"steps": {"unit": "", "description": "Steps done."}},
         "determinism": None,
@@ -53,6 +55,7 @@ def test_properties_serve_as_well_and_the_class_gives_the_title() -> None:
         ("sensors", 2.0, "Walk.sensors: 2.0 found"),
         ("actuators", None, "Walk.actuators: None found"),
         ("sensor_names", ["x"], "Walk.sensor_names: 1 names found, expected 2"),
+        ("sensor_units", ["m"], "Walk.sensor_units: 1 units found, expected 2"),
         ("sensor_names", "xy", "Walk.sensor_names: 'xy' found, expected a list of 2 names"),
         ("actuator_names", [1], r"Walk.actuator_names: \[1\] found, expected text only"),
         (

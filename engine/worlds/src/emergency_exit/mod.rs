@@ -240,6 +240,14 @@ impl Simulation for EmergencyExit {
         &["move x", "move y"]
     }
 
+    fn sensor_units(&self) -> &'static [&'static str] {
+        &["cells", "cells", "", "", "", "", "", "", "", ""]
+    }
+
+    fn actuator_units(&self) -> &'static [&'static str] {
+        &["cells", "cells"]
+    }
+
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let settings = Settings::read(parameters)?;
         let known = Some((&self.plan, &self.field));

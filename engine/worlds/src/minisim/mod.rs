@@ -207,6 +207,14 @@ impl Simulation for Minisim {
         &["heading"]
     }
 
+    fn sensor_units(&self) -> &'static [&'static str] {
+        &["map widths", "map heights", "map widths", "map heights"]
+    }
+
+    fn actuator_units(&self) -> &'static [&'static str] {
+        &["half turns"]
+    }
+
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         *self = Self::at_start(Settings::read(parameters)?);
         Ok(())
