@@ -85,9 +85,9 @@ def test_steady_state_goes_on_as_if_nothing_had_happened(kind: str, at: int, tmp
     assert list(run.record.generation) == sorted(run.record.generation)
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    ("operation", "kills", "generations"), [("generational", 50, 1200), ("steady_state", 15, 1200)]
+    ("operation", "kills", "generations"), [("generational", 30, 1200), ("steady_state", 15, 1200)]
 )
 def test_killed_many_times(operation: str, kills: int, generations: int, tmp_path: Path) -> None:
     """kill -9 at random moments, of whatever it is doing: starting, evaluating, committing, replaying."""
