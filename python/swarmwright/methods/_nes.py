@@ -25,10 +25,11 @@ class NesOptions(MethodOptions):
     """Initial standard deviation, as a share of half the initial range of a gene."""
     rate: float | None = Field(default=None, gt=0, le=1)
     """How fast standard deviations are learned. Default: the source's, by the number of genes."""
-    restart: Literal["none", "ipop"] = "ipop"
+    restart: Literal["none", "same", "ipop"] = "same"
     """What happens when all standard deviations are below a thousandth of `step`, or the best fitness has
     been the same in 10 + 30 genes / population generations. none: the search goes on there until the budget
-    is used. ipop: a new start from a random genome with twice the population."""
+    is used. same: a new start from a random genome. ipop: such a start with twice the population, which
+    helps where there are many local optima and a budget for it."""
 
 
 class Nes(Gaussian):
@@ -80,8 +81,9 @@ class Nes(Gaussian):
         best = float(np.nanmax(fitness))
         self._unchanged = self._unchanged + 1 if best == self._best else 0
         self._best = best
-        if self.options.restart == "ipop" and self._is_over():
-            self.population *= 2
+        if self.options.restart != "none" and self._is_over():
+            if self.options.restart == "ipop":
+                self.population *= 2
             self._unchanged = 0
             self._put_center(self.initials([0])[0])
             self._begin()

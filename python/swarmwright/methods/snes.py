@@ -22,7 +22,7 @@ class Snes(Nes):
     Memory and time grow with the number of genes, not with its square, so it suits large networks.
 
     Source: Wierstra, Schaul, Glasmachers, Sun, Peters and Schmidhuber, "Natural evolution strategies",
-    Journal of Machine Learning Research 15, 2014, algorithm 6; new starts as in Auger and Hansen, "A restart
+    Journal of Machine Learning Research 15, 2014, algorithm 6; `ipop` as in Auger and Hansen, "A restart
     CMA evolution strategy with increasing population size", CEC 2005.
     """
 

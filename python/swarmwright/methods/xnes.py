@@ -27,7 +27,7 @@ class Xnes(Nes):
     It learns which genes must change together, as `cma_es` does, but without evolution paths.
 
     Source: Glasmachers, Schaul, Sun, Wierstra and Schmidhuber, "Exponential natural evolution strategies",
-    GECCO 2010; Wierstra et al., "Natural evolution strategies", JMLR 15, 2014, algorithm 5; new starts as in
+    GECCO 2010; Wierstra et al., "Natural evolution strategies", JMLR 15, 2014, algorithm 5; `ipop` as in
     Auger and Hansen, "A restart CMA evolution strategy with increasing population size", CEC 2005.
     """
 

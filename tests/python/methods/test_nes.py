@@ -123,7 +123,7 @@ def test_a_plateau_and_a_failed_generation_change_nothing(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plateau_ends_in_a_new_start_with_twice_the_population(kind: str) -> None:
-    method = strategy(kind, population=20, generations=200)
+    method = strategy(kind, population=20, generations=200, restart="ipop")
     sizes = []
     while not method.done:
         sizes.append(len(method.ask()))
@@ -135,13 +135,15 @@ def test_a_plateau_ends_in_a_new_start_with_twice_the_population(kind: str) -> N
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_that_has_converged_starts_again(kind: str) -> None:
-    method = strategy(kind, generations=3000)
-    first = method.population
-    while not method.done and method.population == first:
-        genomes = method.ask()
+@pytest.mark.parametrize(("restart", "factor"), [("ipop", 2), ("same", 1)])
+def test_one_that_has_converged_starts_again(kind: str, restart: str, factor: int) -> None:
+    method = strategy(kind, generations=3000, restart=restart)
+    first, center = method.population, method.center
+    while not method.done and np.abs(method.center - center).max() < 1.0:
+        genomes, center = method.ask(), method.center
         method.tell(-away(genomes.astype(np.float64)))
-    assert method.population == 2 * first
+    assert not method.done
+    assert method.population == factor * first
     assert away(genomes.astype(np.float64)).max() < 0.01
     assert method._widest() == pytest.approx(0.2)
 
