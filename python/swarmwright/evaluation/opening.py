@@ -18,7 +18,6 @@ from swarmwright.core.suggestions import did_you_mean, unknown
 from swarmwright.evaluation.base import HERE, Backend, Servers, metrics_of
 from swarmwright.evaluation.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.evaluation.through_broker import BrokerBackend
-from swarmwright.experiment import commands
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.user_code.changes import files_of
@@ -211,6 +210,8 @@ def _require_here(experiment: Experiment) -> None:
         where = experiment.place("simulation")
         raise InputError(f"{where}{unknown('simulation', simulation, catalogue.titles())}; {hint}")
     if is_command(simulation):
+        from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
+
         problem = commands.missing(simulation)
         if problem is not None:
             raise InputError(f"{experiment.place('simulation')}{problem}")

@@ -15,7 +15,6 @@ from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.simulation_names import is_command, is_python
 from swarmwright.core.yaml import Path_, Source
-from swarmwright.experiment import commands
 from swarmwright.experiment.document import DEFAULT_KINDS, Document, Requirements
 from swarmwright.experiment.evolved import problems, unknown
 from swarmwright.experiment.fitness import FitnessExpression
@@ -95,6 +94,8 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
     simulation = values.get("simulation")
     if isinstance(simulation, Mapping):
+        from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
+
         simulation = values["simulation"] = commands.name_of(simulation, values, report)
         ask = ask and simulation != commands.WRONG
     if not isinstance(simulation, str):
@@ -174,6 +175,8 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
         _check_method(checked, representation, report)
         _check_evolved(checked, here, report)
         if here and is_command(checked["simulation"]):
+            from swarmwright.experiment import commands  # noqa: PLC0415 - as above
+
             commands.check(checked, values, report)
         _check_start(checked, representation, report)
     return checked
