@@ -37,7 +37,7 @@ for line in sys.stdin:
     print(json.dumps(answer), flush=True)
 """
 """Ten robots, a millisecond a step."""
-STEPS, EPISODES = 100, 10
+STEPS, EPISODES = 100, 20
 
 
 class CommandSuite:

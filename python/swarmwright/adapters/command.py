@@ -184,7 +184,9 @@ class CommandSimulation(Simulation):
 
     def step(self, actions: NDArray[np.float32]) -> ArrayLike:
         """Go on by one step, where the command is stepped."""
-        return self._talk(lambda: self._stepper().ask({"actuators": actions.tolist()}))
+        dialogue = self._dialogue
+        assert dialogue is not None
+        return self._talk(lambda: dialogue.ask({"actuators": actions.tolist()}))
 
     def done(self) -> bool:
         """Return whether the episode has ended."""
