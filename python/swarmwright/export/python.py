@@ -42,6 +42,7 @@ class Python(Exporter):
     """`PREFIX.py`, a module for Python 3.9 and later that needs no other, and its self-test."""
 
     form: ClassVar[str] = "python"
+    longest: ClassVar[int] = 12  # a step of a small network takes 20 us
 
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the module and its self-test."""

@@ -145,6 +145,9 @@ def subject_of(run: "Run", generation: int | None = None, candidate: int | None 
     facts = _facts(run, chosen)
     if "sensors" not in chosen.specification:
         return _parameter_set(run, chosen, facts)
+    if not catalogue.is_here(run.experiment.simulation):
+        reason = f"the simulation {run.experiment.label!r} is not available in this process"
+        return Subject(chosen.specification, facts, reason=reason)
     try:
         description, episodes, count = _recorded(run, chosen)
     except SwarmwrightError as error:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from swarmwright import _engine
 from swarmwright.export import Subject
 from swarmwright.export.sequences import Sequences, random_sequences
+from swarmwright.export.text import plain
 
 ACTIVATIONS = {
     "layered": ("tanh", "sigmoid", "relu", "clamp", "linear"),
@@ -79,6 +80,24 @@ def networks(draw: st.DrawFn) -> Specification:
         made["iterations"] = draw(st.integers(1, 3))
     count = _engine.genome_size(made)
     return {**made, "weights": draw(st.lists(_weights, min_size=count, max_size=count))}
+
+
+NASTY = [
+    'a "quoted" */ name',
+    "line\nbreak \\",
+    "100 % of 5 \N{DEGREE SIGN} /* ??/ \u202e",
+    "",
+    "goal x",
+    "goal x",
+]
+"""Names that would leave a comment or a string."""
+
+
+def nasty() -> Subject:
+    """A controller whose sensors and actuators have such names, and so has its run."""
+    specification = network("layered", "relu", [-1.0, 1.0], sensors=6, actuators=6)
+    described = {f"{what}_{part}": NASTY for what in ("sensor", "actuator") for part in ("names", "units")}
+    return Subject(specification, (("Run", plain(NASTY[0] + NASTY[1])),), described)
 
 
 def subject(specification: Specification, episodes: Sequences | None = None) -> Subject:

@@ -18,6 +18,7 @@ from tests.python.export.specifications import (
     ALL,
     Specification,
     few,
+    nasty,
     network,
     networks,
     sequences_of,
@@ -225,3 +226,14 @@ def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
     run(["cmake", "--build", "build"], tmp_path, "cmake")
     said = run(["ctest", "--test-dir", "build"], tmp_path, "ctest")
     assert b"100% tests passed, 0 tests failed out of 3" in said
+
+
+def test_names_cannot_leave_comments(tmp_path: Path) -> None:
+    write({**C().files(nasty(), "robot"), **Cpp().files(nasty(), "robot")}, tmp_path)
+    run(["gcc", "-std=c99", *STRICT, "robot.c", "robot_test.c", "-o", "c"], tmp_path, "C")
+    run(["g++", "-std=c++11", *STRICT, "robot_test.cpp", "-o", "cpp"], tmp_path, "C++")
+    assert run(["./c"], tmp_path, "C") == run(["./cpp"], tmp_path, "C++") == b"ok\n"
+    header = (tmp_path / "robot.h").read_text()
+    assert header.isascii()
+    assert "ROBOT_SENSOR_GOAL_X = 4, /* goal x in goal x" in header
+    assert "ROBOT_SENSOR_GOAL_X_5 = 5 /*" in header

@@ -18,7 +18,7 @@ from swarmwright.export.micropython import _interpreter as interpreter
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import difference
 from swarmwright.export.writing import write
-from tests.python.export.specifications import ALL, Specification, few, networks, sequences_of, subject
+from tests.python.export.specifications import ALL, Specification, few, nasty, networks, sequences_of, subject
 
 
 def has_micropython() -> bool:
@@ -132,3 +132,10 @@ def test_no_micropython(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         InputError, match="verification needs micropython, which is not installed: apt install"
     ):
         MicroPython().run(tmp_path, "robot", sequences)
+
+
+def test_names_cannot_leave_strings(tmp_path: Path) -> None:
+    for exporter in (Python(), MicroPython()):
+        write(exporter.files(nasty(), "robot"), tmp_path)
+        assert Python().self_test(tmp_path, "robot") == "robot_test.py"
+        assert module(tmp_path / "robot.py").SENSORS[4:] == ("goal x", "goal x")

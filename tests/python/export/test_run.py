@@ -229,3 +229,17 @@ def test_a_failed_candidate(tmp_path: Path) -> None:
     assert exported.verification.episodes == 0
     assert "half.py" in exported.verification.without_episodes
     assert "random sequences" in (tmp_path / "out" / "controller_test.c").read_text()
+
+
+def test_a_simulation_that_only_servers_have(
+    minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmwright.simulations.catalogue.is_here", lambda _: False)
+    exported = swarmwright.export_controller(minisim, to="python", output=tmp_path, verify=True)
+    assert exported.verification is not None
+    assert exported.verification.ok
+    assert exported.verification.without_episodes == (
+        "the simulation 'minisim' is not available in this process"
+    )
+    assert exported.verification.words.endswith(" steps), without episodes of the simulation")
+    assert "20 random sequences" in (tmp_path / "controller_test.py").read_text()
