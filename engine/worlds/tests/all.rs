@@ -9,5 +9,6 @@ mod minisim;
 mod minisim_parts;
 mod parameters;
 mod steering_rule;
+mod taken;
 mod text;
 mod vectors;
