@@ -1,6 +1,7 @@
 """Processes that the program starts, seen from outside."""
 
 import contextlib
+import signal
 import time
 from pathlib import Path
 
@@ -13,6 +14,13 @@ def children(pid: int) -> list[int]:
             if int(status.read_text().rsplit(")", 1)[1].split()[1]) == pid:
                 found.append(int(status.parent.name))
     return found + [below for child in found for below in children(child)]
+
+
+def handles(pid: int, number: signal.Signals) -> bool:
+    """Whether the process has a handler for the signal."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    (mask,) = [int(line.split()[1], 16) for line in lines if line.startswith("SigCgt:")]
+    return bool(mask >> (number - 1) & 1)
 
 
 def alive(pid: int) -> bool:

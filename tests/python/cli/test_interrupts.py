@@ -12,7 +12,7 @@ import pytest
 
 from swarmwright import Run
 from swarmwright.runs.folders import remove_run
-from tests.python.cli.processes import children, gone
+from tests.python.cli.processes import children, gone, handles
 
 ENDLESS = "simulation: minisim\nmethod: {population: 6, generations: 1000000}\nservers: 1\n"
 LARGE = "simulation: minisim\nmethod: {population: 400000, generations: 2}\nservers: local\n"
@@ -87,7 +87,10 @@ def test_it_says_so_also_while_it_starts(start: Any, tmp_path: Path, number: sig
     moments = random.Random(4)
     for _ in range(8):
         process = start("optimize", "endless.yaml", "--out", "run", "--metrics", "0")
-        time.sleep(moments.uniform(0.15, 0.8))
+        while not handles(process.pid, signal.SIGTERM):  # before that, Python itself is being loaded
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.005)
+        time.sleep(moments.uniform(0, 0.65))
         process.send_signal(number)
         said, complaint = process.communicate(timeout=30)
         assert process.returncode == 130
