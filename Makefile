@@ -110,7 +110,8 @@ test-export: $(VENV)/.engine $(VENV)/.dev
 
 # With ROS 1 as Debian has it: real masters, nodes and launch files, the page of the documentation.
 test-ros1: $(VENV)/.engine $(VENV)/.dev
-	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && command -v catkin_make > /dev/null \
+	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && [ -e /usr/share/std_srvs/package.xml ] \
+		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
 	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1"
 

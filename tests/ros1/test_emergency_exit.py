@@ -44,7 +44,6 @@ def _cells(episode: _engine.Episode) -> list[list[float]]:
 
 def launch(master: Master, file: Path, folder: Path, agents: int, *more: str) -> str:
     """Run an episode by its launch file; all that was said."""
-    folder.mkdir(exist_ok=True)
     process = master.workspace.start(
         "roslaunch", "--wait", "emergency_exit", "emergency_exit.launch", f"parameters:={file}",
         f"agents:={agents}", f"logs:={folder}", *more,
@@ -139,14 +138,18 @@ def test_all_get_out_before_the_end(master: Master, tmp_path: Path) -> None:
 def test_mistakes_are_named(master: Master, tmp_path: Path) -> None:
     file = write(tmp_path / "file.json", RANDOM)
     logs = tmp_path / "logs"
+    logs.mkdir()
+    earlier = logs / "agent_0.csv"
+    earlier.write_text("of an earlier episode\n", encoding="ascii")
     said = launch(master, file, logs, 3)
     assert "agents: 3 were launched, but the field has 8: agents:=8" in said
     assert "Traceback" not in said
+    assert earlier.read_text(encoding="ascii") == "of an earlier episode\n"
     assert "expected an absolute path: logs:=$PWD/logs" in launch(master, file, logs, 1, "logs:=logs")
     misspelt = write(tmp_path / "misspelt.json", {"step": 3})
     assert "unknown parameter 'step'; known are steps" in launch(master, misspelt, logs, 1)
     assert "is an experiment with 'minisim'" in launch(master, ROOT / "experiments/minisim.yaml", logs, 1)
-    assert "cannot be written" in launch(master, file, logs, 8, f"logs:={tmp_path}/none", "patience:=2")
+    assert "cannot be written" in launch(master, file, logs, 8, f"logs:={file}/logs", "patience:=2")
 
 
 @pytest.mark.timeout(200)

@@ -1,5 +1,6 @@
 // One agent of Emergency Exit: asks the world for its turn, steps the exported controller, and logs where it is.
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iomanip>
 #include <limits>
@@ -28,11 +29,17 @@ Value parameter(const std::string& name) {
 // The log: a line for the start and for every step, written at once.
 class Log {
  public:
-  Log(const std::string& folder, int agent) : path_(folder + "/agent_" + std::to_string(agent) + ".csv"), file_(path_) {
+  // Finds out whether it can be written. What an earlier episode has logged stays until `begin`.
+  Log(const std::string& folder, int agent) : path_(folder + "/agent_" + std::to_string(agent) + ".csv") {
+    std::error_code ignored;  // as many agents make the folder at once, what counts is whether the file can be written
+    std::filesystem::create_directories(folder, ignored);
+    file_.open(path_, std::ios::app);
     check();
   }
 
   void begin(const emergency_exit::Turn::Request& agent, const emergency_exit::Turn::Response& turn) {
+    file_.close();
+    file_.open(path_, std::ios::trunc);
     file_ << "# agent " << agent.agent << " of " << turn.agents << ", steps " << turn.steps << ", episode "
           << turn.episode << "\nstep,x,y,distance,out\n";
     // As many digits as it takes to read back the same number.
