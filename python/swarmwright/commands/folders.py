@@ -6,6 +6,7 @@ import getpass
 import os
 import shutil
 import socket
+import stat
 import tempfile
 from pathlib import Path
 
@@ -38,13 +39,13 @@ class Instance:
     def __init__(self, place: Path) -> None:
         self.place = place
         try:
-            place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            status = place.stat()
-            if place == default_place() and status.st_uid != os.getuid():
-                raise InputError(f"simulation.work: {place} belongs to someone else; name another folder")
             # Numbers, and so ports and displays, are the user's, wherever the work folders are.
             locks = default_place()
-            locks.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for one in (locks, place):
+                one.mkdir(mode=0o700, parents=True, exist_ok=True)
+            status = locks.lstat()
+            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
+                raise InputError(f"{locks} is not a folder of this user, as it has to be; delete it")
             self.number = self._lock(locks)
             self.folder = place / f"instance-{self.number}"
             self.folder.mkdir(exist_ok=True)

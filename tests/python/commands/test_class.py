@@ -1,13 +1,15 @@
 """The class that people derive from, with the functions of D6.1."""
 
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from swarmwright import CommandSimulation, Experiment, InputError, evaluate, optimize, repeat, simulate
-from tests.python.commands.processes import Traced
+from swarmwright.commands import folders
+from tests.python.commands.processes import WELL, Traced
 from tests.python.records import same_record
 
 CLASS = '''
@@ -132,3 +134,15 @@ def test_instances_side_by_side_share_nothing(traced: Traced) -> None:
     assert not first & second
     assert all(uri == f"http://localhost:{port}" for _, port, _, uri in rows)
     assert simulate(one) == 1
+
+
+def test_the_place_of_work_folders_must_be_the_users_own(
+    traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder that all can write, somebody may have put a link there."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folders.default_place().symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="is not a folder of this user"):
+        simulate(traced.shell(WELL))
+    assert not list((tmp_path / "elsewhere").iterdir())
