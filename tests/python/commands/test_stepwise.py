@@ -57,7 +57,7 @@ def test_two_commands_beside_two_built_in_servers_have_one_record(
 def test_the_same_as_built_in() -> None:
     built_in = Experiment.from_mapping(VALUES)
     command = Experiment.from_mapping({**VALUES, "simulation": {**DEFINITION, "recycle": 3}})
-    genomes = np.random.default_rng(1).normal(size=(4, built_in.genome_size)).astype(np.float32)
+    genomes = np.random.default_rng(1).normal(size=(2, built_in.genome_size)).astype(np.float32)
     expected = evaluate(built_in, genomes, servers="local").tobytes()
     for servers in ("in-process", "local"):
         assert evaluate(command, genomes, servers=servers).tobytes() == expected
