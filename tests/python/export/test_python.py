@@ -6,12 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from swarmwright import InputError
+from swarmwright import Experiment, InputError, Simulation, export_controller, optimize
 from swarmwright.export import Exporter
 from swarmwright.export.micropython import MicroPython
 from swarmwright.export.micropython import _interpreter as interpreter
@@ -139,3 +140,52 @@ def test_names_cannot_leave_strings(tmp_path: Path) -> None:
         write(exporter.files(nasty(), "robot"), tmp_path)
         assert Python().self_test(tmp_path, "robot") == "robot_test.py"
         assert module(tmp_path / "robot.py").SENSORS[4:] == ("goal x", "goal x")
+
+
+class Drift(Simulation):
+    """Two agents that have to stop where they cannot measure how far they have come: state helps."""
+
+    title, dimensions, sensors, actuators = "drift", 1, 2, 1
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:  # noqa: ARG002 - has none
+        self.numbers = np.random.default_rng(seed)
+        self.x, self.left = self.numbers.uniform(-1, 1, 2), 25
+        return self._seen()
+
+    def _seen(self) -> Any:
+        return np.column_stack([np.sign(self.x), self.numbers.uniform(-1, 1, 2)])
+
+    def step(self, actions: Any) -> Any:
+        self.x = self.x + 0.1 * actions[:, 0]
+        self.left -= 1
+        return self._seen()
+
+    def done(self) -> bool:
+        return self.left == 0
+
+    def fitness(self) -> float:
+        return -float(np.abs(self.x).sum())
+
+
+def test_exported_controllers_behave_as_in_the_run(tmp_path: Path) -> None:
+    """In the loop with the simulation, 20 exported networks reach the fitness of the record, none another."""
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": Drift, "servers": "in-process", "ranking": {"episodes": 2},
+            "controller": {"kind": "fully_meshed", "hidden": 2, "activation": "tanh"},
+            "method": {"kind": "random_search", "population": 20, "generations": 1},
+        }
+    )  # fmt: skip
+    found = optimize(experiment, out=tmp_path / "run")
+    for candidate in range(20):
+        export_controller(found, to="python", output=tmp_path, candidate=candidate, prefix="robot")
+        robot = module(tmp_path / "robot.py")
+        record = found.evaluation(candidate, 0)
+        for seed, fitness in zip(record.seeds, record.episodes.tolist(), strict=True):
+            simulation, agents = Drift(), [robot.Controller(), robot.Controller()]
+            seen = simulation.reset({}, seed)
+            while not simulation.done():
+                rows: list[list[float]] = seen.astype(np.float32).tolist()
+                actions = [agent.step(row) for agent, row in zip(agents, rows, strict=True)]
+                seen = simulation.step(np.array(actions, np.float32))
+            assert simulation.fitness() == fitness
