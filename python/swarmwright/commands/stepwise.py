@@ -27,6 +27,7 @@ from swarmwright.commands.running import Limits, Watch, check_end
 
 _PIECE = 1 << 16
 _LONGEST = 1 << 26
+_ENCODER = json.JSONEncoder(separators=(",", ":"))
 _GOODBYE = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
@@ -90,7 +91,7 @@ class Dialogue:
         """Send a message and return the answer."""
         try:
             assert self._pipes is not None
-            self._write(f"{json.dumps(message, separators=(',', ':'))}\n".encode())
+            self._write(f"{_ENCODER.encode(message)}\n".encode())
             return self._checked(self._line())
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
