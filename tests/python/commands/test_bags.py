@@ -46,14 +46,14 @@ def write_mcap(path: Path) -> None:
     from mcap.writer import Writer
 
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer: Any = Writer(stream)
         writer.start()
         schema = writer.register_schema("position", "jsonschema", b"{}")
         channel = writer.register_channel("/robot", "json", schema)
         for step in range(3):
             data = json.dumps({"x": step * 0.5, "name": "one", "ranges": [1, 2]}).encode()
             writer.add_message(channel, step, data, step)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def run(traced: Traced, log: str, **definition: Any) -> float:
