@@ -208,7 +208,7 @@ def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driv
 @pytest.mark.timeout(120)
 def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = _engine.Controller(json.dumps(EXPORTED))
-    mapping = {**MAPPING, "timeout": 0.6}
+    mapping = {**MAPPING, "timeout": 2.0}
     with node(master, driver, mapping, tmp_path, "silent") as running:
         running.record("swarmwright_controller/steps", "std_msgs/Float32MultiArray")
         running.record("cmd_vel", TWIST)
@@ -225,7 +225,7 @@ def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, t
         running.silence("sonar")
         silent = time.monotonic()
         until(lambda: driven(running)[-1] == (0.0, 0.0))
-        assert 0.3 < time.monotonic() - silent < 10
+        assert 1.0 < time.monotonic() - silent < 10
         until(lambda: "stopped: nothing comes from /silent/sonar" in running.said())
         stopped = len(running.steps())
         count = len(driven(running))
@@ -259,7 +259,7 @@ def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, t
 @pytest.mark.timeout(120)
 def test_a_controller_that_begins_anew_after_silence(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = _engine.Controller(json.dumps(EXPORTED))
-    mapping = {**MAPPING, "timeout": 0.6, "reset_after_silence": True}
+    mapping = {**MAPPING, "timeout": 2.0, "reset_after_silence": True}
     with node(master, driver, mapping, tmp_path, "anew") as running:
         running.record("swarmwright_controller/steps", "std_msgs/Float32MultiArray")
         running.publish(row(1))
