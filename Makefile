@@ -78,13 +78,17 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 		ctest --test-dir $$build --output-on-failure --no-label-summary
 	done
 
+# A test that fails is repeated once: many start several processes, of which one may be late on a busy machine. Both are
+# printed, since what fails now and then is a fault to be found, too.
+AGAIN := --reruns 1 --rerun-show-tracebacks -raR
+
 test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO) protocol/node_modules/.package-lock.json
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
-	# Tests wait for other processes more than half of their time: five at a time keep two processors busy.
-	$(BIN)/python -m pytest -n 5 --dist worksteal --durations=25 --durations-min=10
+	# Tests wait for other processes more than half of their time: four at a time keep two processors busy.
+	$(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=25 --durations-min=10
 
 brokers: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -113,7 +117,7 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && [ -e /usr/share/std_srvs/package.xml ] \
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
-	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1"
+	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1"
 
 INPUTS ?= 1000000
 
