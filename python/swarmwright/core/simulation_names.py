@@ -18,8 +18,6 @@ LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas
 """Library, which is the adapter's module, too -> its class."""
 
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")
-_DEFINITION = "command.json"
-"""The file of a command's definition, which exists in copies only."""
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 
 
@@ -29,6 +27,8 @@ class SimulationName:
 
     COMMAND: ClassVar[str] = "command:"
     """What a command's name begins with."""
+    DEFINITION: ClassVar[str] = "swarmwright-command.json"
+    """The file of a command's definition, which exists in copies only."""
 
     text: str
     """The whole name."""
@@ -46,7 +46,7 @@ class SimulationName:
         """Take a name apart; any text that is no class, no environment and no command is a title."""
         if text.startswith(f"{cls.COMMAND}{{"):
             folder = json.loads(text.removeprefix(cls.COMMAND)).get("folder", ".")
-            return cls(text, "", str(Path(folder) / _DEFINITION), "", "")
+            return cls(text, "", str(Path(folder) / cls.DEFINITION), "", "")
         match = _ENVIRONMENT.fullmatch(text)
         if match is not None:
             return cls(text, match[1], match[2], "", match[3] or "")

@@ -10,10 +10,9 @@ from pathlib import Path
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.process import found
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
-DEFINITION = "command.json"
-"""The file of a copy that holds the definition; it stands in no other folder."""
 _LARGEST = 1 << 26
 """Bytes of a file that is followed; larger ones do not belong to a simulation."""
 _SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")
@@ -25,11 +24,11 @@ def definition_of(options: CommandOptions) -> bytes:
     return f"{json.dumps(values, sort_keys=True, indent=2)}\n".encode()
 
 
-def sources_of(options: CommandOptions) -> dict[str, Path]:
+def sources_of(options: CommandOptions) -> tuple[str, dict[str, Path]]:
     """Return the files that a definition names, and what those in Python import, by their places.
 
-    A place is relative to a folder that all of them are in; `DEFINITION`, which is where the definition's
-    folder is, is among them. Raises InputError for files that are named and are not there.
+    A place is relative to a folder that all of them are in. The first of the two is the place that the
+    definition gets in a copy, in its own folder. Raises InputError for named files that are not there.
     """
     here = Path(options.folder).resolve()
     paths = {path for path in _named(options, here) if _belongs(path)}
@@ -45,16 +44,15 @@ def sources_of(options: CommandOptions) -> dict[str, Path]:
         path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path).lstrip("/"): path
         for path in paths
     }
-    main = (here / DEFINITION).relative_to(root).as_posix()
-    return {main: here / DEFINITION, **dict(sorted(places.items()))}
+    main = (here / SimulationName.DEFINITION).relative_to(root).as_posix()
+    return main, dict(sorted(places.items()))
 
 
 def digest(options: CommandOptions) -> str:
     """Return the SHA-256, in hexadecimal, of a definition and its files."""
     whole = hashlib.sha256(definition_of(options))
-    for place, path in sources_of(options).items():
-        if path.name != DEFINITION:
-            whole.update(f"\n{place} {hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
+    for place, path in sources_of(options)[1].items():
+        whole.update(f"\n{place} {hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
     return whole.hexdigest()
 
 

@@ -77,16 +77,15 @@ class Part:
         from swarmwright.user_code import command_sources  # noqa: PLC0415 - as above
 
         options = CommandOptions.of(name)
-        files = {}
-        for place, path in command_sources.sources_of(options).items():
-            if path.name == command_sources.DEFINITION:
-                main, files[place] = place, Source(path, command_sources.definition_of(options))
-            else:
-                try:
-                    files[place] = Source(path, path.read_bytes())
-                except OSError as error:
-                    raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-        component = SimulationName.parse(name).in_file("./command.json")
+        main, sources = command_sources.sources_of(options)
+        origin = Path(options.folder).resolve() / SimulationName.DEFINITION
+        files = {main: Source(origin, command_sources.definition_of(options))}
+        for place, path in sources.items():
+            try:
+                files[place] = Source(path, path.read_bytes())
+            except OSError as error:
+                raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        component = SimulationName.parse(name).in_file(SimulationName.DEFINITION)
         return cls("simulation", component, main, None, files, frozenset())
 
     @classmethod

@@ -110,6 +110,15 @@ def test_the_identity_is_that_of_definition_and_files(folder: Path, tmp_path: Pa
     assert len(others - {first}) == 3
 
 
+@pytest.mark.parametrize("name", ["command.json", "data.json"])
+def test_any_file_that_is_named_belongs_to_the_identity(folder: Path, name: str) -> None:
+    titles = set()
+    for text in ("{}", "[]"):
+        (folder / name).write_text(text)
+        titles.add(catalogue.title(load(folder, f"simulation.sources=[{name}]").simulation))
+    assert len(titles) == 2
+
+
 def test_a_run_keeps_the_files_and_is_resumed(folder: Path, tmp_path: Path) -> None:
     experiment = load(folder)
     run = optimize(experiment, out=tmp_path / "run", servers="in-process")
@@ -117,7 +126,7 @@ def test_a_run_keeps_the_files_and_is_resumed(folder: Path, tmp_path: Path) -> N
         experiment.replace(method={"generations": 3}), out=tmp_path / "long", servers="in-process"
     )
     kept = run.path / "code" / "1" / "simulation"
-    assert {path.name for path in kept.iterdir()} == {"sim.py", "helper.py", "command.json"}
+    assert {path.name for path in kept.iterdir()} == {"sim.py", "helper.py", "swarmwright-command.json"}
     resumed = resume(run.path, generations=3)
     assert resumed.digest == longer.digest
     best = run.best

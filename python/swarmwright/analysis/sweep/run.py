@@ -83,7 +83,7 @@ def _same(experiment: Experiment) -> str:
     values["simulation"] = shown(experiment.simulation)
     parsed = SimulationName.parse(experiment.simulation)
     if parsed.is_command:
-        values["simulation"] = parsed.in_file("./command.json")
+        values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
     elif parsed.file is not None:  # the same file in any folder: `changed_code` compares its content
         values["simulation"] = parsed.in_file(parsed.file.name)
     return json.dumps(values, sort_keys=True, default=str)
