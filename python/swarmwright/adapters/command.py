@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.commands import builds, folders, forms, logs, parameter_file
+from swarmwright.adapters import _controller_files
+from swarmwright.commands import builds, folders, logs, parameter_file
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.output import Printed
@@ -135,7 +136,7 @@ class CommandSimulation(Simulation):
 
     def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
         """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
-        for name, data in forms.files(self.options.controller, controller).items():
+        for name, data in _controller_files.files(self.options.controller, controller).items():
             (self.build or self.folder).joinpath(name).write_bytes(data)
 
     def run(self) -> None:
@@ -298,7 +299,7 @@ class CommandSimulation(Simulation):
 
     @property
     def _controller_file(self) -> str:
-        return forms.main_file(self.options.controller)
+        return _controller_files.main_file(self.options.controller)
 
     def _run(self, command: list[str]) -> None:
         assert self._processes is not None

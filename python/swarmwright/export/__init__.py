@@ -1,10 +1,10 @@
 """Controllers as source code and models: one file and one line below for each form."""
 
 from swarmwright.core.registry import Registry
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.subject import Subject
 
-__all__ = ["EXPORTERS", "Exporter", "Files", "Subject"]
+__all__ = ["EXPORTERS", "Exporter", "Files", "Subject", "file_bytes"]
 
 EXPORTERS: Registry[Exporter] = Registry(
     "form",

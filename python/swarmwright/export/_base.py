@@ -15,6 +15,11 @@ Files = dict[str, str | bytes]
 """Content by path, relative to the folder that is exported to."""
 
 
+def file_bytes(content: str | bytes) -> bytes:
+    """Return the content of a file as it is written: text in UTF-8."""
+    return content if isinstance(content, bytes) else content.encode()
+
+
 class Exporter(ABC):
     """Writes controllers in one form, and checks what was written.
 

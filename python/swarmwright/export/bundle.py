@@ -7,7 +7,7 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
+from swarmwright.core.files import read_bytes
 from swarmwright.export import EXPORTERS
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import check_prefix, decimals
@@ -120,7 +121,7 @@ def export_bundle(
     manifest = _manifest(opened, bundle, prefix, files)
     digest = hashlib.sha256(manifest.encode()).hexdigest()
     _write(target, {MANIFEST: manifest, **dict(sorted(files.items()))})
-    return Bundle(target, digest, subject, bundle.verified, bundle.unverified, bundle.without)
+    return replace(bundle, digest=digest)
 
 
 def _check_target(file: Path, *, force: bool) -> None:
@@ -141,8 +142,6 @@ def _check_target(file: Path, *, force: bool) -> None:
 
 
 def _given(file: Path) -> bytes:
-    from swarmwright.core.files import read_bytes  # noqa: PLC0415 - for those who give one
-
     try:
         return read_bytes(file, _LARGEST)
     except OSError as error:
@@ -213,7 +212,7 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
         "without": bundle.without,
         "files": {
             name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-            for name, data in sorted((name, as_bytes(content)) for name, content in files.items())
+            for name, data in sorted((name, file_bytes(content)) for name, content in files.items())
         },
     }
     return _json(values)
@@ -221,11 +220,6 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
 
 def _json(values: Mapping[str, Any]) -> str:
     return json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def as_bytes(content: str | bytes) -> bytes:
-    """Return the content of a file."""
-    return content if isinstance(content, bytes) else content.encode()
 
 
 def _write(file: Path, files: Mapping[str, str | bytes]) -> None:
@@ -236,7 +230,7 @@ def _write(file: Path, files: Mapping[str, str | bytes]) -> None:
                 info = zipfile.ZipInfo(name, _DATE)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
-                archive.writestr(info, as_bytes(content))
+                archive.writestr(info, file_bytes(content))
         new.replace(file)
     except OSError as error:
         new.unlink(missing_ok=True)

@@ -14,14 +14,13 @@ import numpy as np
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.untrusted import one_line
 from swarmwright.export import EXPORTERS
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.bundle import (
     CONTROLLER,
     EPISODES,
     EVALUATION,
     FORMAT,
     MANIFEST,
-    as_bytes,
     episodes_of,
 )
 from swarmwright.export.sequences import Sequences, difference
@@ -230,7 +229,7 @@ def _run_form(
     there = {
         name.removeprefix(f"{form}/"): data for name, data in files.items() if name.startswith(f"{form}/")
     }
-    if there != {name: as_bytes(content) for name, content in again.items()}:
+    if there != {name: file_bytes(content) for name, content in again.items()}:
         if by == __version__:
             report.problems.append(f"{form}: its files are not those that the controller is exported as")
         else:

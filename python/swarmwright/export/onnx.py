@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.programs import run
-from swarmwright.export.python_code import byte_text
+from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import render
@@ -120,20 +120,13 @@ def _step_all(
 
 
 def _test(subject: Subject, graph: "Graph", prefix: str) -> str:
-    golden = subject.golden
-    lines: list[str] = []
-    for index in range(len(golden)):
-        if golden.first[index]:
-            lines += [*(["    ),"] if lines else []), "    ("]
-        row = f"{byte_text(golden.sensors[index])}, {byte_text(golden.actuators[index])}"
-        lines.append(f"        ({row}),")
     return render(
         "onnx_test.txt",
         {
             "p": prefix,
             "facts": facts(subject, "    "),
             "golden": subject.golden_words,
-            "sequences": "\n".join([*lines, "    ),"]),
+            "sequences": golden_text(subject.golden),
             "reset": graph.initial_state or "None",
             "state_input": ', "state": state' if graph.initial_state else "",
             "outputs": "actuators, state" if graph.initial_state else "(actuators,)",

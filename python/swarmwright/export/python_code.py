@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
 from swarmwright.export.c_code import machine_tables
+from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import decimals, render, wrapped
 
@@ -213,6 +214,17 @@ def as_bytes(values: Values) -> str:
 
 _CODES = {"f4": "f", "u2": "H", "u4": "L"}
 """Of arrays and of `struct`, by kind and bytes."""
+
+
+def golden_text(golden: Sequences) -> str:
+    """Return sequences as elements of a tuple in Python: tuples of (sensors, actuators), both as bytes."""
+    lines: list[str] = []
+    for index in range(len(golden)):
+        if golden.first[index]:
+            lines += [*(["    ),"] if lines else []), "    ("]
+        row = f"{byte_text(golden.sensors[index])}, {byte_text(golden.actuators[index])}"
+        lines.append(f"        ({row}),")
+    return "\n".join([*lines, "    ),"])
 
 
 def byte_text(values: Values) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarmwright.export._base import Files, facts
-from swarmwright.export.python_code import Numbers, byte_text, python_code
+from swarmwright.export.python_code import Numbers, golden_text, python_code
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.text import render
@@ -52,15 +52,8 @@ def _names(channels: list[Channel]) -> str:
 
 
 def _test(subject: Subject, values: dict[str, str]) -> str:
-    golden = subject.golden
-    lines: list[str] = []
-    for index in range(len(golden)):
-        if golden.first[index]:
-            lines += [*(["    ),"] if lines else []), "    ("]
-        row = f"{byte_text(golden.sensors[index])}, {byte_text(golden.actuators[index])}"
-        lines.append(f"        ({row}),")
-    sequences = "\n".join([*lines, "    ),"])
-    return render("python_test.txt", {**values, "golden": subject.golden_words, "sequences": sequences})
+    golden = {"golden": subject.golden_words, "sequences": golden_text(subject.golden)}
+    return render("python_test.txt", {**values, **golden})
 
 
 def parts(sequences: Sequences, size: int) -> list[slice]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import RANDOM_SEQUENCES, difference, random_sequences
 from swarmwright.export.subject import Subject
 
@@ -70,8 +70,7 @@ def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> V
         folder = Path(place)
         for name, content in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            data = content if isinstance(content, bytes) else content.encode()
-            (folder / name).write_bytes(data)
+            (folder / name).write_bytes(file_bytes(content))
         if not subject.steers:
             values = exporter.values(folder, prefix)
             test = exporter.self_test(folder, prefix)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.export._base import Files
+from swarmwright.export._base import Files, file_bytes
 from swarmwright.export.text import MARK
 
 _SEARCHED = 1 << 16
@@ -31,7 +31,7 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
     for path, content in zip(paths, files.values(), strict=True):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+            path.write_bytes(file_bytes(content))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     return paths

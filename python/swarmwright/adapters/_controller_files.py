@@ -1,8 +1,9 @@
 """Forms in which a command gets a controller: JSON, or source code of the exporters."""
 
-import importlib
 from pathlib import PurePosixPath
-from typing import Any
+
+from swarmwright.export import EXPORTERS, Subject, file_bytes
+from swarmwright.representations.controller import Controller
 
 PREFIX = "controller"
 _MAIN = {"json": ".json", "c": ".c", "cpp": ".hpp", "python": ".py", "onnx": ".onnx"}
@@ -15,16 +16,13 @@ def main_file(form: str) -> str:
     return f"{PREFIX}{_MAIN[form]}"
 
 
-def files(form: str, controller: Any) -> dict[str, bytes]:  # noqa: ANN401 - a Controller, which is above this
+def files(form: str, controller: Controller) -> dict[str, bytes]:
     """Return the files of a controller by their names, without self-tests and what builds these."""
     if form == "json":
         return {main_file(form): f"{controller.json}\n".encode()}
-    # By name, as plug-ins are: exporters are above this package.
-    export = importlib.import_module("swarmwright.export")
-    exporter = export.EXPORTERS.get(form)()
-    written = exporter.files(export.Subject(controller.specification), PREFIX)
+    written = EXPORTERS.get(form)().files(Subject(controller.specification), PREFIX)
     return {
-        name: text if isinstance(text, bytes) else text.encode()
-        for name, text in written.items()
+        name: file_bytes(content)
+        for name, content in written.items()
         if PurePosixPath(name).stem == PREFIX and PurePosixPath(name).suffix in _PARTS and "/" not in name
     }
