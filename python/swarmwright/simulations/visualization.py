@@ -22,7 +22,7 @@ def shown_as(kind: type[Simulation] | type[BatchSimulation]) -> Literal["scene",
         if reason is not None:
             raise InputError(reason)
         return "picture"
-    if getattr(kind, "steers_itself", None) is not None:
+    if hasattr(kind, "runVisual"):
         raise InputError(f"{kind.__name__} is a command, whose episodes cannot be drawn here")
     raise InputError(
         f"{kind.__name__} has nothing to show: give it a method scene() that returns a "

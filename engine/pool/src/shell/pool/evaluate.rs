@@ -19,8 +19,8 @@ impl Pool {
         }
     }
 
-    /// Evaluates every candidate in every episode. `meanwhile` is called once, when servers have been given as much as they
-    /// take, and `on_progress(done, waiting_for)` ten times a second and at the end; both may stop the work.
+    /// Evaluates every candidate in every episode. `meanwhile` is called once, when servers have got their
+    /// first work, and `on_progress(done, waiting_for)` ten times a second and at the end; both may stop the work.
     ///
     /// # Errors
     /// No server for longer than the time-outs allow; all servers refuse the work; stopped. What is under way is ended
