@@ -2,7 +2,6 @@
 
 import hashlib
 import itertools
-import json
 import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.adapters import _controller_files
+from swarmwright.adapters._stepped_episodes import SteppedEpisodes
 from swarmwright.commands import builds, folders, logs, parameter_file
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure
@@ -19,7 +19,7 @@ from swarmwright.commands.output import Printed
 from swarmwright.commands.placeholders import filled, filled_file
 from swarmwright.commands.process import Processes, found
 from swarmwright.commands.running import Limits, run
-from swarmwright.commands.stepwise import Dialogue, Start
+from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError, InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.experiment.fitness import OWN, FitnessExpression
@@ -74,7 +74,6 @@ class CommandSimulation(Simulation):
         self.options = self._options()
         self._here = Path(self.options.folder)
         self.takes_controller = self.options.takes_controller
-        self._stepped = self.options.controller == "stepwise"
         self.title = type(self).title or self.options.title or self._title()
         self.sensors, self.actuators = self.options.sensors or 1, self.options.actuators or 1
         self.dimensions, self.determinism = self.options.dimensions, self.options.determinism
@@ -90,7 +89,11 @@ class CommandSimulation(Simulation):
         )
         self._instance: folders.Instance | None = None
         self._processes: Processes | None = None
-        self._dialogue: Dialogue | None = None
+        self._stepped = (
+            SteppedEpisodes(self._start, self._limits, self.options.recycle, self.metrics)
+            if self.options.controller == "stepwise"
+            else None
+        )
         self._episodes = itertools.count()
         self._measured: dict[str, float] = {}
 
@@ -173,8 +176,9 @@ class CommandSimulation(Simulation):
         """Run the episode, or begin one that is stepped; see `Simulation.reset`."""
         self.seed = seed
         self._measured = {}
-        if self._stepped:
-            return self._talk(lambda: self._stepper().reset(parameters, seed))
+        if self._stepped is not None:
+            stepped, processes = self._stepped, self._ready()[1]
+            return self._sensed(lambda: stepped.reset(processes, parameters, seed))
         if controller is None and self.takes_controller:
             raise InputError(
                 "simulation.controller: the command gets its controller as a file, which needs the mode "
@@ -185,17 +189,17 @@ class CommandSimulation(Simulation):
 
     def step(self, actions: NDArray[np.float32]) -> ArrayLike:
         """Go on by one step, where the command is stepped."""
-        dialogue = self._dialogue
-        assert dialogue is not None
-        return self._talk(lambda: dialogue.ask({"actuators": actions.tolist()}))
+        stepped = self._stepped
+        assert stepped is not None
+        return self._sensed(lambda: stepped.step(actions))
 
     def done(self) -> bool:
         """Return whether the episode has ended."""
-        return not self._stepped or self._done
+        return self._stepped is None or self._stepped.done
 
     def acting(self) -> ArrayLike | None:
         """Return who acts next."""
-        return self._acting if self._stepped else None
+        return None if self._stepped is None else self._stepped.acting
 
     def fitness(self) -> float:
         """Return the fitness: of the definition's expression, or what the logs say."""
@@ -229,7 +233,7 @@ class CommandSimulation(Simulation):
 
     def _episode(self, parameters: Mapping[str, Any], controller: Controller | None) -> None:
         """Run an episode from files to files."""
-        instance = self._ready()
+        instance = self._ready()[0]
         number = next(self._episodes)
         # One name, so that the same failure has the same reason.
         name = f"episode-{number}" if self.options.keep == "all" else "episode"
@@ -309,8 +313,8 @@ class CommandSimulation(Simulation):
     def _command(self, words: list[str]) -> list[str]:
         return [found(filled(word, self._values, "command"), self._here) for word in words]
 
-    def _ready(self) -> folders.Instance:
-        """Return the instance, which is made with its processes where there is none."""
+    def _ready(self) -> tuple[folders.Instance, Processes]:
+        """Return the instance and its processes, which are made where there are none."""
         if self._instance is None:
             place = folders.default_place() if self.options.work is None else self._here / self.options.work
             self._instance = folders.Instance(place)
@@ -319,8 +323,7 @@ class CommandSimulation(Simulation):
             weakref.finalize(self, self._instance.close)
         if self._processes is None or not self._processes.is_alive:
             self._processes = Processes()
-            self._dialogue = None
-        return self._instance
+        return self._instance, self._processes
 
     def _placeholders(self, instance: folders.Instance, episode: int) -> dict[str, Any]:
         """Return what can be put into the command beside the parameters."""
@@ -331,7 +334,7 @@ class CommandSimulation(Simulation):
             "port": instance.port(),
             "episode": episode,
         }
-        if not self._stepped:
+        if self._stepped is None:
             values["parameters"] = self.folder / _PARAMETERS[self.options.parameters_format]
         if self.takes_controller:
             values["controller"] = self.folder / self._controller_file
@@ -353,51 +356,19 @@ class CommandSimulation(Simulation):
 
     # A command that is stepped.
 
-    def _stepper(self) -> Dialogue:
-        self._ready()
-        if self._dialogue is None:
-            assert self._processes is not None
-            self._dialogue = Dialogue(self._processes, self._start, self._limits, self.options.recycle)
-        return self._dialogue
-
     def _start(self) -> Start:
-        instance = self._ready()
+        instance = self._ready()[0]
         self.folder = instance.new_folder("stepwise")
         self._values = self._placeholders(instance, next(self._episodes))
         self.setEnvironment(self.options.environment)
         return Start(self._command(self.options.command), self.folder, self.environment)
 
-    def _talk(self, exchange: Callable[[], dict[str, Any]]) -> ArrayLike:
-        """Exchange a message for an answer; return the sensors in it."""
+    def _sensed(self, exchange: Callable[[], ArrayLike | None]) -> ArrayLike:
+        """Exchange a message for sensors, zeros where the episode has ended."""
+        assert self._stepped is not None
         try:
-            answer = exchange()
-            self._done = answer.get("done") is True
-            self._acting = answer.get("acting")
-            if self._done:
-                self._measured = self._results(answer)
-            elif "sensors" not in answer:
-                raise CommandFailure(
-                    f"answered {json.dumps(answer)[:80]}, which has neither sensors nor done"
-                )
+            sensors = exchange()
         except CommandFailure as failure:
-            printed = Printed(0)
-            if self._dialogue is not None:
-                self._dialogue.abandon()
-                printed = self._dialogue.printed
-            raise self._explained(str(failure), printed, None) from None
-        sensors: ArrayLike = answer.get("sensors", np.zeros((1, self.sensors)))
-        return sensors
-
-    def _results(self, answer: Mapping[str, Any]) -> dict[str, float]:
-        """Return metrics and fitness of the last answer of an episode."""
-        found = dict(answer.get("metrics") or {})
-        if "fitness" in answer:
-            found[OWN] = answer["fitness"]
-        for name in self.metrics:
-            if name not in found:
-                there = ", ".join(found) or "none"
-                raise CommandFailure(f"ended the episode without the metric {name!r}; there is: {there}")
-        for name, value in found.items():
-            if not (isinstance(value, bool | int | float) and np.isfinite(value)):
-                raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a finite number")
-        return {name: float(value) for name, value in found.items()}
+            raise self._explained(str(failure), self._stepped.abandon(), None) from None
+        self._measured = self._stepped.measured
+        return np.zeros((1, self.sensors)) if sensors is None else sensors
