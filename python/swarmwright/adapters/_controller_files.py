@@ -2,12 +2,14 @@
 
 from pathlib import PurePosixPath
 
-from swarmwright.export import EXPORTERS, Subject, file_bytes
+from swarmwright.export import EXPORTERS, Subject, c, file_bytes
 from swarmwright.representations.controller import Controller
 
 PREFIX = "controller"
 _MAIN = {"json": ".json", "c": ".c", "cpp": ".hpp", "python": ".py", "onnx": ".onnx"}
 """The ending of the file that {controller} stands for."""
+WEIGHTS = f"{PREFIX}.weights"
+"""What the file is called that {weights} stands for."""
 _PARTS = {".c", ".h", ".hpp", ".py", ".onnx"}
 
 
@@ -16,8 +18,19 @@ def main_file(form: str) -> str:
     return f"{PREFIX}{_MAIN[form]}"
 
 
-def files(form: str, controller: Controller) -> dict[str, bytes]:
-    """Return the files of a controller by their names, without self-tests and what builds these."""
+def weights(controller: Controller) -> bytes:
+    """Return the file that {weights} stands for."""
+    return c.loaded_weights(Subject(controller.specification)).encode()
+
+
+def files(form: str, controller: Controller, *, without_weights: bool = False) -> dict[str, bytes]:
+    """Return the files of a controller by their names, without self-tests and what builds these.
+
+    without_weights: C whose weights are in a file of their own, `weights`.
+    """
+    if without_weights:
+        made = c.loaded_files(Subject(controller.specification), PREFIX)
+        return {name: file_bytes(content) for name, content in made.items()}
     if form == "json":
         return {main_file(form): f"{controller.json}\n".encode()}
     written = EXPORTERS.get(form)().files(Subject(controller.specification), PREFIX)

@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import json
 import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -139,7 +140,8 @@ class CommandSimulation(Simulation):
 
     def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
         """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
-        for name, data in _controller_files.files(self.options.controller, controller).items():
+        form, loads = self.options.controller, self.options.loads_weights
+        for name, data in _controller_files.files(form, controller, without_weights=loads).items():
             (self.build or self.folder).joinpath(name).write_bytes(data)
 
     def run(self) -> None:
@@ -252,6 +254,8 @@ class CommandSimulation(Simulation):
                 self._compile(controller, self.options.compile)
             elif controller is not None:
                 self.exportRepresentation(controller)
+            if controller is not None and self.options.loads_weights:
+                (self.folder / _controller_files.WEIGHTS).write_bytes(_controller_files.weights(controller))
             self.setParameters({**parameters, "seed": self.seed})
             (self.runVisual if self.visual else self.run)()
             self._measured = {name: float(value) for name, value in self.readLogs().items()}
@@ -282,7 +286,7 @@ class CommandSimulation(Simulation):
         return EpisodeError(f"{program}: {reason}{last}{where}", printed.tail or None)
 
     def _compile(self, controller: Controller, command: list[str]) -> None:
-        """Compile a controller, unless that was done for this one."""
+        """Compile a controller, unless that was done for this one, or for one with the same source."""
 
         def build(folder: Path) -> None:
             assert self._processes is not None
@@ -298,7 +302,10 @@ class CommandSimulation(Simulation):
 
     def _build_of(self, controller: Controller, place: Path) -> Path:
         """Return the folder where a controller is compiled."""
-        key = hashlib.sha256(f"{self.digest or self.options.name}\n{controller.json}".encode())
+        compiled = controller.json
+        if self.options.loads_weights:
+            compiled = json.dumps({**controller.specification, "weights": None}, sort_keys=True)
+        key = hashlib.sha256(f"{self.digest or self.options.name}\n{compiled}".encode())
         return place / "builds" / key.hexdigest()
 
     @property
@@ -338,6 +345,8 @@ class CommandSimulation(Simulation):
             values["parameters"] = self.folder / _PARAMETERS[self.options.parameters_format]
         if self.takes_controller:
             values["controller"] = self.folder / self._controller_file
+        if self.options.loads_weights:
+            values["weights"] = self.folder / _controller_files.WEIGHTS
         if len(self.options.log) == 1:
             values["log"] = self.folder / self.options.log[0]
         return values

@@ -55,10 +55,10 @@ class CommandOptions(Options):
     """A simulation that is a command: a process for each episode, which reads and writes files.
 
     Its process has a work folder of its own. The command's words, the values of `environment` and the text of
-    `files` may hold placeholders: {parameters}, {controller}, {log} (paths of these files), {folder} (the
-    work folder), {build} (the folder of what was compiled), {here} (the folder of the experiment file),
-    {seed}, {episode}, {instance}, {port}, and the simulation's parameters by their names. {{name}} in a
-    command stands for {name}.
+    `files` may hold placeholders: {parameters}, {controller}, {weights}, {log} (paths of these files),
+    {folder} (the work folder), {build} (the folder of what was compiled), {here} (the folder of the
+    experiment file), {seed}, {episode}, {instance}, {port}, and the simulation's parameters by their names.
+    {{name}} in a command stands for {name}.
     """
 
     command: Command
@@ -120,6 +120,10 @@ class CommandOptions(Options):
     compile: Command | None = None
     """A command that is run once for each controller before its episodes, with {controller} and {build}, the
     folder where the controller is and where it puts what `command` then runs."""
+    weights: Literal["compiled", "file"] = "compiled"
+    """Where a controller in C that is compiled has its weights. compiled: in its source, which is compiled
+    once for each candidate. file: in the file {weights}, which the program reads with
+    `controller_load(path)`, so that one compilation serves all candidates of an experiment."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
     """Seconds that an episode may take. Then it has failed, and its processes are ended."""
     recycle: int = Field(default=0, ge=0)
@@ -215,10 +219,28 @@ class CommandOptions(Options):
             raise ValueError("log: is missing: the file with results that the command writes, or stdout")
         return self
 
+    @model_validator(mode="after")
+    def _weights_fit(self) -> "CommandOptions":
+        if self.loads_weights and (self.controller != "c" or self.compile is None):
+            raise ValueError("weights: file needs controller: c, and compile, which is then run once")
+        if self.loads_weights and "{weights}" in " ".join(self.compile or []):
+            raise ValueError(
+                "compile: {weights} differs from candidate to candidate, but compile is run once for all; "
+                "give it to the command"
+            )
+        if "{weights}" in " ".join([*self.command, *(self.visual or [])]) and not self.loads_weights:
+            raise ValueError("command: {weights} needs weights: file")
+        return self
+
     @property
     def takes_controller(self) -> bool:
         """Whether the command gets controllers as files."""
         return self.controller not in {"none", "stepwise"}
+
+    @property
+    def loads_weights(self) -> bool:
+        """Whether the weights of a compiled controller are in a file of their own."""
+        return self.weights == "file"
 
     @property
     def reductions(self) -> dict[str, Reduction]:

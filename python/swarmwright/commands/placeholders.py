@@ -12,6 +12,7 @@ _PLACE = re.compile(rf"\{{\{{{_NAME}\}}\}}|(?<!\$)\{{({_NAME})\}}")
 IN_A_COMMAND = (
     "parameters",
     "controller",
+    "weights",
     "log",
     "folder",
     "build",

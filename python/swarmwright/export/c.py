@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.export import c_family, c_parameters
 from swarmwright.export._base import Exporter, Files, facts
-from swarmwright.export.c_code import code
+from swarmwright.export.c_code import Table, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
@@ -77,7 +77,40 @@ def _values(subject: Subject, prefix: str) -> dict[str, str]:
     }
 
 
-def _header(subject: Subject, values: dict[str, str]) -> str:
+def loaded_files(subject: Subject, prefix: str) -> Files:
+    """Return `PREFIX.c` and `PREFIX.h` without what is evolved, which `PREFIX_load(path)` reads from a file.
+
+    Controllers that differ only in their weights have the same source, so that it is compiled once for all.
+    The file is the one of `loaded_weights`. For controllers that steer agents; raises InputError for kinds
+    that are not known.
+    """
+    values = _values(subject, prefix)
+    return {
+        f"{prefix}.h": _header(subject, values, loaded=True),
+        f"{prefix}.c": _source(subject, values, loaded=True),
+    }
+
+
+def loaded_weights(subject: Subject) -> str:
+    """Return what `PREFIX_load` of `loaded_files` reads.
+
+    A line for each number, eight hexadecimal digits: first how many follow, then the bits of binary32
+    numbers, or integers.
+    """
+    evolved = [one.evolved for one in code(subject, _values(subject, "controller")).tables]
+    bits = [one.view(np.uint32) for one in evolved if one is not None]
+    numbers = np.concatenate(bits).tolist()
+    return "".join(f"{number:08x}\n" for number in [len(numbers), *numbers])
+
+
+_LOAD = """/*
+ * Reads the numbers of the controller from a file that Swarmwright has written; call it before the first
+ * step. Returns false when the file cannot be read, or is that of another controller's source.
+ */
+bool {p}_load(const char *path);"""
+
+
+def _header(subject: Subject, values: dict[str, str], *, loaded: bool = False) -> str:
     made = code(subject, values)
     upper = values["PREFIX"]
     return render(
@@ -90,14 +123,20 @@ def _header(subject: Subject, values: dict[str, str]) -> str:
             "actuator_enum": c_family.enumeration(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
             "state": made.state,
             "state_words": made.state_words,
+            "load": _LOAD.format(p=values["p"]) if loaded else "",
         },
     )
 
 
-def _source(subject: Subject, values: dict[str, str]) -> str:
+def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -> str:
     made = code(subject, values)
     flash = f"{values['PREFIX']}_FLASH"
-    tables = [c_family.defined(one, f"static const {one.type} {values['p']}_", flash) for one in made.tables]
+    tables = [
+        f"static {one.type} {values['p']}_{one.name}[{one.length}];"
+        if loaded and one.evolved is not None
+        else c_family.defined(one, f"static const {one.type} {values['p']}_", flash)
+        for one in made.tables
+    ]
     return render(
         "c_source.txt",
         {
@@ -109,8 +148,29 @@ def _source(subject: Subject, values: dict[str, str]) -> str:
             "finite": render("c_finite.txt", values).rstrip(),
             "kernel": made.kernel.rstrip(),
             "step": made.step.rstrip(),
+            "load_headers": "#include <stdio.h>\n#include <string.h>" if loaded else "",
+            "load": _load(made.tables, values).rstrip() if loaded else "",
         },
     )
+
+
+def _load(tables: tuple[Table, ...], values: dict[str, str]) -> str:
+    evolved = [one for one in tables if one.evolved is not None]
+    reads = []
+    for one in evolved:
+        name = f"{values['p']}_{one.name}"
+        reads += [
+            f"    for (i = 0; i < {one.length}; i++) {{",
+            f"        if (!{values['p']}_number(file, &number)) {{",
+            "            return false;",
+            "        }",
+            f"        memcpy(&{name}[i], &number, sizeof number);"
+            if one.type == "float"
+            else f"        {name}[i] = ({one.type})number;",
+            "    }",
+        ]
+    count = str(sum(one.length for one in evolved))
+    return render("c_load.txt", {**values, "count": count, "reads": "\n".join(reads)})
 
 
 def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:

@@ -23,6 +23,8 @@ class Table:
     length: int
     text: str
     """Their lines between the braces."""
+    evolved: NDArray[np.float32] | NDArray[np.uint32] | None = None
+    """The numbers, where these are evolved, and not what the controller is made of."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def _weights(weights: NDArray[np.float32], rows: list[tuple[str, int]]) -> Table
     for name, count in rows:
         lines.append(f"    /* {name}: bias, weights */\n{wrapped(texts[at : at + count])}")
         at += count
-    return Table("weights", "float", len(texts), "\n".join(lines))
+    return Table("weights", "float", len(texts), "\n".join(lines), weights)
 
 
 def _network(subject: Subject, language: dict[str, str]) -> str:
@@ -190,8 +192,14 @@ def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
     states, outputs = machine_tables(subject)
     bits = 16 if max([int(subject.specification["states"]), *counts]) < 1 << 16 else 32
     tables = [
-        Table("next", _TYPES[bits], len(states), wrapped([str(one) for one in states.tolist()])),
-        Table("outputs", "float", outputs.size, wrapped(literals(outputs.reshape(-1)))),
+        Table(
+            "next",
+            _TYPES[bits],
+            len(states),
+            wrapped([str(one) for one in states.tolist()]),
+            states.astype(np.uint32),
+        ),
+        Table("outputs", "float", outputs.size, wrapped(literals(outputs.reshape(-1))), outputs.reshape(-1)),
     ]
     if any(counts):
         tables.append(Table("counts", _TYPES[bits], len(counts), wrapped([str(one) for one in counts])))

@@ -147,6 +147,60 @@ def test_compiled_once_for_a_candidate(tmp_path: Path) -> None:
     assert (tmp_path / "compilations").read_text().count("compiled") == 3 + 4
 
 
+LOADED = C.replace(
+    "    controller_reset(",
+    '    if (!controller_load(words[3])) { fputs("no weights", stderr); return 4; }\n    controller_reset(',
+)
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        {"kind": "layered", "hidden": [2]},
+        {"kind": "fully_meshed", "hidden": 2},
+        {"kind": "mealy_fsm", "states": 3},
+    ],
+    ids=lambda value: str(value["kind"]),
+)
+def test_compiled_once_for_an_experiment(tmp_path: Path, controller: dict[str, Any]) -> None:
+    """Weights in a file: one compilation for all candidates, with the fitness of the compiled ones."""
+    (tmp_path / "sim.c").write_text(C)
+    (tmp_path / "loaded.c").write_text(LOADED)
+    compiler = tmp_path / "compiler"
+    compiler.write_text(COMPILER.replace("{here}", str(tmp_path)))
+    compiler.chmod(0o755)
+    build = "-O1 -I{build} {controller} -lm -o {build}/sim"
+    compiled, loaded = (
+        experiment(tmp_path, command, controller="c", **definition).replace(controller=controller)
+        for command, definition in (
+            ("{build}/sim {seed} {log}", {"compile": f"cc sim.c {build}"}),
+            (
+                "{build}/sim {seed} {log} {weights}",
+                {"compile": f"./compiler loaded.c {build}", "weights": "file"},
+            ),
+        )
+    )
+    of_each = optimize(compiled, out=tmp_path / "compiled", servers="in-process")
+    one = optimize(loaded, out=tmp_path / "loaded", servers="in-process")
+    same_record(optimize(loaded, out=tmp_path / "two", servers=2), one)
+    assert one.history == of_each.history
+    assert (tmp_path / "compilations").read_text().count("compiled") == 1
+
+
+@pytest.mark.parametrize(
+    ("definition", "message"),
+    [
+        ({"controller": "json", "compile": "cc", "weights": "file"}, r"weights: file needs controller: c"),
+        ({"controller": "c", "weights": "file"}, r"weights: file needs controller: c, and compile"),
+        ({"controller": "c", "compile": "cc {weights}", "weights": "file"}, r"compile: \{weights\} differs"),
+        ({"controller": "c", "compile": "cc", "command": "x {weights}"}, r"\{weights\} needs weights: file"),
+    ],
+)
+def test_weights_in_a_file_need_a_compiler(tmp_path: Path, definition: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        experiment(tmp_path, definition.pop("command", "x"), **definition)
+
+
 def test_what_does_not_compile_is_a_failed_evaluation(tmp_path: Path) -> None:
     one = experiment(
         tmp_path,

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
+from swarmwright.core.errors import RunError
 from swarmwright.export import EXPORTERS, Exporter
-from swarmwright.export.c import C
+from swarmwright.export.c import C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.sequences import difference
@@ -103,6 +104,77 @@ def test_every_kind_in_cpp(name: str, tmp_path: Path) -> None:
         run([compiler, *options, "robot_test.cpp", "-o", "self_test"], tmp_path, name)
         assert run(["./self_test"], tmp_path, name) == b"ok\n"
     assert bits(Cpp(), ALL[name], tmp_path) == (0.0, 0)
+
+
+LOADS = """
+#include "robot.h"
+#include <stdio.h>
+
+static float in[1 + ROBOT_SENSORS];
+static float out[1 + ROBOT_ACTUATORS];
+
+int main(int count, char **words)
+{
+    robot_t robot;
+    if (count < 2 || !robot_load(words[1])) {
+        fputs("no weights\\n", stderr);
+        return 3;
+    }
+    robot_reset(&robot);
+    while (fread(in, sizeof in, 1, stdin) == 1) {
+        size_t actuator;
+        if (in[0] > 0.0f) {
+            robot_reset(&robot);
+        }
+        for (actuator = 1; actuator <= ROBOT_ACTUATORS; actuator++) {
+            out[actuator] = 7.0f;
+        }
+        out[0] = robot_step(&robot, in + 1, out + 1) ? 1.0f : 0.0f;
+        fwrite(out, sizeof out, 1, stdout);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("name", ["layered-tanh-2", "fully_meshed-sigmoid-4", "mealy_fsm", "layered-direct"])
+def test_weights_in_a_file(name: str, tmp_path: Path) -> None:
+    """One program runs every controller that differs in its weights only, with the engine's bits."""
+    first = ALL[name]
+    second = {**first, "weights": [-one for one in first["weights"]]}
+    (tmp_path / "main.c").write_text(LOADS)
+    write(loaded_files(subject(first), "robot"), tmp_path)
+    assert loaded_files(subject(first), "robot") == loaded_files(subject(second), "robot")
+    run(["gcc", "-std=c99", *STRICT, "-O2", "main.c", "robot.c", "-o", "robot"], tmp_path, "gcc")
+    for number, specification in enumerate([first, second]):
+        weights = tmp_path / f"{number}.weights"
+        weights.write_text(loaded_weights(subject(specification)))
+        sequences = few(specification)
+        words = ["./robot", str(weights)]
+        written = stepped(run(words, tmp_path, name, steps(sequences)), sequences, name)
+        assert difference(sequences, written) == (0.0, 0)
+
+
+def test_a_file_with_other_weights_is_refused(tmp_path: Path) -> None:
+    made = subject(ALL["layered-tanh-2"])
+    (tmp_path / "main.c").write_text(LOADS)
+    write(loaded_files(made, "robot"), tmp_path)
+    run(["gcc", "-std=c99", *STRICT, "main.c", "robot.c", "-o", "robot"], tmp_path, "gcc")
+    whole = loaded_weights(made)
+    others = [
+        "",
+        whole[: len(whole) // 2],
+        whole + "3f800000\n",
+        "nothing",
+        loaded_weights(subject(ALL["layered-deep"])),
+        whole.replace("\n", "\nx", 3),
+    ]
+    for text in others:
+        (tmp_path / "weights").write_text(text)
+        with pytest.raises(RunError, match="no weights"):
+            run(["./robot", "weights"], tmp_path, "robot")
+    with pytest.raises(RunError, match="no weights"):
+        run(["./robot", "missing"], tmp_path, "robot")
 
 
 def test_two_units_and_both_languages_in_one_program(tmp_path: Path) -> None:
