@@ -488,6 +488,9 @@ def distances(
 def levels() -> list[str]:
     """How this processor can evaluate, the fastest last: scalar, then instruction sets (portable, avx2, avx512)."""
 
+def check_instructions() -> None:
+    """Raise InputError when SWARMWRIGHT_INSTRUCTIONS names no instruction set of this processor."""
+
 @final
 class Evaluator:
     """Evaluates controllers of one architecture in this process; arguments as of the function `evaluate`."""

@@ -1,6 +1,12 @@
 //! Which instruction set runs a kernel.
 
+use std::sync::OnceLock;
+
 use crate::Lanes;
+
+/// The environment variable that limits [`Level::best`]: `portable`, `avx2` or `avx512`. Results are the same with
+/// all, which this shows.
+pub const INSTRUCTIONS: &str = "SWARMWRIGHT_INSTRUCTIONS";
 
 /// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -31,9 +37,39 @@ impl Level {
         all.into_iter().filter(|level| level.is_here()).collect()
     }
 
-    /// The best instruction set of this processor.
+    /// The best instruction set of this processor, or that of the environment variable [`INSTRUCTIONS`].
     #[must_use]
     pub fn best() -> Self {
+        static BEST: OnceLock<Level> = OnceLock::new();
+        *BEST.get_or_init(|| {
+            Self::asked_for()
+                .ok()
+                .flatten()
+                .unwrap_or_else(Self::of_processor)
+        })
+    }
+
+    /// The instruction set that the environment variable [`INSTRUCTIONS`] names, if it is set.
+    ///
+    /// # Errors
+    /// What is wrong with it: this processor does not have the instruction set, or there is none of that name.
+    pub fn asked_for() -> Result<Option<Self>, String> {
+        let Some(value) = std::env::var_os(INSTRUCTIONS).filter(|value| !value.is_empty()) else {
+            return Ok(None);
+        };
+        let available = Self::available();
+        let found = available.iter().find(|level| value == level.name());
+        found.copied().map(Some).ok_or_else(|| {
+            let names: Vec<_> = available.iter().map(|level| level.name()).collect();
+            format!(
+                "{INSTRUCTIONS}={}: expected {}, the instruction sets of this processor",
+                value.to_string_lossy(),
+                names.join(" or ")
+            )
+        })
+    }
+
+    fn of_processor() -> Self {
         let best = [Self::Avx512, Self::Avx2];
         best.into_iter()
             .find(|level| level.is_here())

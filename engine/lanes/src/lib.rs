@@ -29,7 +29,7 @@ mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub use level::{Kernel, Level};
+pub use level::{INSTRUCTIONS, Kernel, Level};
 pub use pair::{Pair, PairInt, PairMask};
 
 /// Most lanes of a vector of any instruction set that is not a [`Pair`].

@@ -82,6 +82,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(local::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::evaluate_host, module)?)?;
     module.add_function(wrap_pyfunction!(local::levels, module)?)?;
+    module.add_function(wrap_pyfunction!(local::check_instructions, module)?)?;
     module.add_function(wrap_pyfunction!(server::serve, module)?)?;
     module.add_function(wrap_pyfunction!(watch::servers, module)?)?;
     Ok(())

@@ -34,9 +34,18 @@ pub fn levels() -> Vec<&'static str> {
         .collect()
 }
 
+/// Checks the environment variable that limits the instruction set. Raises InputError.
+#[pyfunction]
+pub fn check_instructions() -> PyResult<()> {
+    Level::asked_for().map(|_| ()).map_err(input)
+}
+
 fn means(level: &str, threads: usize) -> PyResult<Means> {
     let level = match level {
-        "auto" => Some(Level::best()),
+        "auto" => {
+            Level::asked_for().map_err(input)?;
+            Some(Level::best())
+        }
         "scalar" => None,
         name => match Level::available()
             .into_iter()

@@ -40,6 +40,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _status(arguments: Sequence[str] | None) -> int:
     try:
+        _check_environment()
         result = _invoke(sys.argv[1:] if arguments is None else list(arguments))
     except click.exceptions.NoArgsIsHelpError as error:
         # The help of a command, without click's additions.
@@ -62,6 +63,16 @@ def _status(arguments: Sequence[str] | None) -> int:
             raise
         return _show_error(error)
     return result if isinstance(result, int) else 0
+
+
+def _check_environment() -> None:
+    """Raise InputError for a mistake in the variable that limits instruction sets."""
+    if os.environ.get("SWARMWRIGHT_INSTRUCTIONS"):
+        from swarmwright import _engine  # loads in 10 ms, not for --help
+        from swarmwright.core.errors import engine_errors
+
+        with engine_errors():
+            _engine.check_instructions()
 
 
 def _ask(question: str) -> bool:

@@ -11,7 +11,8 @@ Made of the help texts; do not edit (`make docs`). Exit status of every command:
 the input is wrong, 130 interrupted with results kept. With `--json` a command prints one JSON object per line
 and nothing else; numbers that JSON does not know (NaN, infinities) are null. `NO_COLOR` turns colours off.
 SWARMWRIGHT_DEBUG=1 shows Python's traceback of an internal error. With SWARMWRIGHT_PLOT=0 runs end without
-their plot, which saves about a second of processor time each, as on a cluster.
+their plot, which saves about a second of processor time each, as on a cluster. SWARMWRIGHT_INSTRUCTIONS
+(portable, avx2, avx512) limits the instruction set that is used, to see that results do not depend on it.
 
 Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
 SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the

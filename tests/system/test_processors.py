@@ -1,0 +1,49 @@
+"""The same records with every instruction set."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from swarmwright import _engine
+from tests.system.records import EXPERIMENTS, METHODS, digests
+
+ROOT = Path(__file__).parents[2]
+SETS = [name for name in _engine.levels() if name != "scalar"]
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, str]:
+    found = digests()
+    assert len(set(found.values())) == len(METHODS) * len(EXPERIMENTS)
+    return found
+
+
+@pytest.mark.parametrize("instructions", SETS)
+def test_runs_of_all_methods(instructions: str, expected: dict[str, str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.system.records"],
+        cwd=ROOT,
+        env={**os.environ, "SWARMWRIGHT_INSTRUCTIONS": instructions},
+        capture_output=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == expected
+
+
+def test_an_unknown_instruction_set() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "swarmwright", "runs"],
+        env={**os.environ, "SWARMWRIGHT_INSTRUCTIONS": "mmx"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"swarmwright: SWARMWRIGHT_INSTRUCTIONS=mmx: expected {' or '.join(SETS)}, "
+        "the instruction sets of this processor\n"
+    )
