@@ -4,7 +4,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
-import yaml  # type: ignore[import-untyped] # it has no types
+import yaml
 
 from swarmwright import InputError
 from swarmwright.export import EXPORTERS

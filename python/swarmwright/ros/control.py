@@ -1,0 +1,207 @@
+"""Runs a controller on a robot: sensors from topics, commands to topics, at a rate, as a mapping says."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import Any, Callable, Protocol, Sequence
+
+from .mapping import Mapping, MappingError, read_mapping, resolved
+from .middleware import Middleware, MiddlewareError
+from .topics import Inputs, Outputs
+
+NAME = "swarmwright_controller"
+"""What a node is called that runs an exported controller."""
+_SAY_EVERY_S = 10.0
+_LOOK_EVERY_S = 1.0
+_STEPS_DEPTH = 1000
+
+
+class Controller(Protocol):
+    """What an exported controller does."""
+
+    def reset(self) -> None:
+        """Go to the start of an episode: forget everything."""
+
+    def step(self, sensors: Sequence[float]) -> Sequence[float]:
+        """Return the actuators for one control cycle."""
+
+
+class Control:
+    """A controller on a robot.
+
+    In every cycle it publishes a command: what the controller says, or zeros while a sensor is silent. It
+    also publishes the sensors and actuators of each step on `~/steps` for those who listen, and offers
+    `~/reset`.
+
+    Args:
+        node: in the robot's namespace.
+        mapping: with resolved topics.
+        controller: begins an episode.
+
+    Raises:
+        MappingError: a type or a field is not known, or is not that of the topic.
+        MiddlewareError: the middleware cannot do it.
+    """
+
+    def __init__(self, node: Middleware, mapping: Mapping, controller: Controller) -> None:
+        self._node, self._mapping, self._controller = node, mapping, controller
+        self._inputs = Inputs(node, mapping.sensors)
+        self._outputs = Outputs(node, mapping.actuators)
+        self._steps = node.publisher("~/steps", "std_msgs/Float32MultiArray", _STEPS_DEPTH)
+        node.service("~/reset", "std_srvs/Empty", self._reset)
+        self._stopped, self._begun = True, False
+        self._said = self._looked = float("-inf")
+        self._last = self._next = float("-inf")
+        controller.reset()
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Run until it is told to end; then stop the robot.
+
+        Raises:
+            MappingError: others use a topic with another type.
+            MiddlewareError: a message cannot be published.
+        """
+        try:
+            while not ended() and not self._node.ended():
+                now = self._node.now()
+                if self._due(now):
+                    self._cycle()
+                else:
+                    self._node.spin_once(min(max(self._next - now, 0.0), 0.05) if now else 0.05)
+        finally:
+            if not self._node.ended():
+                self._outputs.stop()
+
+    def _due(self, now: float) -> bool:
+        """Return whether a cycle is to begin. Cycles that were missed are not made up for."""
+        if not now:
+            self._say_rarely("waiting for /clock, since use_sim_time is set")
+            return False
+        if now < self._last:  # a simulation has begun anew
+            self._inputs.forget()
+            self._next = now
+        self._last = now
+        if now < self._next:
+            return False
+        period = 1 / self._mapping.rate
+        self._next = self._next + period if now < self._next + period else now + period
+        return True
+
+    def _cycle(self) -> None:
+        silent = self._inputs.silent()
+        if silent:
+            self._stop(silent)
+            return
+        if self._stopped:
+            self._node.say("info", f"all sensors are there: the controller runs at {self._mapping.rate:g} Hz")
+            if self._mapping.reset_after_silence:
+                self._controller.reset()
+            self._stopped, self._begun = False, True
+        sensors = list(self._inputs.values)
+        actuators = self._controller.step(sensors)
+        self._outputs.publish(actuators)
+        self._show(sensors, actuators)
+
+    def _stop(self, silent: list[str]) -> None:
+        """Say once that sensors are silent. The robot is told in every cycle, for it may listen later."""
+        if not self._begun:
+            self._say_rarely(f"waiting for {', '.join(silent)}")
+            self._look()
+        if not self._stopped:
+            self._node.say("warning", f"stopped: nothing comes from {', '.join(silent)}")
+        self._stopped = True
+        self._outputs.stop()
+
+    def _say_rarely(self, text: str) -> None:
+        if time.monotonic() - self._said >= _SAY_EVERY_S:
+            self._said = time.monotonic()
+            self._node.say("info", text)
+
+    def _look(self) -> None:
+        """Look at the types of topics again: other nodes become known only after a while."""
+        if time.monotonic() - self._looked >= _LOOK_EVERY_S:
+            self._looked = time.monotonic()
+            self._inputs.check_types()
+            self._outputs.check_types()
+
+    def _show(self, sensors: Sequence[float], actuators: Sequence[float]) -> None:
+        """Publish what the controller has sensed and done, for those who listen."""
+        if not self._steps.listeners():
+            return
+        step = self._steps.new()
+        sizes = (len(sensors), len(actuators))
+        for label, size, stride in (("sensors", sizes[0], sum(sizes)), ("actuators", sizes[1], sizes[1])):
+            dimension = self._node.new("std_msgs/MultiArrayDimension")
+            dimension.label, dimension.size, dimension.stride = label, size, stride
+            step.layout.dim.append(dimension)
+        step.data = [*sensors, *actuators]
+        self._steps.publish(step)
+
+    def _reset(self, _: Any, __: Any) -> None:
+        self._controller.reset()
+        self._node.say("info", "the controller was reset")
+
+
+def drive(
+    node: Middleware,
+    mapping: str,
+    controller: Controller,
+    sensors: Sequence[str],
+    actuators: Sequence[str],
+) -> int:
+    """Run a controller until SIGINT or SIGTERM; return the exit status, 2 for a mistake in the mapping.
+
+    Args:
+        node: in the robot's namespace; it is closed at the end.
+        mapping: file with the mapping.
+        controller: what is run.
+        sensors: its sensors, by name.
+        actuators: its actuators, by name.
+    """
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda one, _: signals.append(one))
+    try:
+        read = read_mapping(load(mapping), sensors, actuators)
+        Control(node, resolved(read, node.resolve), controller).run(lambda: bool(signals))
+    except MappingError as error:
+        node.say("error", str(error))
+        return 2
+    except MiddlewareError as error:
+        node.say("error", str(error))
+        return 1
+    finally:
+        node.close()
+    return 0
+
+
+def load(file: str) -> object:
+    """Return the content of a mapping. Raises MappingError when it cannot be read or is no YAML."""
+    import yaml  # noqa: PLC0415 - only files need it
+
+    try:
+        with open(file, encoding="utf-8") as stream:  # noqa: PTH123 - as short as pathlib, for old Pythons
+            return yaml.load(stream, Loader=_loader(yaml))  # noqa: S506 - a loader for plain values
+    except OSError as error:
+        raise MappingError(f"mapping: {file}: cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        raise MappingError(f"mapping: {file}: is not YAML: {_line(error)}") from None
+
+
+def _loader(yaml: Any) -> Any:
+    """Return a loader of plain values to which `1e-3` is a number, as YAML 1.2 says."""
+    import re  # noqa: PLC0415 - beside the only use
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        """Reads plain values."""
+
+    number = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
+    return Loader
+
+
+def _line(error: Exception) -> str:
+    mark: Any | None = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or str(error) or type(error).__name__
+    return f"line {mark.line + 1}: {problem}" if mark is not None else str(problem)

@@ -1,0 +1,436 @@
+"""ROS 2 without ROS 2: topics and services over Cyclone DDS.
+
+Topics reach nodes of every implementation of DDS that ROS 2 has. Services are a convention of each: these are
+those of rmw_cyclonedds, which a node uses that was started with `RMW_IMPLEMENTATION=rmw_cyclonedds_cpp`.
+
+The environment is that of ROS 2: `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE`,
+`ROS_STATIC_PEERS`, `CYCLONEDDS_URI`. Cyclone DDS for Python needs Python 3.10.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import struct
+import sys
+import time
+from typing import Any, Callable, Sequence, TypeVar
+from xml.sax.saxutils import quoteattr
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
+from cyclonedds.core import DDSException as _Failure
+from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from .dds_messages import MESSAGES, SERVICES, message_type, new, service_types
+from .mapping import choice, short_type
+from .middleware import MiddlewareError
+from .names import namespace_of, resolve
+
+_Entity = TypeVar("_Entity")
+_SLICE_S = 0.1
+_MOST_DOMAIN = 232
+"""Above it, numbers of ports run out."""
+_SERVICE_DEPTH = 10
+_ENDPOINTS = 4096
+"""Endpoints of other nodes that are looked through for their types."""
+_UNREADABLE = (struct.error, ValueError, IndexError, TypeError, OverflowError, MemoryError)
+_domains: dict[int, Any] = {}
+"""Domains that this process has configured; it can do so only once."""
+
+
+class Dds:
+    """A node over Cyclone DDS; see `middleware.Middleware`.
+
+    Args:
+        name: of the node.
+        namespace: that relative names are in.
+        domain: number of the domain; None: that of `ROS_DOMAIN_ID`, else 0.
+        use_sim_time: take the time from `/clock`.
+
+    Raises MiddlewareError when the domain is none or cannot be joined.
+    """
+
+    def __init__(
+        self, name: str, namespace: str = "/", *, domain: int | None = None, use_sim_time: bool = False
+    ) -> None:
+        self.name = name
+        self._entities: list[Any] = []
+        try:
+            self.namespace = namespace_of(namespace)
+        except ValueError as error:
+            raise MiddlewareError(f"namespace '{namespace}': {error}") from None
+        number = _domain() if domain is None else domain
+        try:
+            _configure(number)
+            self._participant = self._made(DomainParticipant(number))
+        except _Failure as error:
+            raise MiddlewareError(
+                f"domain {number} cannot be joined: {_reason(error)}; CYCLONEDDS_URI is "
+                f"{os.environ.get('CYCLONEDDS_URI', 'not set')}"
+            ) from error
+        self._receivers: list[_Receiver] = []
+        self._writers: list[Any] = []
+        self._known = [
+            self._made(BuiltinDataReader(self._participant, topic))
+            for topic in (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
+        ]
+        self._waiting = WaitSet(self._participant)
+        self._use_sim_time = use_sim_time
+        self._sim_time: tuple[int, int] | None = None
+        if use_sim_time:
+            self.subscribe("/clock", "rosgraph_msgs/Clock", self._clock)
+
+    def resolve(self, name: str) -> str:
+        """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
+        return resolve(name, self.namespace, self.name)
+
+    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], depth: int = 1) -> _Receiver:
+        """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
+        full = self.resolve(topic)
+        qos = _qos(depth, Policy.Reliability.BestEffort)
+        return self._receive(full, f"rt{full}", _message(kind), qos, callback, depth)
+
+    def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:
+        """Advertise a topic. Raises MiddlewareError for an unknown type."""
+        full, made = self.resolve(topic), _message(kind)
+        return _Publisher(full, made, self._writer(f"rt{full}", made, _qos(depth, _RELIABLE)))
+
+    def client(self, service: str, kind: str) -> _Client:
+        """Return what calls a service. Raises MiddlewareError for an unknown type."""
+        full, (request, response) = self.resolve(service), _service(kind)
+        identity = secrets.randbits(63)
+        qos = _qos(_SERVICE_DEPTH, _RELIABLE, f"clientid={identity:x};")
+        made = _Client(self, full, request, identity, self._writer(f"rq{full}Request", request, qos))
+        made.replies = self._receive(full, f"rr{full}Reply", response, qos, made.receive, _SERVICE_DEPTH)
+        return made
+
+    def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
+        """Offer a service; the handler fills in the response. Raises MiddlewareError for an unknown type."""
+        full, (request, response) = self.resolve(name), _service(kind)
+        qos = _qos(_SERVICE_DEPTH, _RELIABLE, f"serviceid={secrets.randbits(63):x};")
+        writer = self._writer(f"rr{full}Reply", response, qos)
+
+        def answer(wrapped: Any) -> None:
+            reply = new(response)
+            reply.client, reply.sequence = wrapped.client, wrapped.sequence
+            handler(wrapped.data, reply.data)
+            _await_reader(receiver.reader, writer, wrapped.sample_info.publication_handle)
+            _write(writer, reply, full)
+
+        receiver = self._receive(full, f"rq{full}Request", request, qos, answer, _SERVICE_DEPTH)
+
+    def new(self, kind: str) -> Any:
+        """Return a message with the defaults of its definition; raises MiddlewareError for no type."""
+        return new(_message(kind))
+
+    def types(self, topic: str) -> Sequence[str]:
+        """Return the types with which other nodes use a topic, as far as they have been discovered."""
+        name, own = f"rt{self.resolve(topic)}", self._participant.guid
+        found = [
+            _ros_type(one.type_name)
+            for reader in self._known
+            for one in reader.read(_ENDPOINTS)
+            if one.topic_name == name
+            and one.participant_key != own
+            and one.sample_info.instance_state == InstanceState.Alive
+        ]
+        return sorted(set(found))
+
+    def spin_once(self, timeout: float) -> None:
+        """Run the callbacks of what has come; where nothing has, wait for it, for 0.1 s at most."""
+        if self._waiting.wait(int(max(0.0, min(timeout, _SLICE_S)) * 1e9)):
+            for receiver in list(self._receivers):
+                receiver.take()
+
+    def now(self) -> float:
+        """Return seconds of a clock that never jumps; with simulated time those of `/clock`."""
+        if not self._use_sim_time:
+            return time.monotonic()
+        seconds, nanoseconds = self._sim_time or (0, 0)
+        return seconds + nanoseconds * 1e-9
+
+    def stamp(self, header: Any) -> None:
+        """Write the time of ROS to a header."""
+        now = self._sim_time if self._use_sim_time else divmod(time.time_ns(), 1_000_000_000)
+        header.stamp.sec, header.stamp.nanosec = now or (0, 0)
+
+    def say(self, level: str, text: str) -> None:
+        """Log a line, to standard error."""
+        stream = sys.stderr
+        stream.write(f"[{level.upper()}] [{self.name}]: {text}\n")
+        stream.flush()
+
+    def ended(self) -> bool:
+        """Return False: it ends when its program does."""
+        return False
+
+    def close(self) -> None:
+        """Leave the domain, after what was published has been received, or a tenth of a second."""
+        end = time.monotonic() + 0.1
+        for writer in self._writers:
+            writer.wait_for_acks(max(0, int((end - time.monotonic()) * 1e9)))
+        time.sleep(0.02)  # for subscriptions that acknowledge nothing
+        for receiver in list(self._receivers):
+            self._forget(receiver)
+        _delete(self._waiting)
+        for entity in reversed(self._entities):
+            _delete(entity)
+        self._entities.clear()
+
+    def _clock(self, message: Any) -> None:
+        self._sim_time = message.clock.sec, message.clock.nanosec
+
+    def _made(self, entity: _Entity) -> _Entity:
+        self._entities.append(entity)
+        return entity
+
+    def _writer(self, topic: str, made: Any, qos: Any) -> Any:
+        place = self._made(Topic(self._participant, topic, made))
+        writer = self._made(DataWriter(self._participant, place, qos=qos))
+        self._writers.append(writer)
+        return writer
+
+    def _receive(
+        self, name: str, topic: str, made: Any, qos: Any, callback: Callable[[Any], None], depth: int
+    ) -> _Receiver:
+        place = self._made(Topic(self._participant, topic, made))
+        reader = self._made(DataReader(self._participant, place, qos=qos))
+        condition = self._made(ReadCondition(reader, ViewState.Any | SampleState.Any | InstanceState.Any))
+        self._waiting.attach(condition)
+        receiver = _Receiver(self, name, reader, condition, callback, depth)
+        self._receivers.append(receiver)
+        return receiver
+
+    def _forget(self, receiver: _Receiver) -> None:
+        if receiver in self._receivers:
+            self._receivers.remove(receiver)
+            self._waiting.detach(receiver.condition)
+            for entity in (receiver.condition, receiver.reader):
+                self._entities.remove(entity)
+                _delete(entity)
+
+
+class _Receiver:
+    """A topic whose messages are passed to a function."""
+
+    def __init__(
+        self,
+        node: Dds,
+        name: str,
+        reader: Any,
+        condition: Any,
+        callback: Callable[[Any], None],
+        depth: int,
+    ) -> None:
+        self.reader, self.condition = reader, condition
+        self._node, self._name, self._callback, self._depth = node, name, callback, depth
+        self._complained = False
+
+    def take(self) -> None:
+        """Pass on what has come."""
+        try:
+            samples = self.reader.take(self._depth)
+        except _UNREADABLE as error:
+            if not self._complained:
+                self._node.say(
+                    "warning", f"{self._name}: a message cannot be read; its type differs from ours: {error}"
+                )
+            self._complained = True
+            return
+        for sample in samples:
+            if sample.sample_info.valid_data:
+                self._callback(sample)
+
+    def publishers(self) -> int:
+        """Return how many publish on it."""
+        return len(self.reader.get_matched_publications())
+
+    def close(self) -> None:
+        """Receive no more."""
+        self._node._forget(self)
+
+
+class _Publisher:
+    """A topic that is published on."""
+
+    def __init__(self, name: str, made: Any, writer: Any) -> None:
+        self._name, self._type, self._writer = name, made, writer
+
+    def new(self) -> Any:
+        """Return a message with the defaults of its definition."""
+        return new(self._type)
+
+    def publish(self, message: Any) -> None:
+        """Send a message. Raises MiddlewareError for a value that its field cannot hold."""
+        _write(self._writer, message, self._name)
+
+    def listeners(self) -> int:
+        """Return how many subscriptions receive it."""
+        return len(self._writer.get_matched_subscriptions())
+
+
+class _Client:
+    """A service of another node."""
+
+    replies: _Receiver
+
+    def __init__(self, node: Dds, name: str, request: Any, identity: int, writer: Any) -> None:
+        self._node, self._name, self._type = node, name, request
+        self._identity, self._writer = identity, writer
+        self._sequence = 0
+        self._responses: list[Any] = []
+
+    def available(self) -> bool:
+        """Return whether somebody offers it."""
+        return bool(self._writer.get_matched_subscriptions()) and self.replies.publishers() > 0
+
+    def request(self) -> Any:
+        """Return a request with the defaults of its definition."""
+        return new(self._type).data
+
+    def receive(self, wrapped: Any) -> None:
+        """Keep the response to the last request; others are late, or for others."""
+        if (wrapped.client, wrapped.sequence) == (self._identity, self._sequence):
+            self._responses.append(wrapped.data)
+
+    def call(self, request: Any, timeout: float) -> Any:
+        """Return the response. Raises TimeoutError when nobody offers the service, or no answer came."""
+        deadline = time.monotonic() + timeout
+        while not self.available():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"{self._name}: nobody offers this service; {_SERVICES_OF}")
+            self._node.spin_once(min(0.01, timeout))
+        self._sequence += 1
+        self._responses.clear()
+        wrapped = new(self._type)
+        wrapped.client, wrapped.sequence, wrapped.data = self._identity, self._sequence, request
+        _write(self._writer, wrapped, self._name)
+        while not self._responses:
+            left = deadline - time.monotonic()
+            if left <= 0:
+                self._sequence += 1  # an answer that comes late is for nobody
+                raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
+            self._node.spin_once(left)
+        return self._responses[0]
+
+
+_SERVICES_OF = (
+    "services are found where the other node runs with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, and in the "
+    "same domain (ROS_DOMAIN_ID)"
+)
+_RELIABLE = Policy.Reliability.Reliable(int(_SLICE_S * 1e9))
+
+
+def _qos(depth: int, reliability: Any, identity: str = "") -> Any:
+    """Return the policies that rmw_cyclonedds gives endpoints."""
+    policies = [
+        reliability,
+        Policy.Durability.Volatile,
+        Policy.History.KeepLast(depth),
+        Policy.WriterDataLifecycle(autodispose=False),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+    ]
+    return Qos(*policies, *([Policy.Userdata(identity.encode())] if identity else []))
+
+
+def _await_reader(requests: Any, writer: Any, asker: int) -> None:
+    """Wait until a client's reader of responses is known, a tenth of a second at most.
+
+    It and the writer of requests, which is known already, bear the same identity.
+    """
+    deadline = time.monotonic() + _SLICE_S
+    identity = _identity(requests.get_matched_publication_data(asker))
+    while identity and time.monotonic() < deadline:
+        readers = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
+        if any(_identity(one) == identity for one in readers):
+            return
+        time.sleep(0.005)
+
+
+def _identity(endpoint: Any) -> bytes | None:
+    data = None if endpoint is None else endpoint.qos[Policy.Userdata]
+    if data is None:
+        return None
+    return next((one for one in bytes(data.data).split(b";") if one.startswith(b"clientid=")), None)
+
+
+def _write(writer: Any, message: Any, name: str) -> None:
+    try:
+        writer.write(message)
+    except _UNREADABLE as error:
+        raise MiddlewareError(f"{name}: the message does not fit its type: {error}") from error
+    except _Failure as error:
+        if error.code != _Failure.DDS_RETCODE_TIMEOUT:  # a subscription that is late, and will get the next
+            raise MiddlewareError(f"{name}: cannot be published: {_reason(error)}") from error
+
+
+def _delete(entity: Any) -> None:
+    """Delete an entity now, not when nothing refers to it any more."""
+    entity.__del__()
+
+
+def _message(kind: str) -> Any:
+    try:
+        return message_type(kind)
+    except KeyError:
+        raise MiddlewareError(
+            f"the type '{kind}' of messages is not known here; expected {choice(sorted(MESSAGES))}"
+        ) from None
+
+
+def _service(kind: str) -> tuple[Any, Any]:
+    try:
+        return service_types(kind)
+    except KeyError:
+        raise MiddlewareError(
+            f"the type '{kind}' of services is not known here; expected {choice(sorted(SERVICES))}"
+        ) from None
+
+
+def _ros_type(name: str) -> str:
+    """Return `geometry_msgs/Twist` for `geometry_msgs::msg::dds_::Twist_`; other names as they are."""
+    parts = name.split("::")
+    if len(parts) == 4 and parts[2] == "dds_":
+        return short_type(f"{parts[0]}/{parts[1]}/{parts[3].rstrip('_')}")
+    return name
+
+
+def _reason(error: Any) -> str:
+    return str(error).split(" Occurred", 1)[0].strip()
+
+
+def _domain() -> int:
+    """Return the number of the domain that the environment names."""
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not text.isdigit() or int(text) > _MOST_DOMAIN:
+        raise MiddlewareError(f"ROS_DOMAIN_ID={text}: expected a number from 0 to {_MOST_DOMAIN}")
+    return int(text)
+
+
+def _configure(domain: int) -> None:
+    """Have Cyclone DDS look for others where the environment of ROS 2 says, if it says anything."""
+    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").strip().upper()
+    if os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1":
+        reach = "LOCALHOST"
+    peers = [one.strip() for one in os.environ.get("ROS_STATIC_PEERS", "").split(";") if one.strip()]
+    if domain in _domains or not (reach in ("LOCALHOST", "OFF") or peers):
+        return
+    if reach == "LOCALHOST":
+        peers = ["localhost", *peers]
+    general = "" if reach not in ("LOCALHOST", "OFF") else "<AllowMulticast>false</AllowMulticast>"
+    if reach == "OFF":
+        discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
+    else:
+        listed = "".join(f"<Peer address={quoteattr(one)}/>" for one in peers)
+        discovery = (
+            "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+            f"<Peers>{listed}</Peers>"
+        )
+    ours = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
+    given = os.environ.get("CYCLONEDDS_URI", "").strip()
+    text = f"<CycloneDDS><Domain>{ours}</Domain></CycloneDDS>"
+    _domains[domain] = Domain(domain, f"{text},{given}" if given else text)

@@ -1,0 +1,174 @@
+"""Messages and services of ROS 2 as Cyclone DDS needs them, from their published definitions.
+
+What is in `MESSAGES` and `SERVICES` can be sent and received; others can be added there by `define`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from cyclonedds.idl import make_idl_struct, types
+
+from .mapping import short_type
+
+_POSE = "geometry_msgs/Point position; geometry_msgs/Quaternion orientation"
+_STAMPED = "std_msgs/Header header"
+
+MESSAGES: dict[str, str] = {
+    "builtin_interfaces/Time": "int32 sec; uint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec; uint32 nanosec",
+    "geometry_msgs/Point": "float64 x; float64 y; float64 z",
+    "geometry_msgs/Pose": _POSE,
+    "geometry_msgs/PoseStamped": f"{_STAMPED}; geometry_msgs/Pose pose",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose; float64[36] covariance",
+    "geometry_msgs/PoseWithCovarianceStamped": f"{_STAMPED}; geometry_msgs/PoseWithCovariance pose",
+    "geometry_msgs/Quaternion": "float64 x; float64 y; float64 z; float64 w 1",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular",
+    "geometry_msgs/TwistStamped": f"{_STAMPED}; geometry_msgs/Twist twist",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist; float64[36] covariance",
+    "geometry_msgs/Vector3": "float64 x; float64 y; float64 z",
+    "nav_msgs/Odometry": (
+        f"{_STAMPED}; string child_frame_id; geometry_msgs/PoseWithCovariance pose; "
+        "geometry_msgs/TwistWithCovariance twist"
+    ),
+    "rosgraph_msgs/Clock": "builtin_interfaces/Time clock",
+    "sensor_msgs/LaserScan": (
+        f"{_STAMPED}; float32 angle_min; float32 angle_max; float32 angle_increment; float32 time_increment; "
+        "float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; float32[] intensities"
+    ),
+    # Since Jazzy one more number follows, `variance`, which is not read here: so both are understood.
+    "sensor_msgs/Range": (
+        f"{_STAMPED}; uint8 radiation_type; float32 field_of_view; float32 min_range; float32 max_range; "
+        "float32 range"
+    ),
+    "std_msgs/Bool": "bool data",
+    "std_msgs/Empty": "",
+    "std_msgs/Float32": "float32 data",
+    "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout; float32[] data",
+    "std_msgs/Float64": "float64 data",
+    "std_msgs/Header": "builtin_interfaces/Time stamp; string frame_id",
+    "std_msgs/Int32": "int32 data",
+    "std_msgs/MultiArrayDimension": "string label; uint32 size; uint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim; uint32 data_offset",
+    "std_msgs/String": "string data",
+}
+"""Fields by type: `type name` or `type name default`, with semicolons between them."""
+
+SERVICES: dict[str, tuple[str, str]] = {
+    "std_srvs/Empty": ("", ""),
+    "std_srvs/SetBool": ("bool data", "bool success; string message"),
+    "std_srvs/Trigger": ("", "bool success; string message"),
+}
+"""Fields of request and response by type."""
+
+
+def define(
+    messages: dict[str, str] | None = None, services: dict[str, tuple[str, str]] | None = None
+) -> None:
+    """Add types, in the notation of `MESSAGES` and `SERVICES`."""
+    MESSAGES.update(messages or {})
+    SERVICES.update(services or {})
+
+
+class _Kind(NamedTuple):
+    """A type of Cyclone DDS, and a default; a class stands for a message of that class."""
+
+    type: Any
+    default: Any
+
+
+_NUMBERS: dict[str, tuple[Any, Any]] = {
+    "bool": (bool, False),
+    "byte": (types.uint8, 0),
+    "char": (types.uint8, 0),
+    "float32": (types.float32, 0.0),
+    "float64": (types.float64, 0.0),
+    "int8": (types.int8, 0),
+    "uint8": (types.uint8, 0),
+    "int16": (types.int16, 0),
+    "uint16": (types.uint16, 0),
+    "int32": (types.int32, 0),
+    "uint32": (types.uint32, 0),
+    "int64": (types.int64, 0),
+    "uint64": (types.uint64, 0),
+    "string": (str, ""),
+}
+_SEQUENCE: Any = types.sequence
+_ARRAY: Any = types.array
+_HEADER = {"client": types.uint64, "sequence": types.int64}
+"""What rmw_cyclonedds puts before each request and response: who asks, and which of its requests it is."""
+_made: dict[str, Any] = {}
+
+
+def message_type(kind: str) -> Any:
+    """Return the class of a message, a dataclass. Raises KeyError for a type that is not known."""
+    return _structure("msg", short_type(kind), MESSAGES[short_type(kind)])
+
+
+def service_types(kind: str) -> tuple[Any, Any]:
+    """Return the classes of a service's request and response with the header of rmw_cyclonedds.
+
+    Their attribute `data` is what ROS knows as the request or response. Raises KeyError for an unknown type.
+    """
+    name = short_type(kind)
+    request, response = SERVICES[name]
+    return _wrapped(f"{name}_Request", request), _wrapped(f"{name}_Response", response)
+
+
+def new(made: Any) -> Any:
+    """Return a message of such a class with the defaults of its definition, nearly always zeros."""
+    return made(*(_fresh(default) for default in made.defaults))
+
+
+def _fresh(default: Any) -> Any:
+    if isinstance(default, list):
+        return [_fresh(one) for one in default]
+    return new(default) if isinstance(default, type) else default
+
+
+def _wrapped(name: str, fields: str) -> Any:
+    full = f"{name} with header"
+    if full not in _made:
+        package, kind = name.split("/")
+        data = _structure("srv", name, fields, nested=True)
+        made = make_idl_struct(f"{kind}_", f"{package}.srv.dds_.{kind}_", {**_HEADER, "data": data})
+        made.defaults = [0, 0, data]  # type: ignore[attr-defined] # for `new`
+        _made[full] = made
+    return _made[full]
+
+
+def _structure(group: str, name: str, fields: str, *, nested: bool = False) -> Any:
+    if name in _made:
+        return _made[name]
+    package, kind = name.split("/")
+    # A structure of DDS has a member at least, and ROS gives this one to those without.
+    listed = (
+        [one.split() for one in fields.split(";")]
+        if fields
+        else [["uint8", "structure_needs_at_least_one_member"]]
+    )
+    kinds: list[tuple[str, _Kind]] = []
+    for field in listed:
+        found = _kind(field[0])
+        if len(field) > 2:
+            found = found._replace(default=type(found.default)(float(field[2])))
+        kinds.append((field[1], found))
+    typename = f"{package}.{group}.dds_.{kind}_" + ("Data_" if nested else "")
+    made = make_idl_struct(f"{kind}_", typename, {field: one.type for field, one in kinds})
+    made.defaults = [one.default for _, one in kinds]  # type: ignore[attr-defined] # for `new`
+    _made[name] = made
+    return made
+
+
+def _kind(word: str) -> _Kind:
+    """Return what a word stands for: `float32`, `float32[]`, `float32[36]`, `std_msgs/Header`."""
+    if word.endswith("]"):
+        element, _, length = word[:-1].rpartition("[")
+        inner = _kind(element)
+        if not length:
+            return _Kind(_SEQUENCE[inner.type], [])
+        return _Kind(_ARRAY[inner.type, int(length)], [inner.default] * int(length))
+    if word in _NUMBERS:
+        return _Kind(*_NUMBERS[word])
+    made = message_type(word)
+    return _Kind(made, made)

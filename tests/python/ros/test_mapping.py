@@ -1,0 +1,74 @@
+"""What a mapping says, and what is said about mistakes in it."""
+
+from contextlib import suppress
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright.ros.mapping import MappingError, read_mapping, resolved, shown
+from swarmwright.ros.names import namespace_of, resolve
+from tests.python.ros.mistakes import ACTUATORS, IN_THE_FILE, MAPPING, SENSORS, changed
+
+
+def test_entries_come_in_the_order_of_the_controller() -> None:
+    mapping = read_mapping(MAPPING, SENSORS, ACTUATORS)
+    assert [one.place.topic for one in mapping.sensors] == [
+        "scan", "scan", "sonar", "odom", "odom", "target", "light",
+    ]  # fmt: skip
+    assert [one.place.where for one in mapping.actuators] == [
+        "actuators[1] (actuator 0)", "actuators[0] (actuator 1)", "actuators[2] (actuator 2)",
+    ]  # fmt: skip
+    assert (mapping.rate, mapping.reset_after_silence, mapping.sensors[0].timeout) == (50, False, 1.5)
+    assert (mapping.sensors[1].infinite, mapping.sensors[1].mean) == (5, True)
+    assert mapping.actuators[0].limits == (0.1, 0.8)
+
+
+def test_both_spellings_of_a_type_are_the_same() -> None:
+    def respelled(mapping: dict[str, Any]) -> None:
+        for entry in [*mapping["sensors"], *mapping["actuators"]]:
+            entry["type"] = entry["type"].replace("/", "/msg/")
+
+    assert read_mapping(changed(respelled), SENSORS, ACTUATORS) == read_mapping(MAPPING, SENSORS, ACTUATORS)
+
+
+@pytest.mark.parametrize("name", IN_THE_FILE)
+def test_a_mistake_is_named(name: str) -> None:
+    change, message = IN_THE_FILE[name]
+    with pytest.raises(MappingError) as caught:
+        read_mapping(changed(change), SENSORS, ACTUATORS)
+    assert str(caught.value) == message
+    # It is the same mistake when it was read from a file.
+    with pytest.raises(MappingError) as caught:
+        read_mapping(yaml.safe_load(yaml.safe_dump(changed(change))), SENSORS, ACTUATORS)
+    assert str(caught.value) == message
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3) | st.integers(), inner),
+    max_leaves=6,
+)
+
+
+@given(VALUES, st.sampled_from(["sensors", "actuators", "rate", "timeout", "reset_after_silence", "x"]))
+def test_whatever_is_in_the_file_is_read_or_named(value: Any, key: str) -> None:
+    for wrong in (value, changed(lambda mapping: mapping.update({key: value}))):
+        with suppress(MappingError):
+            assert read_mapping(wrong, SENSORS, ACTUATORS).rate > 0
+    assert isinstance(shown(value), str)
+
+
+def test_names_are_resolved_in_the_namespace_of_the_robot() -> None:
+    assert resolve("scan", "/robot_1") == resolve("scan", "robot_1/") == "/robot_1/scan"
+    assert resolve("/scan", "/robot_1") == resolve("scan", "/") == resolve("scan", "") == "/scan"
+    assert resolve("~/steps", "/robot_1", "controller") == "/robot_1/controller/steps"
+    assert resolve("~/steps", "/", "controller") == "/controller/steps"
+    assert (namespace_of(""), namespace_of("/"), namespace_of("a/b/")) == ("/", "/", "/a/b")
+    for wrong in ("", "so nar", "1st", "a//b", "a/", "~x", "a-b", "ä"):
+        with pytest.raises(ValueError, match=r"name|follow"):
+            resolve(wrong, "/robot_1")
+    mapping = resolved(read_mapping(MAPPING, SENSORS, ACTUATORS), lambda name: resolve(name, "/a"))
+    assert mapping.sensors[2].place.topic == "/a/sonar"
