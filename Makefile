@@ -3,6 +3,7 @@
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    every test
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
+# make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make schedules  100,000 seeded schedules of faults for pools and servers, in virtual time (minutes)
@@ -18,7 +19,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-export help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
+.PHONY: brokers test-brokers test-ros1 test-export test-arm64 help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -111,6 +112,35 @@ test-export: $(VENV)/.engine $(VENV)/.dev
 	npm install --prefix build/micropython --no-audit --no-fund --loglevel=error @micropython/micropython-webassembly-pyscript@1.27.0
 	export MICROPYTHON="node $(CURDIR)/build/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs"
 	SWARMWRIGHT_TEST_EXPORT=1 $(BIN)/python -m pytest -n 2 $(addprefix tests/python/export/,test_targets.py test_python.py test_c.py::test_memory_errors_and_undefined_behaviour)
+
+# The engine compiled for arm64, in an arm64 Python of Debian 12 with NumPy's own arithmetic for it, in qemu.
+# Little is optimized: compiling takes longer than the runs.
+ARM64 := build/arm64
+ARM64_ENGINE := $(ARM64)/target/aarch64-unknown-linux-gnu/release/lib_engine.so
+WHEELS := --platform manylinux2014_aarch64 --platform manylinux_2_17_aarch64 --platform manylinux_2_27_aarch64 --platform manylinux_2_28_aarch64
+
+test-arm64: $(VENV)/.engine $(VENV)/.dev $(ARM64)/.libraries
+	@command -v aarch64-linux-gnu-gcc > /dev/null && [ -e /usr/aarch64-linux-gnu/lib/libc.so ] \
+		|| { $(call install,gcc-aarch64-linux-gnu libc6-dev-arm64-cross); }
+	rustup target add aarch64-unknown-linux-gnu > /dev/null 2>&1
+	export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc PYO3_NO_PYTHON=1 PYO3_BUILD_EXTENSION_MODULE=1
+	export CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off CARGO_PROFILE_RELEASE_CODEGEN_UNITS=16 CARGO_PROFILE_RELEASE_DEBUG=0
+	$(CARGO) build $(MANIFEST) --quiet --release -p swarmwright-python --features pyo3/abi3-py311 --target aarch64-unknown-linux-gnu --target-dir $(ARM64)/target
+	rm -rf $(ARM64)/package
+	mkdir -p $(ARM64)/package
+	cp -r python/swarmwright $(ARM64)/package
+	cp $(ARM64_ENGINE) $(ARM64)/package/swarmwright/_engine.abi3.so
+	SWARMWRIGHT_ARM64=$(CURDIR)/$(ARM64) $(BIN)/python -m pytest tests/system/test_processors.py
+
+# Python, and wheels of what Swarmwright needs.
+$(ARM64)/.libraries: pyproject.toml
+	@command -v mmdebstrap > /dev/null && command -v qemu-aarch64 > /dev/null || { $(call install,mmdebstrap qemu-user); }
+	rm -rf $(ARM64)/root $(ARM64)/site
+	mkdir -p $(ARM64)
+	mmdebstrap --quiet --variant=extract --architectures=arm64 --include=python3,libstdc++6 bookworm $(ARM64)/root
+	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' > $(ARM64)/requirements.txt
+	$(BIN)/python -m pip install --quiet --target $(ARM64)/site $(WHEELS) --only-binary=:all: --python-version 3.11 -r $(ARM64)/requirements.txt
+	touch $@
 
 # With ROS 1 as Debian has it: real masters, nodes and launch files, the page of the documentation.
 test-ros1: $(VENV)/.engine $(VENV)/.dev

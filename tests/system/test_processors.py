@@ -1,4 +1,4 @@
-"""The same records with every instruction set."""
+"""The same records with every instruction set, and on another processor."""
 
 import json
 import os
@@ -12,6 +12,7 @@ from swarmwright import _engine
 from tests.system.records import EXPERIMENTS, METHODS, digests
 
 ROOT = Path(__file__).parents[2]
+ARM64 = os.environ.get("SWARMWRIGHT_ARM64", "")
 SETS = [name for name in _engine.levels() if name != "scalar"]
 
 
@@ -28,6 +29,26 @@ def test_runs_of_all_methods(instructions: str, expected: dict[str, str]) -> Non
         [sys.executable, "-m", "tests.system.records"],
         cwd=ROOT,
         env={**os.environ, "SWARMWRIGHT_INSTRUCTIONS": instructions},
+        capture_output=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == expected
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.skipif(not ARM64, reason="make test-arm64 compiles the engine for it")
+def test_runs_of_all_methods_on_arm64(expected: dict[str, str]) -> None:
+    """Python, NumPy and the engine are those for arm64; qemu runs them."""
+    folder = Path(ARM64)
+    python = ["qemu-aarch64", "-L", str(folder / "root"), str(folder / "root/usr/bin/python3.11")]
+    paths = os.pathsep.join(map(str, (folder / "package", folder / "site", ROOT)))
+    environment = {**os.environ, "PYTHONPATH": paths}
+    machine = [*python, "-c", "import platform; print(platform.machine())"]
+    assert subprocess.check_output(machine, env=environment, text=True) == "aarch64\n"
+    done = subprocess.run(
+        [*python, "-m", "tests.system.records"],
+        cwd=folder,
+        env=environment,
         capture_output=True,
         check=True,
     )
