@@ -16,6 +16,7 @@ EXPORTERS: Registry[Exporter] = Registry(
         "onnx": "swarmwright.export.onnx:Onnx",
         "python": "swarmwright.export.python:Python",
         "ros1": "swarmwright.export.ros1:Ros1",
+        "ros2": "swarmwright.export.ros2:Ros2",
     },
     "swarmwright.export:Exporter",
 )

@@ -37,6 +37,9 @@ class Exporter(ABC):
     longest: ClassVar[int] = 30
     """Steps of a random sequence, at most, with which it is verified."""
 
+    untried: ClassVar[str] = ""
+    """What of it no verification compiles or runs; empty where that is nothing."""
+
     @abstractmethod
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return what is written, the same bytes for the same subject.

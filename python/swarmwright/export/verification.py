@@ -29,6 +29,8 @@ class Verification:
     """Why there are none; empty where there are."""
     self_test: str | None
     """The generated self-test, which was run; None where there is none."""
+    untried: str = ""
+    """What of the form is neither compiled nor run; empty where that is nothing."""
 
     @property
     def ok(self) -> bool:
@@ -49,10 +51,11 @@ class Verification:
         if not self.random_sequences:
             return f"{said}: every parameter has its value"
         where = f"{self.random_sequences:,} random sequences ({self.random_steps:,} steps)"
+        rest = f"; not compiled: {self.untried}" if self.untried else ""
         if not self.episodes:
-            return f"{said} in {where}, without episodes of the simulation"
+            return f"{said} in {where}, without episodes of the simulation{rest}"
         many = f"{self.episodes} episode{'s' if self.episodes > 1 else ''}"
-        return f"{said} in {where} and {many} of the simulation ({self.episode_steps:,} steps of agents)"
+        return f"{said} in {where} and {many} of the simulation ({self.episode_steps:,} steps of agents){rest}"
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the report as plain values."""
@@ -95,4 +98,5 @@ def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> V
         0 if episodes is None else len(episodes),
         subject.reason or ("" if len(found) > 1 else "no agent was steered in them"),
         test,
+        exporter.untried,
     )

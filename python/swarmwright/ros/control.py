@@ -15,6 +15,7 @@ NAME = "swarmwright_controller"
 _SAY_EVERY_S = 10.0
 _LOOK_EVERY_S = 1.0
 _STEPS_DEPTH = 1000
+_DEEPEST = 10
 
 
 class Controller(Protocol):
@@ -79,7 +80,6 @@ class Control:
             self._say_rarely("waiting for /clock, since use_sim_time is set")
             return False
         if now < self._last:  # a simulation has begun anew
-            self._inputs.forget()
             self._next = now
         self._last = now
         if now < self._next:
@@ -182,11 +182,22 @@ def load(file: str) -> object:
 
     try:
         with open(file, encoding="utf-8") as stream:  # noqa: PTH123 - as short as pathlib, for old Pythons
-            return yaml.load(stream, Loader=_loader(yaml))  # noqa: S506 - a loader for plain values
+            value: object = yaml.load(stream, Loader=_loader(yaml))  # noqa: S506 - one for plain values
     except OSError as error:
         raise MappingError(f"mapping: {file}: cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise MappingError(f"mapping: {file}: is not YAML: {_line(error)}") from None
+    if _depth(value) > _DEEPEST:
+        raise MappingError(f"mapping: {file}: is nested more than {_DEEPEST} levels deep")
+    return value
+
+
+def _depth(value: object, above: int = 0) -> int:
+    """Return how deep a value is nested, at most one more than is allowed: it may contain itself."""
+    inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
+    if above > _DEEPEST:
+        return above
+    return max((_depth(one, above + 1) for one in inner), default=above)
 
 
 def _loader(yaml: Any) -> Any:

@@ -47,13 +47,10 @@ class Inputs:
         now = self._node.now()
         found = []
         for sensor, time in zip(self._sensors, self.times):
-            if (time is None or now - time > sensor.timeout) and sensor.place.topic not in found:
+            # What came later than now came before a simulation began anew.
+            if time is None or now < time or now - time > sensor.timeout:
                 found.append(sensor.place.topic)
-        return found
-
-    def forget(self) -> None:
-        """Take nothing that came before for a value, as when time has jumped back."""
-        self.times = [None] * len(self._sensors)
+        return list(dict.fromkeys(found))
 
     def check_types(self) -> None:
         """Raise MappingError for a topic that others use with another type, now that they may be known."""

@@ -3,13 +3,13 @@
 #include <csignal>
 #include <cstdlib>
 
-#include "exported.h"
+#include "control.hpp"
+#include "graph.hpp"
 #include "mapping.hpp"
 #include "ros/callback_queue.h"
 #include "ros/ros.h"
-#include "std_msgs/Float32MultiArray.h"
 #include "std_srvs/Empty.h"
-#include "topics.hpp"
+#include "xmlrpcpp/XmlRpcValue.h"
 
 namespace {
 
@@ -17,106 +17,72 @@ volatile std::sig_atomic_t ended = 0;
 
 void end(int) { ended = 1; }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
+Value value_of(XmlRpc::XmlRpcValue& given) {
+  using XmlRpc::XmlRpcValue;
+  Value made;
+  switch (given.getType()) {
+    case XmlRpcValue::TypeBoolean:
+      return Value::of(static_cast<bool>(given));
+    case XmlRpcValue::TypeInt:
+      return Value::of(static_cast<double>(static_cast<int>(given)));
+    case XmlRpcValue::TypeDouble:
+      return Value::of(static_cast<double>(given));
+    case XmlRpcValue::TypeString:
+      return Value::of(static_cast<std::string>(given));
+    case XmlRpcValue::TypeArray:
+      made.kind = Value::Kind::list;
+      for (int i = 0; i < given.size(); ++i) made.list.push_back(value_of(given[i]));
+      return made;
+    case XmlRpcValue::TypeStruct:
+      made.kind = Value::Kind::map;
+      for (auto& [key, value] : given) made.map.emplace_back(key, value_of(value));
+      return made;
+    default:
+      return made;
+  }
 }
 
-Mapping mapping() {
+Value mapping() {
   XmlRpc::XmlRpcValue value;
   if (!ros::param::get("~mapping", value)) {
     throw MappingError("the parameter ~mapping is missing; controller.launch loads it from a file, mapping:=FILE");
   }
-  Mapping mapping = read_mapping(value, {exported_sensor_names, exported_sensor_names + exported_sensors},
-                                 {exported_actuator_names, exported_actuator_names + exported_actuators});
-  for (SensorMapping& sensor : mapping.sensors) resolve(sensor.place);
-  for (ActuatorMapping& actuator : mapping.actuators) resolve(actuator.place);
-  return mapping;
+  return value_of(value);
 }
 
 class Node {
  public:
   Node()
-      : mapping_(mapping()),
-        inputs_(node_, mapping_.sensors),
-        outputs_(node_, mapping_.actuators),
-        actuators_(mapping_.actuators.size()),
-        steps_(private_.advertise<std_msgs::Float32MultiArray>("steps", 1000)),
-        reset_(private_.advertiseService("reset", &Node::reset, this)) {
-    exported_reset();
-    const double period = 1 / mapping_.rate;
+      : control_(graph_, resolved(graph_, mapping())), reset_(private_.advertiseService("reset", &Node::reset, this)) {
+    const double period = 1 / control_.rate();
     if (ros::Time::isSimTime()) {
-      timer_ = node_.createTimer(ros::Duration(period), [this](const ros::TimerEvent&) { cycle(); });
+      timer_ = node_.createTimer(ros::Duration(period), [this](const ros::TimerEvent&) { control_.cycle(); });
     } else {
-      steady_ = node_.createSteadyTimer(ros::WallDuration(period), [this](const ros::SteadyTimerEvent&) { cycle(); });
+      steady_ = node_.createSteadyTimer(ros::WallDuration(period),
+                                        [this](const ros::SteadyTimerEvent&) { control_.cycle(); });
     }
   }
 
   void run() {
-    while (ros::ok() && ended == 0) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
+    while (ros::ok() && ended == 0) {
+      ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
+      control_.look();
+    }
     if (!ros::ok()) return;
-    outputs_.stop();
+    control_.stop();
     ros::WallDuration(0.1).sleep();  // until it is sent
   }
 
  private:
-  void cycle() {
-    const std::vector<std::string> silent = inputs_.silent();
-    if (!silent.empty()) {
-      stop(silent);
-      return;
-    }
-    if (stopped_) {
-      ROS_INFO("all sensors are there: the controller runs at %g Hz", mapping_.rate);
-      if (mapping_.reset_after_silence) exported_reset();
-      stopped_ = false;
-      begun_ = true;
-    }
-    exported_step(inputs_.values().data(), actuators_.data());  // refuses only what Inputs has refused before
-    outputs_.publish(actuators_);
-    show();
-  }
-
-  // Says so once; the robot is told in every cycle, for it may listen later.
-  void stop(const std::vector<std::string>& silent) {
-    if (!begun_) ROS_INFO_THROTTLE(10, "waiting for %s", joined(silent).c_str());
-    if (!stopped_) ROS_WARN("stopped: nothing comes from %s", joined(silent).c_str());
-    stopped_ = true;
-    outputs_.stop();
-  }
-
-  // What the controller has sensed and done, for those who listen.
-  void show() {
-    if (steps_.getNumSubscribers() == 0) return;
-    std_msgs::Float32MultiArray step;
-    step.layout.dim.resize(2);
-    step.layout.dim[0].label = "sensors";
-    step.layout.dim[0].size = exported_sensors;
-    step.layout.dim[0].stride = exported_sensors + exported_actuators;
-    step.layout.dim[1].label = "actuators";
-    step.layout.dim[1].size = exported_actuators;
-    step.layout.dim[1].stride = exported_actuators;
-    step.data = inputs_.values();
-    step.data.insert(step.data.end(), actuators_.begin(), actuators_.end());
-    steps_.publish(step);
-  }
-
   bool reset(std_srvs::Empty::Request&, std_srvs::Empty::Response&) {
-    exported_reset();
-    ROS_INFO("the controller was reset");
+    control_.reset();
     return true;
   }
 
   ros::NodeHandle node_;
   ros::NodeHandle private_{"~"};
-  Mapping mapping_;
-  Inputs inputs_;
-  Outputs outputs_;
-  std::vector<float> actuators_;
-  bool stopped_ = true;
-  bool begun_ = false;
-  ros::Publisher steps_;
+  Graph graph_;
+  Control control_;
   ros::ServiceServer reset_;
   ros::Timer timer_;
   ros::SteadyTimer steady_;

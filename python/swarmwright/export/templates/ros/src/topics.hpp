@@ -8,39 +8,39 @@
 #include <string>
 #include <vector>
 
+#include "graph.hpp"
 #include "mapping.hpp"
-#include "ros/ros.h"
-
-// Makes a topic's name that of the whole graph: /robot_1/scan. Throws MappingError for what is no name.
-void resolve(Place& place);
 
 // The latest value of every sensor, and when it came.
 class Inputs {
  public:
   // Subscribes to resolved topics. Throws MappingError for a type or a field that is not known, or that the topic does
   // not have.
-  Inputs(ros::NodeHandle& node, const std::vector<SensorMapping>& sensors);
+  Inputs(Graph& graph, const std::vector<SensorMapping>& sensors);
 
   // Topics of sensors from which nothing has come for longer than their time-out: each once.
   std::vector<std::string> silent() const;
 
   const std::vector<float>& values() const { return values_; }
 
+  // Throws MappingError for a topic that others use with another type, now that they may be known.
+  void check_types() const;
+
  private:
   template <typename Message>
-  bool subscribe(ros::NodeHandle& node, const std::string& topic, const std::string& type);
+  bool subscribe(const std::string& topic, const std::string& type);
 
+  Graph& graph_;
   const std::vector<SensorMapping>& sensors_;
   std::vector<float> values_;
   std::vector<std::optional<double>> times_;
-  std::vector<ros::Subscriber> subscribers_;
 };
 
 // The topics that actuators are published on.
 class Outputs {
  public:
   // Advertises resolved topics. Throws MappingError as Inputs does.
-  Outputs(ros::NodeHandle& node, const std::vector<ActuatorMapping>& actuators);
+  Outputs(Graph& graph, const std::vector<ActuatorMapping>& actuators);
 
   // Publishes one command on each topic.
   void publish(const std::vector<float>& actuators);
@@ -48,14 +48,15 @@ class Outputs {
   // Publishes zeros.
   void stop();
 
+  // As that of Inputs.
+  void check_types() const;
+
  private:
   template <typename Message>
-  bool advertise(ros::NodeHandle& node, const std::string& topic, const std::string& type);
+  bool advertise(const std::string& topic, const std::string& type);
 
+  Graph& graph_;
   const std::vector<ActuatorMapping>& actuators_;
   // By topic: publishes a command; without actuators, zeros.
   std::vector<std::function<void(const std::vector<float>*)>> topics_;
 };
-
-// Seconds, of simulated time where there is such a thing, else of a clock that never jumps.
-double seconds();

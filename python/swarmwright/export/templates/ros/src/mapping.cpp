@@ -5,8 +5,6 @@
 #include <cmath>
 #include <sstream>
 
-using XmlRpc::XmlRpcValue;
-
 std::string choice(const std::vector<std::string>& words) {
   std::string text;
   for (std::size_t i = 0; i < words.size(); ++i) {
@@ -16,19 +14,51 @@ std::string choice(const std::vector<std::string>& words) {
   return text;
 }
 
+std::string short_type(const std::string& name) {
+  const std::size_t first = name.find('/');
+  const std::size_t last = name.rfind('/');
+  if (first == std::string::npos || last == first) return name;
+  const std::string group = name.substr(first + 1, last - first - 1);
+  return group == "msg" || group == "srv" ? name.substr(0, first) + name.substr(last) : name;
+}
+
 namespace {
 
-std::string shown(const XmlRpcValue& value) {
+// A value as messages repeat it.
+std::string shown(const Value& value) {
   std::ostringstream text;
-  value.write(text);
-  return text.str();
+  const char* between = "";
+  switch (value.kind) {
+    case Value::Kind::nothing:
+      return "nothing";
+    case Value::Kind::boolean:
+      return value.boolean ? "true" : "false";
+    case Value::Kind::number:
+      text << value.number;
+      return text.str();
+    case Value::Kind::text:
+      return value.text;
+    case Value::Kind::list:
+      for (const Value& one : value.list) {
+        text << between << shown(one);
+        between = ", ";
+      }
+      return "[" + text.str() + "]";
+    case Value::Kind::map:
+      for (const auto& [key, one] : value.map) {
+        text << between << key << ": " << shown(one);
+        between = ", ";
+      }
+      return "{" + text.str() + "}";
+  }
+  return "";
 }
 
 // One block of the mapping: its keys are asked for, and those that nobody asked for are mistakes.
 class Block {
  public:
-  Block(std::string where, XmlRpcValue value) : where_(std::move(where)), value_(std::move(value)) {
-    if (value_.getType() != XmlRpcValue::TypeStruct) fail("expected keys and values");
+  Block(std::string where, const Value& value) : where_(std::move(where)), value_(value) {
+    if (value_.kind != Value::Kind::map) fail("expected keys and values");
   }
 
   [[noreturn]] void fail(const std::string& reason) const { throw MappingError(where_ + ": " + reason); }
@@ -36,51 +66,51 @@ class Block {
   void name(const std::string& name) { where_ += " (" + name + ")"; }
   const std::string& where() const { return where_; }
 
-  bool has(const std::string& key) {
-    if (std::find(known_.begin(), known_.end(), key) == known_.end()) known_.push_back(key);
-    return value_.hasMember(key);
-  }
+  bool has(const std::string& key) { return find(key) != nullptr; }
 
-  XmlRpcValue& get(const std::string& key) {
-    if (!has(key)) fail(key + " is missing");
-    return value_[key];
+  const Value& get(const std::string& key) {
+    const Value* value = find(key);
+    if (value == nullptr) fail(key + " is missing");
+    return *value;
   }
 
   std::string text(const std::string& key) {
-    XmlRpcValue& value = get(key);
-    if (value.getType() != XmlRpcValue::TypeString) fail(key + ": " + shown(value) + " found, expected text");
-    const std::string& text = value;
-    if (text.empty()) fail(key + " is empty");
-    return text;
+    const Value& value = get(key);
+    if (value.kind != Value::Kind::text) fail(key + ": " + shown(value) + " found, expected text");
+    if (value.text.empty()) fail(key + " is empty");
+    return value.text;
   }
 
-  double number(const std::string& key, double otherwise) { return has(key) ? finite(key, value_[key]) : otherwise; }
+  double number(const std::string& key, double otherwise) {
+    const Value* value = find(key);
+    return value == nullptr ? otherwise : finite(key, *value);
+  }
 
   double positive(const std::string& key, double otherwise) {
     const double value = number(key, otherwise);
-    if (!(value > 0)) fail(key + ": " + shown(value_[key]) + " found, expected more than 0");
+    if (!(value > 0)) fail(key + ": " + shown(Value::of(value)) + " found, expected more than 0");
     return value;
   }
 
   bool flag(const std::string& key) {
-    if (!has(key)) return false;
-    XmlRpcValue& value = value_[key];
-    if (value.getType() != XmlRpcValue::TypeBoolean) fail(key + ": " + shown(value) + " found, expected true or false");
-    return value;
+    const Value* value = find(key);
+    if (value == nullptr) return false;
+    if (value->kind != Value::Kind::boolean) fail(key + ": " + shown(*value) + " found, expected true or false");
+    return value->boolean;
   }
 
   std::optional<Interval> interval(const std::string& key) {
-    if (!has(key)) return std::nullopt;
-    XmlRpcValue& value = value_[key];
-    if (value.getType() != XmlRpcValue::TypeArray || value.size() != 2)
-      fail(key + ": expected two numbers [low, high]");
-    const Interval found{finite(key, value[0]), finite(key, value[1])};
+    const Value* value = find(key);
+    if (value == nullptr) return std::nullopt;
+    if (value->kind != Value::Kind::list || value->list.size() != 2) fail(key + ": expected two numbers [low, high]");
+    const double low = finite(key, value->list[0]);  // one after the other: the first that is none is named
+    const Interval found{low, finite(key, value->list[1])};
     if (!(found.first < found.second)) fail(key + ": the first number must be below the second");
     return found;
   }
 
   void no_others() const {
-    for (const auto& [key, value] : value_) {
+    for (const auto& [key, value] : value_.map) {
       (void)value;
       if (std::find(known_.begin(), known_.end(), key) == known_.end()) {
         fail("unknown key '" + key + "'; expected " + choice(known_));
@@ -89,23 +119,27 @@ class Block {
   }
 
  private:
-  double finite(const std::string& key, XmlRpcValue& value) const {
-    double number = NAN;
-    if (value.getType() == XmlRpcValue::TypeInt) number = static_cast<int>(value);
-    if (value.getType() == XmlRpcValue::TypeDouble) number = static_cast<double>(value);
-    if (!std::isfinite(number)) fail(key + ": " + shown(value) + " found, expected a number");
-    return number;
+  const Value* find(const std::string& key) {
+    if (std::find(known_.begin(), known_.end(), key) == known_.end()) known_.push_back(key);
+    return value_.find(key);
+  }
+
+  double finite(const std::string& key, const Value& value) const {
+    if (value.kind != Value::Kind::number || !std::isfinite(value.number)) {
+      fail(key + ": " + shown(value) + " found, expected a number");
+    }
+    return value.number;
   }
 
   std::string where_;
-  mutable XmlRpcValue value_;  // its members can be read only where it may be changed
+  const Value& value_;
   std::vector<std::string> known_;
 };
 
 Place place(Block& block) {
   // One after the other: the first that is missing is named.
   const std::string topic = block.text("topic");
-  const std::string type = block.text("type");
+  const std::string type = short_type(block.text("type"));
   return {block.where(), topic, type, block.has("field") ? block.text("field") : ""};
 }
 
@@ -140,11 +174,11 @@ ActuatorMapping actuator(Block& block) {
 // Reads a list whose entries name the controller's sensors or actuators; the result is in the controller's order.
 template <typename Entry, typename Read>
 std::vector<Entry> entries(Block& mapping, const std::string& kind, const std::vector<std::string>& names, Read read) {
-  XmlRpcValue& list = mapping.get(kind + "s");
-  if (list.getType() != XmlRpcValue::TypeArray) mapping.fail(kind + "s: expected a list, each entry begun by '- '");
+  const Value& list = mapping.get(kind + "s");
+  if (list.kind != Value::Kind::list) mapping.fail(kind + "s: expected a list, each entry begun by '- '");
   std::vector<std::optional<Entry>> found(names.size());
-  for (int i = 0; i < list.size(); ++i) {
-    Block block(kind + "s[" + std::to_string(i) + "]", list[i]);
+  for (std::size_t i = 0; i < list.list.size(); ++i) {
+    Block block(kind + "s[" + std::to_string(i) + "]", list.list[i]);
     const std::string name = block.text(kind);
     const auto at = std::find(names.begin(), names.end(), name);
     if (at == names.end()) block.fail("the controller has no " + kind + " '" + name + "'; it has " + choice(names));
@@ -164,7 +198,7 @@ std::vector<Entry> entries(Block& mapping, const std::string& kind, const std::v
 
 }  // namespace
 
-Mapping read_mapping(const XmlRpcValue& value, const std::vector<std::string>& sensors,
+Mapping read_mapping(const Value& value, const std::vector<std::string>& sensors,
                      const std::vector<std::string>& actuators) {
   Block block("mapping", value);
   Mapping mapping;

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "xmlrpcpp/XmlRpcValue.h"
+#include "value.hpp"
 
 // A mistake in the mapping: where it is and how to repair it.
 struct MappingError : std::runtime_error {
@@ -21,8 +21,8 @@ using Interval = std::pair<double, double>;
 struct Place {
   std::string where;  // in the mapping, for messages: sensors[0] (goal x)
   std::string topic;
-  std::string type;
-  std::string field;
+  std::string type;   // in the short spelling: geometry_msgs/Twist
+  std::string field;  // empty where the mapping names none
 };
 
 struct SensorMapping {
@@ -52,9 +52,12 @@ struct Mapping {
   std::vector<ActuatorMapping> actuators;  // in the controller's order
 };
 
-// Reads the parameter `mapping`. Throws MappingError.
-Mapping read_mapping(const XmlRpc::XmlRpcValue& value, const std::vector<std::string>& sensors,
+// Reads the content of mapping.yaml. Throws MappingError.
+Mapping read_mapping(const Value& value, const std::vector<std::string>& sensors,
                      const std::vector<std::string>& actuators);
+
+// geometry_msgs/Twist for geometry_msgs/msg/Twist, too.
+std::string short_type(const std::string& name);
 
 // "a, b or c".
 std::string choice(const std::vector<std::string>& words);

@@ -5,13 +5,6 @@
 #include <cmath>
 #include <map>
 
-#include "geometry_msgs/Twist.h"
-#include "nav_msgs/Odometry.h"
-#include "sensor_msgs/LaserScan.h"
-#include "sensor_msgs/Range.h"
-#include "std_msgs/Float32.h"
-#include "std_msgs/Float64.h"
-
 namespace {
 
 using Reading = std::optional<double>;  // none: the message says nothing about this sensor
@@ -43,7 +36,7 @@ bool within(double angle, const Interval& sector) {
 }
 
 // The smallest range of a sector, or the mean of its ranges, summed in the order of the message.
-Reading sector(const sensor_msgs::LaserScan& scan, const SensorMapping& sensor) {
+Reading sector(const messages::LaserScan& scan, const SensorMapping& sensor) {
   double sum = 0;
   double least = INFINITY;
   int count = 0;
@@ -60,7 +53,7 @@ Reading sector(const sensor_msgs::LaserScan& scan, const SensorMapping& sensor) 
   return sensor.mean ? sum / count : least;
 }
 
-double yaw(const geometry_msgs::Quaternion& q) {
+double yaw(const messages::Quaternion& q) {
   return std::atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
 }
 
@@ -68,76 +61,114 @@ double yaw(const geometry_msgs::Quaternion& q) {
 template <typename Message>
 struct Type;
 
-#define READ(Message, expression)                                \
-  [](const Message& m, const SensorMapping& sensor) -> Reading { \
-    (void)sensor, (void)m;                                       \
-    return expression;                                           \
+#define READ(expression)                                      \
+  [](const auto& m, const SensorMapping& sensor) -> Reading { \
+    (void)sensor, (void)m;                                    \
+    return expression;                                        \
   }
-#define WRITE(Message, member) [](Message& m, double value) { m.member = value; }
+#define READ_VECTOR(path) \
+  {#path ".x", READ(m.path.x)}, {#path ".y", READ(m.path.y)}, { #path ".z", READ(m.path.z) }
+#define WRITE(member) [](auto& m, double value) { m.member = static_cast<decltype(m.member)>(value); }
+#define WRITE_VECTOR(path) \
+  {#path ".x", WRITE(path.x)}, {#path ".y", WRITE(path.y)}, { #path ".z", WRITE(path.z) }
 
 template <>
-struct Type<sensor_msgs::LaserScan> {
+struct Type<messages::LaserScan> {
   static constexpr const char* name = "sensor_msgs/LaserScan";
-  static Readers<sensor_msgs::LaserScan> readers() { return {{"ranges", sector}}; }
+  static Readers<messages::LaserScan> readers() { return {{"ranges", sector}}; }
 };
 
 template <>
-struct Type<sensor_msgs::Range> {
+struct Type<messages::Range> {
   static constexpr const char* name = "sensor_msgs/Range";
-  static Readers<sensor_msgs::Range> readers() {
-    return {{"range", READ(sensor_msgs::Range, range(m.range, m.min_range, m.max_range, sensor))}};
+  static Readers<messages::Range> readers() {
+    return {{"range", READ(range(m.range, m.min_range, m.max_range, sensor))}};
   }
 };
 
 template <>
-struct Type<nav_msgs::Odometry> {
+struct Type<messages::Odometry> {
   static constexpr const char* name = "nav_msgs/Odometry";
-  static Readers<nav_msgs::Odometry> readers() {
-    return {{"pose.pose.position.x", READ(nav_msgs::Odometry, m.pose.pose.position.x)},
-            {"pose.pose.position.y", READ(nav_msgs::Odometry, m.pose.pose.position.y)},
-            {"pose.pose.position.z", READ(nav_msgs::Odometry, m.pose.pose.position.z)},
-            {"yaw", READ(nav_msgs::Odometry, yaw(m.pose.pose.orientation))},
-            {"twist.twist.linear.x", READ(nav_msgs::Odometry, m.twist.twist.linear.x)},
-            {"twist.twist.linear.y", READ(nav_msgs::Odometry, m.twist.twist.linear.y)},
-            {"twist.twist.linear.z", READ(nav_msgs::Odometry, m.twist.twist.linear.z)},
-            {"twist.twist.angular.x", READ(nav_msgs::Odometry, m.twist.twist.angular.x)},
-            {"twist.twist.angular.y", READ(nav_msgs::Odometry, m.twist.twist.angular.y)},
-            {"twist.twist.angular.z", READ(nav_msgs::Odometry, m.twist.twist.angular.z)}};
+  static Readers<messages::Odometry> readers() {
+    return {READ_VECTOR(pose.pose.position),
+            {"yaw", READ(yaw(m.pose.pose.orientation))},
+            READ_VECTOR(twist.twist.linear),
+            READ_VECTOR(twist.twist.angular)};
   }
 };
 
 template <>
-struct Type<geometry_msgs::Twist> {
+struct Type<messages::Twist> {
   static constexpr const char* name = "geometry_msgs/Twist";
-  static Readers<geometry_msgs::Twist> readers() {
-    return {
-        {"linear.x", READ(geometry_msgs::Twist, m.linear.x)},   {"linear.y", READ(geometry_msgs::Twist, m.linear.y)},
-        {"linear.z", READ(geometry_msgs::Twist, m.linear.z)},   {"angular.x", READ(geometry_msgs::Twist, m.angular.x)},
-        {"angular.y", READ(geometry_msgs::Twist, m.angular.y)}, {"angular.z", READ(geometry_msgs::Twist, m.angular.z)}};
+  static Readers<messages::Twist> readers() { return {READ_VECTOR(linear), READ_VECTOR(angular)}; }
+  static Writers<messages::Twist> writers() { return {WRITE_VECTOR(linear), WRITE_VECTOR(angular)}; }
+};
+
+template <>
+struct Type<messages::TwistStamped> {
+  static constexpr const char* name = "geometry_msgs/TwistStamped";
+  static Readers<messages::TwistStamped> readers() { return {READ_VECTOR(twist.linear), READ_VECTOR(twist.angular)}; }
+  static Writers<messages::TwistStamped> writers() { return {WRITE_VECTOR(twist.linear), WRITE_VECTOR(twist.angular)}; }
+};
+
+template <>
+struct Type<messages::PoseStamped> {
+  static constexpr const char* name = "geometry_msgs/PoseStamped";
+  static Readers<messages::PoseStamped> readers() {
+    return {READ_VECTOR(pose.position), {"yaw", READ(yaw(m.pose.orientation))}};
   }
-  static Writers<geometry_msgs::Twist> writers() {
-    return {
-        {"linear.x", WRITE(geometry_msgs::Twist, linear.x)},   {"linear.y", WRITE(geometry_msgs::Twist, linear.y)},
-        {"linear.z", WRITE(geometry_msgs::Twist, linear.z)},   {"angular.x", WRITE(geometry_msgs::Twist, angular.x)},
-        {"angular.y", WRITE(geometry_msgs::Twist, angular.y)}, {"angular.z", WRITE(geometry_msgs::Twist, angular.z)}};
+};
+
+template <>
+struct Type<messages::PoseWithCovarianceStamped> {
+  static constexpr const char* name = "geometry_msgs/PoseWithCovarianceStamped";
+  static Readers<messages::PoseWithCovarianceStamped> readers() {
+    return {READ_VECTOR(pose.pose.position), {"yaw", READ(yaw(m.pose.pose.orientation))}};
   }
 };
 
 template <typename Message>
 struct Number {
-  static Readers<Message> readers() { return {{"data", READ(Message, m.data)}}; }
-  static Writers<Message> writers() { return {{"data", WRITE(Message, data)}}; }
+  static Readers<Message> readers() { return {{"data", READ(m.data)}}; }
+  static Writers<Message> writers() { return {{"data", WRITE(data)}}; }
 };
 
 template <>
-struct Type<std_msgs::Float32> : Number<std_msgs::Float32> {
+struct Type<messages::Float32> : Number<messages::Float32> {
   static constexpr const char* name = "std_msgs/Float32";
 };
 
 template <>
-struct Type<std_msgs::Float64> : Number<std_msgs::Float64> {
+struct Type<messages::Float64> : Number<messages::Float64> {
   static constexpr const char* name = "std_msgs/Float64";
 };
+
+// A message that begins with a header has the time in it.
+void stamp(const Graph& graph, messages::TwistStamped& message) { graph.stamp(message.header); }
+template <typename Message>
+void stamp(const Graph&, Message&) {}
+
+template <typename... Messages>
+struct Types {};
+using Sensed = Types<messages::LaserScan, messages::Range, messages::Odometry, messages::Twist, messages::TwistStamped,
+                     messages::PoseStamped, messages::PoseWithCovarianceStamped, messages::Float32, messages::Float64>;
+using Commanded = Types<messages::Twist, messages::TwistStamped, messages::Float32, messages::Float64>;
+
+template <typename Message>
+struct Tag {
+  using type = Message;
+};
+
+// Calls a function with a tag for each type.
+template <typename... Messages, typename Function>
+auto each(Types<Messages...>, const Function& function) {
+  return function(Tag<Messages>{}...);
+}
+
+template <typename... Messages>
+std::vector<std::string> names(Types<Messages...>) {
+  return {Type<Messages>::name...};
+}
 
 // The name of a field, and how it is read or written; where a type has only one, the mapping need not name it.
 template <typename Use>
@@ -153,7 +184,7 @@ std::pair<std::string, Use> field(const std::map<std::string, Use>& fields, cons
 
 // All entries of a topic have its type, and nobody else uses it with another one.
 template <typename Entry>
-std::string type_of(const std::string& topic, const std::vector<Entry>& entries) {
+std::string type_of(const Graph& graph, const std::string& topic, const std::vector<Entry>& entries) {
   const Place* first = nullptr;
   for (const Entry& entry : entries) {
     if (entry.place.topic != topic) continue;
@@ -163,11 +194,10 @@ std::string type_of(const std::string& topic, const std::vector<Entry>& entries)
                          " and " + entry.place.type + " here; a topic has one type");
     }
   }
-  ros::master::V_TopicInfo known;
-  ros::master::getTopics(known);
-  for (const ros::master::TopicInfo& info : known) {
-    if (info.name == topic && info.datatype != first->type && info.datatype != "*") {
-      throw MappingError(first->where + ": " + topic + " has the type " + info.datatype + ", but the mapping says " +
+  for (const std::string& known : graph.types(topic)) {
+    const std::string type = short_type(known);
+    if (type != first->type && type != "*") {
+      throw MappingError(first->where + ": " + topic + " has the type " + type + ", but the mapping says " +
                          first->type);
     }
   }
@@ -199,79 +229,64 @@ double clipped(double value, const std::optional<Interval>& interval) {
 
 }  // namespace
 
-void resolve(Place& place) {
-  try {
-    place.topic = ros::names::resolve(place.topic);
-  } catch (const ros::InvalidNameException& error) {
-    throw MappingError(place.where + ": topic '" + place.topic + "': " + error.what());
-  }
-}
-
-double seconds() { return ros::Time::isSimTime() ? ros::Time::now().toSec() : ros::SteadyTime::now().toSec(); }
-
-Inputs::Inputs(ros::NodeHandle& node, const std::vector<SensorMapping>& sensors)
-    : sensors_(sensors), values_(sensors.size()), times_(sensors.size()) {
+Inputs::Inputs(Graph& graph, const std::vector<SensorMapping>& sensors)
+    : graph_(graph), sensors_(sensors), values_(sensors.size()), times_(sensors.size()) {
   for (const std::string& topic : topics_of(sensors_)) {
-    const std::string type = type_of(topic, sensors_);
-    if (subscribe<sensor_msgs::LaserScan>(node, topic, type) || subscribe<sensor_msgs::Range>(node, topic, type) ||
-        subscribe<nav_msgs::Odometry>(node, topic, type) || subscribe<geometry_msgs::Twist>(node, topic, type) ||
-        subscribe<std_msgs::Float32>(node, topic, type) || subscribe<std_msgs::Float64>(node, topic, type)) {
-      continue;
-    }
-    unknown_type(topic, sensors_,
-                 {"sensor_msgs/LaserScan", "sensor_msgs/Range", "nav_msgs/Odometry", "geometry_msgs/Twist",
-                  "std_msgs/Float32", "std_msgs/Float64"});
+    const std::string type = type_of(graph_, topic, sensors_);
+    const auto any = [&](auto... message) { return (subscribe<typename decltype(message)::type>(topic, type) || ...); };
+    if (!each(Sensed{}, any)) unknown_type(topic, sensors_, names(Sensed{}));
   }
 }
 
 template <typename Message>
-bool Inputs::subscribe(ros::NodeHandle& node, const std::string& topic, const std::string& type) {
+bool Inputs::subscribe(const std::string& topic, const std::string& type) {
   if (type != Type<Message>::name) return false;
   std::vector<std::pair<std::size_t, Reader<Message>>> readers;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     if (sensors_[i].place.topic != topic) continue;
     readers.emplace_back(i, field(Type<Message>::readers(), sensors_[i].place).second);
   }
-  const boost::function<void(const boost::shared_ptr<Message const>&)> read = [this, readers](const auto& message) {
+  graph_.subscribe<Message>(topic, [this, readers](const Message& message) {
     for (const auto& [i, reader] : readers) {
       const SensorMapping& sensor = sensors_[i];
-      const Reading value = reader(*message, sensor);
+      const Reading value = reader(message, sensor);
       if (!value) continue;
       const auto sensed = static_cast<float>(clipped(*value * sensor.scale + sensor.offset, sensor.clip));
       // NaN and infinities are no measurements: the sensor is as silent as if they had not come.
       if (!std::isfinite(sensed)) continue;
       values_[i] = sensed;
-      times_[i] = seconds();
+      times_[i] = graph_.seconds();
     }
-  };
-  subscribers_.push_back(node.subscribe<Message>(topic, 1, read));
+  });
   return true;
 }
 
 std::vector<std::string> Inputs::silent() const {
   std::vector<std::string> topics;
-  const double now = seconds();
+  const double now = graph_.seconds();
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    if (times_[i] && now - *times_[i] <= sensors_[i].timeout) continue;
+    // What came later than now came before a simulation began anew.
+    if (times_[i] && now >= *times_[i] && now - *times_[i] <= sensors_[i].timeout) continue;
     const std::string& topic = sensors_[i].place.topic;
     if (std::find(topics.begin(), topics.end(), topic) == topics.end()) topics.push_back(topic);
   }
   return topics;
 }
 
-Outputs::Outputs(ros::NodeHandle& node, const std::vector<ActuatorMapping>& actuators) : actuators_(actuators) {
+void Inputs::check_types() const {
+  for (const std::string& topic : topics_of(sensors_)) type_of(graph_, topic, sensors_);
+}
+
+Outputs::Outputs(Graph& graph, const std::vector<ActuatorMapping>& actuators) : graph_(graph), actuators_(actuators) {
   for (const std::string& topic : topics_of(actuators_)) {
-    const std::string type = type_of(topic, actuators_);
-    if (advertise<geometry_msgs::Twist>(node, topic, type) || advertise<std_msgs::Float32>(node, topic, type) ||
-        advertise<std_msgs::Float64>(node, topic, type)) {
-      continue;
-    }
-    unknown_type(topic, actuators_, {"geometry_msgs/Twist", "std_msgs/Float32", "std_msgs/Float64"});
+    const std::string type = type_of(graph_, topic, actuators_);
+    const auto any = [&](auto... message) { return (advertise<typename decltype(message)::type>(topic, type) || ...); };
+    if (!each(Commanded{}, any)) unknown_type(topic, actuators_, names(Commanded{}));
   }
 }
 
 template <typename Message>
-bool Outputs::advertise(ros::NodeHandle& node, const std::string& topic, const std::string& type) {
+bool Outputs::advertise(const std::string& topic, const std::string& type) {
   if (type != Type<Message>::name) return false;
   std::map<std::string, std::pair<std::size_t, std::function<void(Message&, double)>>> writers;
   for (std::size_t i = 0; i < actuators_.size(); ++i) {
@@ -283,16 +298,17 @@ bool Outputs::advertise(ros::NodeHandle& node, const std::string& topic, const s
       throw MappingError(place.where + ": writes the same field as " + actuators_[other->second.first].place.where);
     }
   }
-  const ros::Publisher publisher = node.advertise<Message>(topic, 1);
+  const auto publisher = graph_.advertise<Message>(topic, 1);
   topics_.push_back([this, publisher, writers](const std::vector<float>* values) {
     Message message;
+    stamp(graph_, message);
     for (const auto& [name, writer] : writers) {
       if (values == nullptr) continue;
       const ActuatorMapping& actuator = actuators_[writer.first];
       const double value = double{(*values)[writer.first]} * actuator.scale + actuator.offset;
       writer.second(message, clipped(value, actuator.limits));
     }
-    publisher.publish(message);
+    publisher->publish(message);
   });
   return true;
 }
@@ -303,4 +319,8 @@ void Outputs::publish(const std::vector<float>& actuators) {
 
 void Outputs::stop() {
   for (const auto& topic : topics_) topic(nullptr);
+}
+
+void Outputs::check_types() const {
+  for (const std::string& topic : topics_of(actuators_)) type_of(graph_, topic, actuators_);
 }

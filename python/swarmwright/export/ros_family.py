@@ -1,0 +1,94 @@
+"""What the forms ROS 1 and ROS 2 have in common: the sources of the node, and the mapping to be filled in."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from swarmwright.core.errors import InputError
+from swarmwright.export._base import Files, facts
+from swarmwright.export.c import C
+from swarmwright.export.subject import Channel, Subject
+from swarmwright.export.text import MARK, render
+from swarmwright.representations.controller import controller_words
+
+_SHARED = (
+    "control.cpp",
+    "control.hpp",
+    "exported.h",
+    "mapping.cpp",
+    "mapping.hpp",
+    "topics.cpp",
+    "topics.hpp",
+    "value.hpp",
+)
+"""Sources that are the same for every controller and both."""
+_OWN = "exported"
+"""What a file of the package is called."""
+
+
+def values_of(subject: Subject, prefix: str) -> dict[str, str]:
+    """Return what is put into the templates.
+
+    Raises InputError for a parameter set, which steers nothing, and for the prefix `exported`.
+    """
+    if not subject.steers:
+        raise InputError(
+            "controller: a parameter set steers no robot, so no node can run it; --to c writes its values"
+        )
+    if prefix.lower() == _OWN:
+        raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
+    return {
+        "mark": MARK,
+        "p": prefix,
+        "PREFIX": prefix.upper(),
+        "package": prefix.lower(),
+        "words": controller_words(dict(subject.specification)),
+        "facts": facts(subject),
+        "sensor_names": _names(subject.sensors),
+        "actuator_names": _names(subject.actuators),
+    }
+
+
+def sources(subject: Subject, prefix: str, values: dict[str, str]) -> Files:
+    """Return the controller in C, and what of the node in C++ is the same in ROS 1 and ROS 2; in `src`."""
+    code = C().files(subject, prefix)
+    return {
+        f"src/{prefix}.h": code[f"{prefix}.h"],
+        f"src/{prefix}.c": code[f"{prefix}.c"],
+        "src/exported.c": render("ros/src/exported.c", values),
+        **{f"src/{name}": render(f"ros/src/{name}", values) for name in _SHARED},
+    }
+
+
+def mapping(subject: Subject) -> str:
+    """Return a mapping with an entry for each sensor and actuator, to be filled in."""
+    return render(
+        "ros/mapping.template.yaml",
+        {
+            "mark": MARK,
+            "facts": facts(subject, "#   "),
+            "sensors": _entries("sensor", subject.sensors),
+            "actuators": _entries("actuator", subject.actuators),
+        },
+    )
+
+
+def unique_names(channels: Sequence[Channel]) -> list[str]:
+    """Return names by which the node tells sensors or actuators apart."""
+    count = Counter(channel.name for channel in channels)
+    return [
+        channel.name if count[channel.name] == 1 else f"{channel.name} {index}"
+        for index, channel in enumerate(channels)
+    ]
+
+
+def _names(channels: Sequence[Channel]) -> str:
+    return "\n".join(f'    "{name}",' for name in unique_names(channels))
+
+
+def _entries(kind: str, channels: Sequence[Channel]) -> str:
+    lines = []
+    for name, channel in zip(unique_names(channels), channels, strict=True):
+        begin = f'  - {kind}: "{name}"'
+        unit = f"{channel.unit}, " if channel.unit else ""
+        lines += [f"{begin:<30}# {unit}{channel.limits}", '    topic: ""', '    type: ""', '    field: ""']
+    return "\n".join(lines)

@@ -1,0 +1,103 @@
+// @mark@; changes here are lost.
+#include "control.hpp"
+
+#include <sstream>
+#include <utility>
+
+#include "exported.h"
+
+namespace {
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text;
+}
+
+void resolve(const Graph& graph, Place& place) {
+  try {
+    place.topic = graph.resolve(place.topic);
+  } catch (const std::exception& error) {
+    throw MappingError(place.where + ": topic '" + place.topic + "': " + error.what());
+  }
+}
+
+}  // namespace
+
+Mapping resolved(const Graph& graph, const Value& value) {
+  Mapping mapping = read_mapping(value, {exported_sensor_names, exported_sensor_names + exported_sensors},
+                                 {exported_actuator_names, exported_actuator_names + exported_actuators});
+  for (SensorMapping& sensor : mapping.sensors) resolve(graph, sensor.place);
+  for (ActuatorMapping& actuator : mapping.actuators) resolve(graph, actuator.place);
+  return mapping;
+}
+
+Control::Control(Graph& graph, Mapping mapping)
+    : graph_(graph),
+      mapping_(std::move(mapping)),
+      inputs_(graph_, mapping_.sensors),
+      outputs_(graph_, mapping_.actuators),
+      steps_(graph_.advertise<messages::Float32MultiArray>(graph_.resolve("~/steps"), 1000)),
+      actuators_(mapping_.actuators.size()) {
+  exported_reset();
+}
+
+void Control::cycle() {
+  const std::vector<std::string> silent = inputs_.silent();
+  if (!silent.empty()) {
+    stopped(silent);
+    return;
+  }
+  if (stopped_) {
+    std::ostringstream text;
+    text << "all sensors are there: the controller runs at " << mapping_.rate << " Hz";
+    graph_.info(text.str());
+    if (mapping_.reset_after_silence) exported_reset();
+    stopped_ = false;
+    begun_ = true;
+  }
+  exported_step(inputs_.values().data(), actuators_.data());  // refuses only what Inputs has refused before
+  outputs_.publish(actuators_);
+  show();
+}
+
+void Control::reset() {
+  exported_reset();
+  graph_.info("the controller was reset");
+}
+
+void Control::look() {
+  const Clock::time_point now = Clock::now();
+  if (begun_ || now - looked_ < std::chrono::seconds(1)) return;
+  looked_ = now;
+  inputs_.check_types();
+  outputs_.check_types();
+}
+
+// Says so once; the robot is told in every cycle, for it may listen later.
+void Control::stopped(const std::vector<std::string>& silent) {
+  const Clock::time_point now = Clock::now();
+  if (!begun_ && (said_ == Clock::time_point() || now - said_ >= std::chrono::seconds(10))) {
+    said_ = now;
+    graph_.info("waiting for " + joined(silent));
+  }
+  if (!stopped_) graph_.warn("stopped: nothing comes from " + joined(silent));
+  stopped_ = true;
+  outputs_.stop();
+}
+
+// What the controller has sensed and done, for those who listen.
+void Control::show() {
+  if (steps_->listeners() == 0) return;
+  messages::Float32MultiArray step;
+  step.layout.dim.resize(2);
+  step.layout.dim[0].label = "sensors";
+  step.layout.dim[0].size = exported_sensors;
+  step.layout.dim[0].stride = exported_sensors + exported_actuators;
+  step.layout.dim[1].label = "actuators";
+  step.layout.dim[1].size = exported_actuators;
+  step.layout.dim[1].stride = exported_actuators;
+  step.data = inputs_.values();
+  step.data.insert(step.data.end(), actuators_.begin(), actuators_.end());
+  steps_->publish(step);
+}

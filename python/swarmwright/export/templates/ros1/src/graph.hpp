@@ -1,0 +1,91 @@
+// @mark@; changes here are lost.
+// What the node asks of ROS 1.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "geometry_msgs/PoseStamped.h"
+#include "geometry_msgs/PoseWithCovarianceStamped.h"
+#include "geometry_msgs/Twist.h"
+#include "geometry_msgs/TwistStamped.h"
+#include "nav_msgs/Odometry.h"
+#include "ros/ros.h"
+#include "sensor_msgs/LaserScan.h"
+#include "sensor_msgs/Range.h"
+#include "std_msgs/Float32.h"
+#include "std_msgs/Float32MultiArray.h"
+#include "std_msgs/Float64.h"
+
+namespace messages {
+using geometry_msgs::PoseStamped;
+using geometry_msgs::PoseWithCovarianceStamped;
+using geometry_msgs::Quaternion;
+using geometry_msgs::Twist;
+using geometry_msgs::TwistStamped;
+using nav_msgs::Odometry;
+using sensor_msgs::LaserScan;
+using sensor_msgs::Range;
+using std_msgs::Float32;
+using std_msgs::Float32MultiArray;
+using std_msgs::Float64;
+using std_msgs::Header;
+}  // namespace messages
+
+template <typename Message>
+class Publisher {
+ public:
+  explicit Publisher(ros::Publisher made) : made_(std::move(made)) {}
+  void publish(const Message& message) const { made_.publish(message); }
+  std::size_t listeners() const { return made_.getNumSubscribers(); }
+
+ private:
+  ros::Publisher made_;
+};
+
+class Graph {
+ public:
+  // The full name of a topic: /robot_1/scan. Throws std::exception for what is no name.
+  std::string resolve(const std::string& name) const {
+    return name.rfind("~/", 0) == 0 ? ros::names::resolve("~" + name.substr(2)) : ros::names::resolve(name);
+  }
+
+  // The types with which nodes use a topic.
+  std::vector<std::string> types(const std::string& topic) const {
+    ros::master::V_TopicInfo known;
+    ros::master::getTopics(known);
+    std::vector<std::string> found;
+    for (const ros::master::TopicInfo& info : known) {
+      if (info.name == topic) found.push_back(info.datatype);
+    }
+    return found;
+  }
+
+  // Of the messages that have come, the latest is read.
+  template <typename Message>
+  void subscribe(const std::string& topic, std::function<void(const Message&)> read) {
+    const boost::function<void(const boost::shared_ptr<Message const>&)> received =
+        [read = std::move(read)](const auto& message) { read(*message); };
+    subscribers_.push_back(node_.subscribe<Message>(topic, 1, received));
+  }
+
+  template <typename Message>
+  std::shared_ptr<Publisher<Message>> advertise(const std::string& topic, unsigned depth) {
+    return std::make_shared<Publisher<Message>>(node_.advertise<Message>(topic, depth));
+  }
+
+  void stamp(messages::Header& header) const { header.stamp = ros::Time::now(); }
+
+  // Seconds, of simulated time where there is such a thing, else of a clock that never jumps.
+  double seconds() const { return ros::Time::isSimTime() ? ros::Time::now().toSec() : ros::SteadyTime::now().toSec(); }
+
+  void info(const std::string& text) const { ROS_INFO("%s", text.c_str()); }
+  void warn(const std::string& text) const { ROS_WARN("%s", text.c_str()); }
+
+ private:
+  ros::NodeHandle node_;
+  std::vector<ros::Subscriber> subscribers_;
+};
