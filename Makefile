@@ -36,7 +36,7 @@ JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
 CPP := wrappers/cpp/build
 CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
-ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros1/src/*.[ch]pp)
+ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
 
@@ -88,6 +88,7 @@ test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/t
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
+	[ -e /usr/include/yaml-cpp/yaml.h ] || { $(call install,libyaml-cpp-dev); }
 	# Tests wait for other processes more than half of their time: four at a time keep two processors busy.
 	$(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=25 --durations-min=10
 

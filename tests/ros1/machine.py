@@ -15,10 +15,9 @@ from swarmwright.export.c import C
 from swarmwright.export.ros1 import Ros1
 from swarmwright.export.subject import Subject
 from tests.python.export.specifications import Specification, network
+from tests.python.ros.conversation import EXPORTED
 
 ROOT = Path(__file__).parents[2]
-EXPORTED = network("fully_meshed", "tanh", [-1.0, 1.0], sensors=7, actuators=3)
-"""The controller of the exported package; it has a state."""
 
 
 class Workspace:

@@ -1,7 +1,5 @@
 """The node `swarmwright_controller` of exported packages, on a real roscore."""
 
-import copy
-import json
 import math
 import signal
 import subprocess
@@ -15,32 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import _engine
-from tests.ros1.machine import EXPORTED, Driver, Master, end
+from tests.python.ros.conversation import commands, computed, engine, expected_sensors, row, until
+from tests.python.ros.mistakes import (
+    FLOAT,
+    IN_THE_FILE,
+    IN_THE_TOPICS,
+    MAPPING,
+    ODOMETRY,
+    RANGE,
+    SCAN,
+    TWIST,
+    changed,
+)
+from tests.ros1.machine import Driver, Master, end
 
-SCAN, RANGE, ODOMETRY = "sensor_msgs/LaserScan", "sensor_msgs/Range", "nav_msgs/Odometry"
-TWIST, FLOAT = "geometry_msgs/Twist", "std_msgs/Float32"
-MAPPING: dict[str, Any] = {
-    "rate": 50,
-    "timeout": 1.5,
-    "sensors": [
-        {"sensor": "sensor 0", "topic": "scan", "type": SCAN, "sector": [-30, 30], "clip": [0, 2.5]},
-        {"sensor": "sensor 1", "topic": "scan", "type": SCAN, "sector": [150, 210], "reduce": "mean",
-         "scale": 0.3, "offset": -1, "infinite": 5},
-        {"sensor": "sensor 2", "topic": "sonar", "type": RANGE, "field": "range", "scale": 0.1},
-        {"sensor": "sensor 3", "topic": "odom", "type": ODOMETRY, "field": "yaw", "scale": 1 / math.pi},
-        {"sensor": "sensor 4", "topic": "odom", "type": ODOMETRY, "field": "pose.pose.position.x"},
-        {"sensor": "sensor 6", "topic": "light", "type": FLOAT, "scale": 0.7, "offset": 0.1},
-        {"sensor": "sensor 5", "topic": "target", "type": TWIST, "field": "angular.z"},
-    ],
-    "actuators": [
-        {"actuator": "actuator 1", "topic": "cmd_vel", "type": TWIST, "field": "angular.z", "scale": -1.5},
-        {"actuator": "actuator 0", "topic": "cmd_vel", "type": TWIST, "field": "linear.x", "scale": 0.5,
-         "offset": 0.5, "limits": [0.1, 0.8]},
-        {"actuator": "actuator 2", "topic": "gripper", "type": FLOAT},
-    ],
-}  # fmt: skip
 TOPICS = {"scan": SCAN, "sonar": RANGE, "odom": ODOMETRY, "light": FLOAT, "target": TWIST}
+NO_PARAMETERS = ("nothing-for-text", "infinity")
+"""Values that ROS 1 cannot have as parameters."""
 
 
 class Running:
@@ -76,14 +65,6 @@ def grown(running: Running, steps: int) -> bool:
     return len(running.steps()) > steps
 
 
-def until(holds: Callable[[], Any], seconds: float = 20) -> None:
-    """Wait until something holds."""
-    deadline = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < deadline, "it does not come true"
-        time.sleep(0.02)
-
-
 @contextmanager
 def node(
     master: Master, driver: Driver, mapping: "dict[str, Any] | None", folder: Path, name: str = "robot"
@@ -104,66 +85,13 @@ def node(
         print(output.read_text(encoding="utf-8"))
 
 
-def row(index: int) -> dict[str, Any]:
-    """Messages of all topics, other ones for each index."""
-    ranges = [1.0 + 0.01 * beam + 0.1 * index for beam in range(36)]
-    ranges[17] = math.nan
-    ranges[35] = math.inf
-    angle = 0.2 * index
-    return {
-        "scan": {"angle_min": -math.pi, "angle_increment": math.pi / 18, "range_min": 0.1, "range_max": 4.0,
-                 "ranges": ranges},
-        "sonar": {"min_range": 0.2, "max_range": 3.0, "range": 0.5 + index},
-        "odom": {"pose": {"pose": {"position": {"x": -0.3 * index},
-                                   "orientation": {"z": math.sin(angle / 2), "w": math.cos(angle / 2)}}}},
-        "light": {"data": 0.31 * index},
-        "target": {"angular": {"z": 0.07 * index}},
-    }  # fmt: skip
-
-
-def expected_sensors(index: int) -> "np.ndarray[Any, np.dtype[np.float32]]":
-    """What the mapping makes of `row(index)`, computed in another way than in the node."""
-    scan = row(index)["scan"]
-    # As in the messages, which hold binary32.
-    beams = [float(np.float32(one)) for one in scan["ranges"]]
-    far = float(np.float32(4.0))
-    front = [one for one in beams[15:22] if not math.isnan(one)]
-    back = [5.0 if one > far else one for one in [*beams[0:4], *beams[33:36]]]
-    angle = 0.2 * index
-    z, w = math.sin(angle / 2), math.cos(angle / 2)
-    sonar = float(np.float32(0.5 + index))
-    return np.array(
-        [
-            min(2.5, *front),
-            math.fsum(back) / len(back) * 0.3 - 1,
-            min(sonar, 3.0) * 0.1,
-            math.atan2(2 * w * z, 1 - 2 * z * z) / math.pi,
-            -0.3 * index,
-            0.07 * index,
-            float(np.float32(0.31 * index)) * 0.7 + 0.1,
-        ],
-        np.float32,
-    )
-
-
-def commands(actuators: "np.ndarray[Any, Any]") -> list[tuple[float, float]]:
-    """linear.x and angular.z for rows of actuators."""
-    return [(min(max(float(a) * 0.5 + 0.5, 0.1), 0.8), float(b) * -1.5) for a, b, *_ in actuators.tolist()]
-
-
 def driven(running: Running) -> list[tuple[float, float]]:
     return [(one["linear"]["x"], one["angular"]["z"]) for one in running.recorded("cmd_vel")]
 
 
-def computed(controller: "_engine.Controller", sensors: Any) -> Any:
-    """What the engine's controller does, bit by bit."""
-    rows = [controller.step(np.ascontiguousarray(one)) for one in sensors]
-    return np.array(rows, np.float32).reshape(-1, 3).view(np.uint32)
-
-
 @pytest.mark.timeout(120)
 def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driver, tmp_path: Path) -> None:
-    controller = _engine.Controller(json.dumps(EXPORTED))
+    controller = engine()
     with node(master, driver, MAPPING, tmp_path) as running:
         running.record("swarmwright_controller/steps", "std_msgs/Float32MultiArray")
         running.record("cmd_vel", TWIST)
@@ -207,7 +135,7 @@ def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driv
 
 @pytest.mark.timeout(120)
 def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, tmp_path: Path) -> None:
-    controller = _engine.Controller(json.dumps(EXPORTED))
+    controller = engine()
     mapping = {**MAPPING, "timeout": 2.0}
     with node(master, driver, mapping, tmp_path, "silent") as running:
         running.record("swarmwright_controller/steps", "std_msgs/Float32MultiArray")
@@ -258,7 +186,7 @@ def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, t
 
 @pytest.mark.timeout(120)
 def test_a_controller_that_begins_anew_after_silence(master: Master, driver: Driver, tmp_path: Path) -> None:
-    controller = _engine.Controller(json.dumps(EXPORTED))
+    controller = engine()
     mapping = {**MAPPING, "timeout": 2.0, "reset_after_silence": True}
     with node(master, driver, mapping, tmp_path, "anew") as running:
         running.record("swarmwright_controller/steps", "std_msgs/Float32MultiArray")
@@ -276,77 +204,14 @@ def test_a_controller_that_begins_anew_after_silence(master: Master, driver: Dri
         )
 
 
-def changed(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
-    mapping = copy.deepcopy(MAPPING)
-    change(mapping)
-    return mapping
-
-
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "unknown-sensor": (
-        lambda m: m["sensors"][0].update(sensor="goal x"),
-        "sensors[0]: the controller has no sensor 'goal x'; it has sensor 0, sensor 1",
-    ),
-    "missing-sensor": (
-        lambda m: m["sensors"].pop(2), "sensors: 'sensor 2' is missing; every sensor needs an entry"
-    ),
-    "missing-actuator": (lambda m: m["actuators"].pop(), "actuators: 'actuator 2' is missing"),
-    "twice": (
-        lambda m: m["sensors"].append(m["sensors"][2]),
-        "sensors[7] (sensor 2): is mapped twice",
-    ),
-    "no-actuators": (lambda m: m.pop("actuators"), "mapping: actuators is missing"),
-    "not-a-list": (lambda m: m.update(sensors={"a": 1}), "mapping: sensors: expected a list"),
-    "template": (lambda m: m["sensors"][0].update(topic=""), "sensors[0] (sensor 0): topic is empty"),
-    "unknown-type": (
-        lambda m: m["sensors"][2].update(type="sensor_msgs/Imu"),
-        "sensors[2] (sensor 2): the type 'sensor_msgs/Imu' is not known here; expected sensor_msgs/LaserScan",
-    ),
-    "sensor-as-actuator": (
-        lambda m: m["actuators"][2].update(type=SCAN),
-        "actuators[2] (actuator 2): the type 'sensor_msgs/LaserScan' is not known here; expected",
-    ),
-    "unknown-field": (
-        lambda m: m["actuators"][0].update(field="linear"),
-        "actuators[0] (actuator 1): field 'linear' is not in geometry_msgs/Twist; expected angular.x",
-    ),
-    "missing-field": (
-        lambda m: m["sensors"][3].pop("field"), "sensors[3] (sensor 3): field is missing; expected"
-    ),
-    "unknown-key": (
-        lambda m: m["sensors"][2].update(factor=2),
-        "sensors[2] (sensor 2): unknown key 'factor'; expected sensor, topic, type, field, scale",
-    ),
-    "unknown-key-above": (lambda m: m.update(frequency=2), "mapping: unknown key 'frequency'; expected rate"),
-    "text-for-number": (
-        lambda m: m["sensors"][2].update(scale="2"),
-        "sensors[2] (sensor 2): scale: 2 found, expected a number",
-    ),
-    "rate": (lambda m: m.update(rate=0), "mapping: rate: 0 found, expected more than 0"),
-    "no-rate": (lambda m: m.pop("rate"), "mapping: rate is missing"),
-    "clip": (
-        lambda m: m["sensors"][0].update(clip=[1, 1]),
-        "sensors[0] (sensor 0): clip: the first number must be below the second",
-    ),
-    "reduce": (
-        lambda m: m["sensors"][0].update(reduce="max"), "reduce: 'max' found, expected min or mean"
-    ),
-    "two-types": (
-        lambda m: m["sensors"][2].update(topic="scan"),
-        "/wrong/scan has the type sensor_msgs/LaserScan at sensors[0] (sensor 0) and sensor_msgs/Range here",
-    ),
-    "same-field": (
-        lambda m: m["actuators"][0].update(field="linear.x"),
-        "actuators[0] (actuator 1): writes the same field as actuators[1] (actuator 0)",
-    ),
-    "topic-name": (
-        lambda m: m["sensors"][2].update(topic="so nar"), "sensors[2] (sensor 2): topic 'so nar':"
-    ),
+    **{name: one for name, one in IN_THE_FILE.items() if name not in NO_PARAMETERS},
+    **IN_THE_TOPICS,
     "other-publisher": (
         lambda m: m["sensors"][2].update(topic="/wrong/laser"),
         "/wrong/laser has the type sensor_msgs/LaserScan, but the mapping says sensor_msgs/Range",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.timeout(60)

@@ -24,7 +24,6 @@ _OWN = (
     "src/yaml.cpp",
     "src/yaml.hpp",
     "config/parameters.yaml",
-    "launch/controller.launch.py",
     "scripts/swarmwright_controller_python",
 )
 """What only ROS 2 has, beside modules."""
@@ -74,8 +73,9 @@ class Ros2(Exporter):
             **{name: render(f"ros2/{name}", values) for name in _OWN},
             **ros_family.sources(subject, prefix, values),
             "config/mapping.template.yaml": ros_family.mapping(subject),
+            "launch/controller.launch.py": render("python_ros2/controller.launch.txt", values),
             f"{package}/{prefix}.py": module,
-            **{f"{package}/{name}.py": render(f"ros2/package/{name}.py", values) for name in _MODULES},
+            **{f"{package}/{name}.py": render(f"python_ros2/{name}.txt", values) for name in _MODULES},
             **{f"{package}/{name}.py": _copied(name) for name in _COPIED},
         }
 

@@ -51,11 +51,12 @@ class Verification:
         if not self.random_sequences:
             return f"{said}: every parameter has its value"
         where = f"{self.random_sequences:,} random sequences ({self.random_steps:,} steps)"
-        rest = f"; not compiled: {self.untried}" if self.untried else ""
-        if not self.episodes:
-            return f"{said} in {where}, without episodes of the simulation{rest}"
-        many = f"{self.episodes} episode{'s' if self.episodes > 1 else ''}"
-        return f"{said} in {where} and {many} of the simulation ({self.episode_steps:,} steps of agents){rest}"
+        if self.episodes:
+            many = f"{self.episodes} episode{'s' if self.episodes > 1 else ''}"
+            said += f" in {where} and {many} of the simulation ({self.episode_steps:,} steps of agents)"
+        else:
+            said += f" in {where}, without episodes of the simulation"
+        return f"{said}; not compiled: {self.untried}" if self.untried else said
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the report as plain values."""

@@ -1,6 +1,7 @@
 """Mappings with a mistake, and what is said about it: the same in ROS 1, in C++ for ROS 2 and in Python."""
 
 import copy
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +17,7 @@ MAPPING: dict[str, Any] = {
         {"sensor": "sensor 1", "topic": "scan", "type": SCAN, "sector": [150, 210], "reduce": "mean",
          "scale": 0.3, "offset": -1, "infinite": 5},
         {"sensor": "sensor 2", "topic": "sonar", "type": RANGE, "field": "range", "scale": 0.1},
-        {"sensor": "sensor 3", "topic": "odom", "type": ODOMETRY, "field": "yaw", "scale": 0.318309886},
+        {"sensor": "sensor 3", "topic": "odom", "type": ODOMETRY, "field": "yaw", "scale": 1 / math.pi},
         {"sensor": "sensor 4", "topic": "odom", "type": ODOMETRY, "field": "pose.pose.position.x"},
         {"sensor": "sensor 6", "topic": "light", "type": FLOAT, "scale": 0.7, "offset": 0.1},
         {"sensor": "sensor 5", "topic": "target", "type": TWIST, "field": "angular.z"},
@@ -150,7 +151,7 @@ IN_THE_TOPICS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "same-field": (
         lambda m: m["actuators"][0].update(field="linear.x"),
-        "actuators[1] (actuator 0): writes the same field as actuators[0] (actuator 1)",
+        "actuators[0] (actuator 1): writes the same field as actuators[1] (actuator 0)",
     ),
     "topic-name": (
         lambda m: m["sensors"][2].update(topic="so nar"), "sensors[2] (sensor 2): topic 'so nar': "
