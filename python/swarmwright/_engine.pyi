@@ -33,15 +33,17 @@ __all__ = [
     "InputError",
     "NoBrokerError",
     "NodeNetwork",
-    "Normals",
     "Pool",
+    "Producer",
     "Ranks",
+    "Search",
     "Stream",
     "Streams",
     "Supervision",
     "Torus",
     "Watcher",
     "__version__",
+    "aggregates",
     "centered_ranks",
     "certificates",
     "check_parameters",
@@ -52,7 +54,7 @@ __all__ = [
     "evaluate",
     "evaluate_host",
     "exp",
-    "flights",
+    "figures",
     "genome_size",
     "hash_for_mosquitto",
     "hash_password",
@@ -60,19 +62,12 @@ __all__ = [
     "log",
     "log_line",
     "log_to",
-    "matrix_exponential",
-    "matrix_product",
-    "samples",
     "serve",
     "servers",
     "simulations",
-    "spread",
     "steers_itself",
     "survivors",
-    "trials",
     "utilities",
-    "weighted_products",
-    "weighted_sum",
 ]
 
 __version__: str
@@ -216,14 +211,6 @@ class Streams:
 
         below: one for all streams, or one for each. Raises InputError unless 1 <= below < 2**63.
         """
-
-@final
-class Normals:
-    """Standard normal numbers (candidates, count) for generation after generation, as of `Streams`, whose generation they are."""
-
-    def __new__(cls, seed: int, purpose: str, candidates: int, count: int) -> Normals: ...
-    def draw(self, generation: int, *, ahead: bool) -> NDArray[np.float64]:
-        """The numbers of a generation; ahead: those of the next one are drawn from now on, in the engine's threads."""
 
 @final
 class NodeNetwork:
@@ -376,89 +363,176 @@ class Cma:
     def covariance(self) -> NDArray[np.float64] | None:
         """(genes, genes): covariance matrix in units, without the step size; None if separable."""
 
-def samples(
-    directions: NDArray[np.float64],
-    center: NDArray[np.float64],
-    deviation: NDArray[np.float64],
-    *,
-    middle: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    mirrored: bool,
-) -> NDArray[np.float32]:
-    """Return (n, genes) genomes, one for each direction: `center` plus `deviation` times it.
+@final
+class Search:
+    """A method: it asks for whole generations and learns from what came out.
 
-    directions: (n, genes). mirrored: (2 n, genes), `center` plus and minus `deviation` times it, in turn. The others: (genes,).
-    A genome is middle + reach * point, limited to lower .. upper, rounded to binary32. Raises InputError for shapes that do not
-    fit.
+    seed, kind: address of its random numbers. Where genes are computed with, `space` is (middle, reach, lower, upper): values of
+    the genes where a point is 0, how much they change where it changes by 1, and their limits. start: center of the first
+    generation, instead of the middle. starts: called for the center of a new start. Raises InputError for shapes that do not fit
+    and names that are not known.
     """
 
-def trials(
-    members: NDArray[np.float32],
-    best: int,
-    streams: Streams,
-    *,
-    base: str,
-    crossover: str,
-    factor: float,
-    rate: float,
-    mutate: float,
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> NDArray[np.float32]:
-    """Return (n, genes), n >= 4: the trial vector of differential evolution for each member, from its stream.
+    @staticmethod
+    def pairs(
+        seed: int,
+        kind: str,
+        *,
+        space: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+        start: NDArray[np.float64] | None,
+        population: int,
+        noise: float,
+        step: float,
+        learning: Sequence[float],
+    ) -> Search:
+        """An evolution strategy of pairs on opposite sides of a center that Adam moves.
 
-    base: best, rand or target-to-best. crossover: bin, exp, hypercube or line. lower, upper: (genes,), a box. Raises InputError
-    for shapes that do not fit.
+        learning: [decay], or [rate, change] of the standard deviations.
+        """
+
+    @staticmethod
+    def nes(
+        seed: int,
+        kind: str,
+        *,
+        space: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+        start: NDArray[np.float64] | None,
+        starts: Callable[[int], NDArray[np.float64]],
+        population: int,
+        step: float,
+        rate: float,
+        separable: bool,
+        restart: str,
+    ) -> Search:
+        """A natural evolution strategy; starts: by the generation after which it begins."""
+
+    @staticmethod
+    def cma(
+        seed: int,
+        kind: str,
+        *,
+        center: NDArray[np.float64],
+        starts: Callable[[int], NDArray[np.float64]],
+        reach: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        step: float,
+        population: int,
+        separable: bool,
+        restart: str,
+        budget: int,
+    ) -> Search:
+        """CMA-ES, with starts by their number; budget: evaluations of the whole run."""
+
+    @staticmethod
+    def swarm(
+        seed: int,
+        kind: str,
+        *,
+        first: NDArray[np.float32],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        inertia: float,
+        pulls: tuple[float, float],
+        fastest: float,
+        adaptive: bool,
+        perturb: bool,
+    ) -> Search:
+        """A swarm of particles in a box; first: (n, genes), n >= 2, where they begin."""
+
+    @staticmethod
+    def differential(
+        seed: int,
+        kind: str,
+        *,
+        first: NDArray[np.float32],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        base: str,
+        crossover: str,
+        factor: float,
+        rate: float,
+        mutate: float,
+    ) -> Search:
+        """Differential evolution in a box; first: (n, genes), n >= 4, the first members."""
+
+    def ask(self) -> NDArray[np.float32]:
+        """(n, genes): genomes to be evaluated; the same ones until their fitness is told."""
+
+    def tell(self, fitness: NDArray[np.float64]) -> None:
+        """Learn from (n,) fitness, NaN where an evaluation failed. Raises InputError when it was not asked for."""
+
+    def rescore(self, fitness: NDArray[np.float64]) -> None:
+        """Take new fitness of the members."""
+
+    @property
+    def members(self) -> tuple[NDArray[np.float32], NDArray[np.float64]] | None:
+        """Genomes, (k, genes), and fitness, (k,), of members that stay; None where none do."""
+
+    @property
+    def stopped(self) -> list[str]:
+        """By which criterion each start has ended, where it says that."""
+
+    def state(self, name: str) -> NDArray[np.float64]:
+        """A part of the state, (n,).
+
+        Of all that draw from a normal distribution, center (as genes), directions, population and deviation. Of pairs, momentum.
+        Of nes, widest. Of cma, starts, sigma, mean and step_path. Of swarms, inertia and pulls. Raises InputError for others.
+        """
+
+@final
+class Producer:
+    """Evolves in a thread of its own, generation after generation, up to 64 of them and 32 MiB ahead.
+
+    search: goes on here and nowhere else. seed: of the first episode in the first generation. growth: by how much it grows from
+    one generation to the next. aggregate, level: how the episodes of a candidate become its fitness, see `aggregates`.
+    generations: so many at most. Raises InputError when search and evaluator do not fit together.
     """
 
-def flights(
-    places: NDArray[np.float32],
-    velocities: NDArray[np.float64],
-    own: NDArray[np.float32],
-    social: int,
-    streams: Streams,
-    *,
-    inertia: float,
-    pulls: tuple[float, float],
-    fastest: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    perturbed: bool,
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return where particles are after a flight, and their velocities, (n, genes) each.
+    def __new__(
+        cls,
+        search: Search,
+        evaluator: Evaluator,
+        *,
+        seed: int,
+        growth: int,
+        episodes: int,
+        aggregate: str,
+        level: float,
+        generations: int,
+    ) -> Producer: ...
+    def next(
+        self, on_progress: Callable[[int, int, str], None]
+    ) -> (
+        tuple[
+            NDArray[np.float32],
+            NDArray[np.float64],
+            NDArray[np.float64],
+            NDArray[np.float64],
+            NDArray[np.float64],
+            tuple[float, float, float, float, float],
+        ]
+        | None
+    ):
+        """Wait for the next generation; None when there is no further one.
 
-    own: their best places. social: whose best place is that of all. perturbed: this one's is mutated instead of moved. fastest,
-    lower, upper: (genes,). Raises InputError for shapes that do not fit.
+        Genomes (n, genes), results (n, episodes), metrics (n, episodes, metrics), fitness (n,), that of the method's population
+        (k,), and the figures of the latter, see `figures`. on_progress: called ten times a second while it takes longer. Raises
+        what has kept the thread from going on.
+        """
+
+    def close(self) -> None:
+        """End the thread; what has not been taken is lost."""
+
+def aggregates(results: NDArray[np.float64], aggregate: str, level: float) -> NDArray[np.float64]:
+    """Return (n,): what each row of (n, episodes) results comes to, the same bits on every machine.
+
+    aggregate: mean, sum, median, worst, quantile or cvar, of which the last two look at the worst `level` of the results. NaN
+    where a result or what it comes to is not finite.
     """
 
-def spread(places: NDArray[np.float32], best: int, width: NDArray[np.float64]) -> float:
-    """Return how far (n, genes) places are from one of them, of which 0 is as near as the nearest to all and 1 as far as the farthest.
-
-    width: (genes,), units of distances, positive. Raises InputError for shapes that do not fit.
-    """
-
-def weighted_sum(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (genes,): each of (n, genes) rows times its weight, added one after another; weights of 0 are left out.
-
-    Raises InputError unless there is a weight for each row.
-    """
-
-def weighted_products(rows: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (genes, genes): the product of each row with itself, times its weight, added one after another.
-
-    rows: (n, genes). Raises InputError unless there is a weight for each row.
-    """
-
-def matrix_product(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (n, genes): `left`, (n, genes), times the matrix `right`, (genes, genes); sums go from the first to the last.
-
-    Raises InputError for shapes that do not fit.
-    """
-
-def matrix_exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the exponential of a square matrix; None when it has no finite one. Raises InputError when it is not square."""
+def figures(fitness: NDArray[np.float64]) -> tuple[float, float, float, float, float]:
+    """Return best, mean, lower quartile, median and upper quartile of (n,) fitness; what is not finite is left out."""
 
 def centered_ranks(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
     """Ranks from -0.5 (worst) to 0.5 (best), (n,), n >= 2; equal values share the mean, failed ones (NaN) are worst."""

@@ -19,6 +19,7 @@ mod differential;
 mod distance;
 mod distinct;
 mod eigen;
+mod exact;
 mod linear;
 mod matrix;
 mod network;
@@ -27,6 +28,7 @@ mod philox;
 mod polynomial;
 mod ranking;
 mod sampling;
+mod search;
 mod shaping;
 mod stream;
 mod swarm;
@@ -37,6 +39,7 @@ pub use differential::{Base, Crossover, Differential};
 pub use distance::{Farthest, distance, distances};
 pub use distinct::distinct;
 pub use eigen::{Eigen, eigen};
+pub use exact::{Aggregate, Figures, exact_sum};
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};
@@ -45,7 +48,11 @@ pub use normal::normal_at;
 pub use philox::philox;
 pub use ranking::{Ranks, survivors, triangular};
 pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
+pub use search::{
+    Bounded, Challenger, CmaSearch, CmaSettings, Gaussian, Learning, Members, Nes, NesSettings,
+    NoStart, Restart, Restarts, Search, Shape, Space, Starts, SwarmSettings, Swarming,
+};
 pub use shaping::{centered_ranks, utilities};
-pub use stream::{Stream, purpose_key};
+pub use stream::{Stream, purpose_key, rows};
 pub use swarm::{Flight, Swarm, spread};
 pub use torus::{Torus, Way, Ways};

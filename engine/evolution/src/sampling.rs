@@ -1,5 +1,10 @@
 //! Samples of evolution strategies, and what is learnt from them, in a written-down order of operations.
 
+use rayon::prelude::*;
+
+/// Numbers of samples that are made in less time than another thread takes to begin.
+const FEW: usize = 16384;
+
 /// Where and how wide samples are drawn, all of the same length.
 #[derive(Debug, Clone, Copy)]
 pub struct Scale<'a> {
@@ -45,16 +50,24 @@ pub fn samples(
     if genes == 0 {
         return;
     }
-    for (direction, made) in directions
-        .chunks_exact(genes)
-        .zip(genomes.chunks_exact_mut(each * genes))
-    {
-        let (plus, minus) = made.split_at_mut(genes);
-        sample::<false>(direction, center, deviation, scale, plus);
-        if mirrored {
-            sample::<true>(direction, center, deviation, scale, minus);
+    let part = |directions: &[f64], genomes: &mut [f32]| {
+        let made = genomes.chunks_exact_mut(each * genes);
+        for (direction, made) in directions.chunks_exact(genes).zip(made) {
+            let (plus, minus) = made.split_at_mut(genes);
+            sample::<false>(direction, center, deviation, scale, plus);
+            if mirrored {
+                sample::<true>(direction, center, deviation, scale, minus);
+            }
         }
+    };
+    if directions.len() <= FEW {
+        return part(directions, genomes);
     }
+    let rows = FEW.div_ceil(genes) * genes;
+    directions
+        .par_chunks(rows)
+        .zip(genomes.par_chunks_mut(each * rows))
+        .for_each(|(directions, genomes)| part(directions, genomes));
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]

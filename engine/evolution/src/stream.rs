@@ -1,11 +1,14 @@
 //! Streams of random numbers, each with an address of its own.
 
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use crate::normal::{of_unit, of_units};
 use crate::philox::words;
 
 const WORDS: usize = 4;
+/// Numbers that are made in little more time than another thread takes to begin.
+const FEW: usize = 1 << 14;
 /// 2^-53, the distance of two neighbouring units.
 const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
 
@@ -180,4 +183,50 @@ pub(crate) fn unit(word: u64) -> f64 {
 #[inline]
 pub(crate) fn uniform(word: u64, border: f64) -> f64 {
     (unit(word) * 2.0 - 1.0) * border
+}
+
+/// Makes a row of `length` numbers with each stream; many of them on all processors.
+///
+/// `make` takes the row's index, its stream and its place.
+pub fn rows<T: Send>(
+    streams: &mut [Stream],
+    numbers: &mut [T],
+    length: usize,
+    make: impl Fn(usize, &mut Stream, &mut [T]) + Sync,
+) {
+    let mut none = vec![(); numbers.len()];
+    rows_of_two(
+        streams,
+        (numbers, &mut none),
+        length,
+        |index, stream, row, _| {
+            make(index, stream, row);
+        },
+    );
+}
+
+/// Makes two rows of `length` numbers with each stream; see [`rows`].
+pub(crate) fn rows_of_two<T: Send, U: Send>(
+    streams: &mut [Stream],
+    (ones, others): (&mut [T], &mut [U]),
+    length: usize,
+    make: impl Fn(usize, &mut Stream, &mut [T], &mut [U]) + Sync,
+) {
+    let length = length.max(1);
+    if ones.len() < 2 * FEW {
+        let both = ones
+            .chunks_exact_mut(length)
+            .zip(others.chunks_exact_mut(length));
+        for (index, (stream, (one, other))) in streams.iter_mut().zip(both).enumerate() {
+            make(index, stream, one, other);
+        }
+        return;
+    }
+    streams
+        .par_iter_mut()
+        .zip(ones.par_chunks_exact_mut(length))
+        .zip(others.par_chunks_exact_mut(length))
+        .with_min_len(FEW.div_ceil(length))
+        .enumerate()
+        .for_each(|(index, ((stream, one), other))| make(index, stream, one, other));
 }

@@ -58,17 +58,17 @@ impl Swarm<'_> {
             assert_eq!(row.len(), genes);
         }
         let before = velocity.to_vec();
+        let mut units = vec![0.0; 2 * genes];
         for _ in 0..=ATTEMPTS {
-            let mut inside = true;
-            for gene in 0..genes {
-                let from = f64::from(flight.from[gene]);
-                let own = self.own * stream.unit() * (f64::from(flight.own[gene]) - from);
-                let social = self.social * stream.unit() * (f64::from(flight.social[gene]) - from);
-                let most = self.fastest[gene];
-                velocity[gene] = (self.inertia * before[gene] + own + social).clamp(-most, most);
-                to[gene] = from + velocity[gene];
-                inside &= (self.lower[gene]..=self.upper[gene]).contains(&to[gene]);
-            }
+            stream.units(&mut units);
+            let inside = Level::best().run(Attempt {
+                swarm: self,
+                flight,
+                units: &units,
+                before: &before,
+                velocity,
+                to,
+            });
             if inside {
                 return;
             }
@@ -86,6 +86,55 @@ impl Swarm<'_> {
         }
         let precision = 5.0 + 25.0 * stream.unit();
         mutate(stream, to, self.lower, self.upper, precision);
+    }
+}
+
+/// One flight of a particle, with two random shares for each gene.
+struct Attempt<'a, 'b> {
+    swarm: &'a Swarm<'b>,
+    flight: Flight<'a>,
+    units: &'a [f64],
+    /// The velocity that the particle has.
+    before: &'a [f64],
+    /// The one that it gets.
+    velocity: &'a mut [f64],
+    to: &'a mut [f64],
+}
+
+impl Kernel for Attempt<'_, '_> {
+    /// Whether it has stayed in the box.
+    type Output = bool;
+
+    /// Lanes of binary64 are left to the compiler: no gene depends on another.
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> bool {
+        let genes = self.to.len();
+        let (swarm, flight) = (self.swarm, self.flight);
+        let (from, own, social) = (
+            &flight.from[..genes],
+            &flight.own[..genes],
+            &flight.social[..genes],
+        );
+        let (lower, upper) = (&swarm.lower[..genes], &swarm.upper[..genes]);
+        let (fastest, before) = (&swarm.fastest[..genes], &self.before[..genes]);
+        let (velocity, to) = (&mut self.velocity[..genes], &mut self.to[..genes]);
+        let (units, _) = self.units.as_chunks::<2>();
+        let units = &units[..genes];
+        let mut outside = 0_u64;
+        for gene in 0..genes {
+            let at = f64::from(from[gene]);
+            let toward_own = swarm.own * units[gene][0] * (f64::from(own[gene]) - at);
+            let toward_best = swarm.social * units[gene][1] * (f64::from(social[gene]) - at);
+            let most = fastest[gene];
+            let speed = swarm.inertia * before[gene] + toward_own + toward_best;
+            let speed = if speed < -most { -most } else { speed };
+            let speed = if speed > most { most } else { speed };
+            velocity[gene] = speed;
+            let place = at + speed;
+            to[gene] = place;
+            outside |= u64::from(!(place >= lower[gene] && place <= upper[gene]));
+        }
+        outside == 0
     }
 }
 

@@ -3,6 +3,7 @@
 mod cma;
 mod differential;
 mod eigen;
+mod exact;
 mod matrix;
 mod network;
 mod normal;

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use swarmwright_evolution::{self as evolution, Farthest, Mutation, NodeNetwork, Stream};
 
 use crate::errors::input;
-use crate::streams::{PyStream, PyStreams, for_rows};
+use crate::streams::{PyStream, PyStreams};
 
 /// The operators of networks whose genomes are rows of nodes.
 #[pyclass(name = "NodeNetwork", module = "swarmwright._engine", frozen)]
@@ -214,7 +214,7 @@ impl PyNodeNetwork {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let genes = self.0.genes();
         let mut genomes = vec![0.0; streams.len() * genes];
-        py.detach(|| for_rows(streams, &mut genomes, genes, make));
+        py.detach(|| evolution::rows(streams, &mut genomes, genes, make));
         PyArray1::from_vec(py, genomes).reshape([streams.len(), genes])
     }
 

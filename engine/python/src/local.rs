@@ -1,7 +1,7 @@
 //! Evaluation in this process.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use numpy::PyReadonlyArray2;
@@ -20,6 +20,8 @@ use crate::worlds::known;
 
 /// Work between two looks at Ctrl-C.
 const PART: Duration = Duration::from_millis(30);
+/// A share of `PART`, 50 microseconds, in which other threads hardly begin.
+const MODEST: usize = 600;
 /// Evaluations of the very first part, which tells how long they take.
 const FIRST: usize = 64;
 /// Pause between two reports.
@@ -65,7 +67,10 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
 
 /// Evaluates controllers of one architecture in this process.
 #[pyclass(name = "Evaluator", module = "swarmwright._engine")]
-pub struct PyEvaluator {
+pub struct PyEvaluator(pub Arc<Evaluation>);
+
+/// A simulation, and controllers of one architecture.
+pub struct Evaluation {
     title: String,
     parameters: Parameters,
     architecture: Architecture,
@@ -88,7 +93,7 @@ impl PyEvaluator {
         level: &str,
         threads: usize,
     ) -> PyResult<Self> {
-        Ok(Self {
+        Ok(Self(Arc::new(Evaluation {
             metrics: known(title)?
                 .metrics_named(&metrics.unwrap_or_default())
                 .map_err(input)?,
@@ -97,7 +102,7 @@ impl PyEvaluator {
             architecture: self::architecture(architecture)?.0,
             means: means(level, threads)?,
             most: AtomicUsize::new(FIRST),
-        })
+        })))
     }
 
     #[pyo3(signature = (genomes, seeds, on_progress=None, meanwhile=None))]
@@ -113,16 +118,9 @@ impl PyEvaluator {
         on_progress: Option<Py<PyAny>>,
         meanwhile: Option<Py<PyAny>>,
     ) -> PyResult<(Fitness<'py>, Metrics<'py>)> {
-        let rows = rows(&self.architecture, &genomes)?;
-        check_work(&self.architecture, &rows, &seeds).map_err(input)?;
-        let block = Block {
-            architecture: &self.architecture,
-            genomes: &rows,
-            parameters: &self.parameters,
-            seeds: &seeds,
-            metrics: &self.metrics,
-            stop: None,
-        };
+        let evaluation = &self.0;
+        let rows = rows(&evaluation.architecture, &genomes)?;
+        let block = evaluation.block(&rows, &seeds, None)?;
         let total = block.len();
         let raised = Mutex::new(None);
         let ask = |question: &dyn Fn(Python<'_>) -> PyResult<()>| {
@@ -131,8 +129,9 @@ impl PyEvaluator {
         };
         let results = py
             .detach(|| {
-                self.in_parts(
+                evaluation.in_parts(
                     &block,
+                    false,
                     meanwhile.map(|call| move || ask(&|py| call.call0(py).map(|_| ()))),
                     |done, report| {
                         ask(&|py| {
@@ -147,17 +146,48 @@ impl PyEvaluator {
             })
             .map_err(input)?;
         lock(&raised).take().map_or(Ok(()), Err)?;
-        let shape = [block.candidates(), seeds.len(), self.metrics.len()];
+        let shape = [block.candidates(), seeds.len(), evaluation.metrics()];
         let (fitness, values) = apart(results, block.numbers());
         arrays(py, fitness, values, shape)
     }
 }
 
-impl PyEvaluator {
+impl Evaluation {
+    /// How many numbers there are beside the fitness.
+    pub fn metrics(&self) -> usize {
+        self.metrics.len()
+    }
+
+    /// Genes of a controller.
+    pub fn genes(&self) -> usize {
+        self.architecture.weight_count()
+    }
+
+    /// Work for this evaluation, checked.
+    pub fn block<'a>(
+        &'a self,
+        genomes: &'a [f32],
+        seeds: &'a [u64],
+        stop: Option<&'a AtomicBool>,
+    ) -> PyResult<Block<'a>> {
+        check_work(&self.architecture, genomes, seeds).map_err(input)?;
+        Ok(Block {
+            architecture: &self.architecture,
+            genomes,
+            parameters: &self.parameters,
+            seeds,
+            metrics: &self.metrics,
+            stop,
+        })
+    }
+
     /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each, and `meanwhile` during the first.
-    fn in_parts(
+    ///
+    /// `modest`: others have work too, so what takes next to no time is done by this thread alone.
+    pub fn in_parts(
         &self,
         whole: &Block<'_>,
+        modest: bool,
         mut meanwhile: Option<impl FnOnce() -> bool>,
         mut go_on: impl FnMut(usize, bool) -> bool,
     ) -> Result<Vec<f64>, RolloutError> {
@@ -179,7 +209,14 @@ impl PyEvaluator {
             };
             let work = || {
                 let began = Instant::now();
-                let part = worlds::evaluate(&self.title, &block, self.means);
+                let means = match modest && count.saturating_mul(MODEST) < most {
+                    true => Means {
+                        threads: 1,
+                        ..self.means
+                    },
+                    false => self.means,
+                };
+                let part = worlds::evaluate(&self.title, &block, means);
                 let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
                 self.most.store(scaled(count, factor), Ordering::Relaxed);
                 part
@@ -222,7 +259,7 @@ fn beside<A: Send, B>(
     (result, answer)
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

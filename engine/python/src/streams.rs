@@ -1,8 +1,6 @@
 //! Random numbers by counter.
 
 use std::ops::Range;
-use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, channel};
 
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods,
@@ -10,7 +8,6 @@ use numpy::{
 use pyo3::exceptions::{PyIndexError, PyOverflowError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyList, PyRange, PyRangeMethods};
-use rayon::prelude::*;
 use swarmwright_evolution as evolution;
 
 use crate::errors::input;
@@ -77,9 +74,6 @@ fn limit(below: u128) -> PyResult<u64> {
     }
     Ok(u64::try_from(below).unwrap_or(0))
 }
-
-/// Numbers that are made in little more time than another thread takes to begin.
-const FEW: usize = 1 << 14;
 
 /// Streams that differ in the candidate alone.
 #[pyclass(name = "Streams", module = "swarmwright._engine")]
@@ -164,99 +158,12 @@ impl PyStreams {
         let streams = self.0.len();
         let mut drawn = vec![0.0; streams * count];
         py.detach(|| {
-            for_rows(&mut self.0, &mut drawn, count, |_, stream, row| {
+            evolution::rows(&mut self.0, &mut drawn, count, |_, stream, row| {
                 draw(stream, row);
             });
         });
         PyArray1::from_vec(py, drawn).reshape([streams, count])
     }
-}
-
-/// Standard normal numbers for generation after generation; those of the next one are drawn while this one is used.
-#[pyclass(name = "Normals", module = "swarmwright._engine")]
-pub struct PyNormals {
-    seed: u64,
-    key: u64,
-    candidates: u64,
-    count: usize,
-    /// A generation, and where its numbers arrive.
-    next: Option<(u64, Mutex<Receiver<Vec<f64>>>)>,
-}
-
-#[pymethods]
-impl PyNormals {
-    #[new]
-    fn new(seed: u64, purpose: &str, candidates: u64, count: usize) -> Self {
-        Self {
-            seed,
-            key: evolution::purpose_key(purpose),
-            candidates,
-            count,
-            next: None,
-        }
-    }
-
-    #[pyo3(signature = (generation, *, ahead))]
-    fn draw<'py>(
-        &mut self,
-        py: Python<'py>,
-        generation: u64,
-        ahead: bool,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let ready = self.next.take().filter(|(of, _)| *of == generation);
-        let drawn = py.detach(|| {
-            ready
-                .and_then(|(_, numbers)| numbers.into_inner().ok()?.recv().ok())
-                .unwrap_or_else(|| self.drawn(generation)())
-        });
-        if ahead {
-            let (send, receive) = channel();
-            let work = self.drawn(generation + 1);
-            rayon::spawn(move || drop(send.send(work())));
-            self.next = Some((generation + 1, Mutex::new(receive)));
-        }
-        let rows = drawn.len() / self.count.max(1);
-        PyArray1::from_vec(py, drawn).reshape([rows, self.count])
-    }
-}
-
-impl PyNormals {
-    /// What draws the numbers of a generation.
-    fn drawn(&self, generation: u64) -> impl FnOnce() -> Vec<f64> + Send + use<> {
-        let (seed, key, candidates, count) = (self.seed, self.key, self.candidates, self.count);
-        move || {
-            let stream = |candidate| evolution::Stream::new(seed, key, generation, candidate);
-            let mut streams: Vec<_> = (0..candidates).map(stream).collect();
-            let mut drawn = vec![0.0; streams.len() * count];
-            for_rows(&mut streams, &mut drawn, count, |_, stream, row| {
-                stream.normals(row)
-            });
-            drawn
-        }
-    }
-}
-
-/// Makes a row of `length` numbers with each stream; many of them on all processors.
-pub fn for_rows<T: Send>(
-    streams: &mut [evolution::Stream],
-    numbers: &mut [T],
-    length: usize,
-    make: impl Fn(usize, &mut evolution::Stream, &mut [T]) + Sync,
-) {
-    let length = length.max(1);
-    if numbers.len() < 2 * FEW {
-        let rows = streams.iter_mut().zip(numbers.chunks_exact_mut(length));
-        for (index, (stream, row)) in rows.enumerate() {
-            make(index, stream, row);
-        }
-        return;
-    }
-    streams
-        .par_iter_mut()
-        .zip(numbers.par_chunks_exact_mut(length))
-        .with_min_len(FEW.div_ceil(length))
-        .enumerate()
-        .for_each(|(index, (stream, row))| make(index, stream, row));
 }
 
 /// The numbers of a sequence; ranges and arrays of int64 without making objects of them.

@@ -4,8 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from swarmwright import _engine
 from swarmwright.typing import Fitness
 
 
@@ -29,20 +28,29 @@ class Summary:
     """Candidates of this generation whose evaluation failed."""
 
 
+Figures = tuple[float, float, float, float, float]
+"""Best, mean, lower quartile, median and upper quartile of fitness, failed members left out; NaN of none."""
+
+
+def figures_of(population: Fitness) -> Figures:
+    """Return the figures of a population's fitness; NaN: it has failed."""
+    return _engine.figures(population)
+
+
 def summarize(
-    population: Fitness, *, generation: int, evaluations: int, best_so_far: float, failed: int
+    figures: Figures, *, generation: int, evaluations: int, best_so_far: float, failed: int
 ) -> Summary:
-    """Return the figures of a population's fitness."""
-    values: list[float] = np.sort(population[np.isfinite(population)]).tolist()
+    """Return the summary of a generation whose population has these figures."""
+    best, mean, lower_quartile, median, upper_quartile = figures
     return Summary(
         generation=generation,
         evaluations=evaluations,
-        best=values[-1] if values else math.nan,
-        mean=_mean(values),
+        best=best,
+        mean=mean,
         best_so_far=best_so_far,
-        lower_quartile=quantile(values, 0.25),
-        median=quantile(values, 0.5),
-        upper_quartile=quantile(values, 0.75),
+        lower_quartile=lower_quartile,
+        median=median,
+        upper_quartile=upper_quartile,
         failed=failed,
     )
 

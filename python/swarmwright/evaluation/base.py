@@ -8,6 +8,7 @@ from typing import Any, Literal, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.representations import Representation
 from swarmwright.store import Journal, WarningEntry
@@ -78,6 +79,12 @@ class Backend(Protocol):
 
         meanwhile: work of the caller's, done once, where possible while the evaluation is under way.
         """
+
+    def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return what the engine evaluates such controllers with; None where Python or a server does it."""
+
+    def count_failed(self, results: Results) -> None:
+        """Count failed episodes of what the engine has evaluated by itself."""
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

@@ -58,8 +58,24 @@ class InProcessBackend:
             results = Results(results.fitness, results.metrics, journal)
         numbers = range(first, first + len(controllers.weights))
         results = apply_expression(self._expression, results, numbers)
-        self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
+        self.count_failed(results)
         return results
+
+    def count_failed(self, results: Results) -> None:
+        """Count failed episodes."""
+        self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
+
+    def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return what the engine evaluates with; None where the experiment has its own fitness."""
+        return self._evaluator_of(architecture) if self._expression is None else None
+
+    def _evaluator_of(self, architecture: dict[str, Any]) -> _engine.Evaluator:
+        if self._evaluator is None or self._evaluator[0] != architecture:
+            evaluator = _engine.Evaluator(
+                self._simulation, self.parameters, architecture, metrics=self.metrics
+            )
+            self._evaluator = architecture, evaluator
+        return self._evaluator[1]
 
     def compute(
         self,
@@ -69,15 +85,8 @@ class InProcessBackend:
         meanwhile: Callable[[], None] | None,
     ) -> Results:
         """Return the results with the simulation's own fitness. Raises the engine's errors."""
-        architecture = controllers.architecture
-        if self._evaluator is None or self._evaluator[0] != architecture:
-            evaluator = _engine.Evaluator(
-                self._simulation, self.parameters, architecture, metrics=self.metrics
-            )
-            self._evaluator = architecture, evaluator
-        fitness, metrics = self._evaluator[1].evaluate(
-            controllers.weights, list(seeds), on_progress, meanwhile
-        )
+        evaluator = self._evaluator_of(controllers.architecture)
+        fitness, metrics = evaluator.evaluate(controllers.weights, list(seeds), on_progress, meanwhile)
         return Results(fitness, metrics, Journal())
 
     def about(
@@ -122,6 +131,9 @@ class PythonBackend(InProcessBackend):
     def __init__(self, experiment: Experiment) -> None:
         super().__init__(experiment)
         self._host = Host(load(experiment.simulation))
+
+    def evaluator(self, architecture: dict[str, Any]) -> None:
+        """Return None: code in Python is evaluated by Python."""
 
     def compute(
         self,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,12 @@ class BrokerBackend:
         """Publish the progress to watchers of the broker."""
         self._run = run
         self._pool.about(run, generation, generations, evaluations)
+
+    def evaluator(self, architecture: dict[str, Any]) -> None:
+        """Return None: servers evaluate."""
+
+    def count_failed(self, results: Results) -> None:
+        """Do nothing: the pool counts."""
 
     def incidents(self) -> dict[str, int]:
         """Return what the pool counted."""

@@ -216,6 +216,10 @@ class Method(SteadyState):
         if kept is not None:
             self._rescore(_checked(kept, len(self.kept()), "kept are"))
         self._tell(self._asked, values)
+        self.passed(values)
+
+    def passed(self, values: Fitness) -> None:
+        """Count a generation whose fitness, (n,), it has been told, be it by `tell` or within the engine."""
         self._asked = None
         self.evaluations += len(values)
         target = self.options.target

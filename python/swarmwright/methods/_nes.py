@@ -1,6 +1,5 @@
 """What natural evolution strategies share: samples, weights by rank, and new starts."""
 
-import math
 from abc import abstractmethod
 from typing import ClassVar, Literal
 
@@ -8,12 +7,11 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright import _engine
+from swarmwright.core.random_numbers import Streams
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness
-
-_CONVERGED = 1e-3
+from swarmwright.typing import Genome
 
 
 class NesOptions(MethodOptions):
@@ -42,56 +40,52 @@ class Nes(Gaussian):
 
     options: NesOptions
     generational_because = "its distribution is learned from the ranks within a generation"
-    mirrored: ClassVar[bool] = False
+    separable: ClassVar[bool]
+    """Whether only a standard deviation of each gene is learned, and not how genes change together."""
 
     def __init__(self, options: NesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         genes = representation.genome_size
-        self.population = options.population or max(4 + int(3 * logarithm(genes)), 20)
-        self._budget = self.population * options.generations
+        self._first_population = options.population or max(4 + int(3 * logarithm(genes)), 20)
+        self._budget = self._first_population * options.generations
         self._rate = options.rate or self._default_rate(genes)
-        self._unchanged = 0
-        self._best = math.nan
-        self._begin()
+
+    @property
+    def population(self) -> int:  # type: ignore[override] # it grows
+        """Genomes in each generation of the start that is under way."""
+        return int(self._state("population")[0])
 
     @property
     def budget(self) -> int:
         """Number of evaluations with which the last generation ends, or a few less."""
         return self._budget
 
-    @abstractmethod
-    def _begin(self) -> None:
-        """Set the standard deviations of a start."""
-
     @staticmethod
     @abstractmethod
     def _default_rate(genes: int) -> float:
         """Return the source's learning rate of the standard deviations."""
 
-    @abstractmethod
-    def _follow(self, weights: Numbers) -> None:
-        """Move the distribution by the weights (n,) of the last directions, which add up to 0."""
+    def _begin(self) -> _engine.Search:
+        return _engine.Search.nes(
+            self.seed,
+            self.kind,
+            space=self._space,
+            start=self._given_center,
+            starts=self._new_start,
+            population=self._first_population,
+            step=self.options.step,
+            rate=self._rate,
+            separable=self.separable,
+            restart=self.options.restart,
+        )
 
-    @abstractmethod
-    def _widest(self) -> float:
-        """Return the largest standard deviation."""
-
-    def _learn(self, fitness: Fitness) -> None:
-        self._follow(_engine.utilities(fitness))
-        best = float(np.nanmax(fitness))
-        self._unchanged = self._unchanged + 1 if best == self._best else 0
-        self._best = best
-        if self.options.restart != "none" and self._is_over():
-            if self.options.restart == "ipop":
-                self.population *= 2
-            self._unchanged = 0
-            self._put_center(self.initials([0])[0])
-            self._begin()
-
-    def _is_over(self) -> bool:
-        """Whether going on from here makes no sense."""
-        patience = 10 + 30 * len(self._center) / self.population
-        return self._unchanged >= patience or self._widest() < _CONVERGED * self.options.step
+    def _new_start(self, generation: int) -> Numbers:
+        """Return the center of a start after this generation."""
+        if not generation and len(self.start):
+            genome: Genome = self.start[0]
+        else:
+            genome = self.representation.initials(Streams(self.seed, "initial", generation, [0]))[0]
+        return genome.astype(np.float64)
 
     def _exhausted(self) -> bool:
         return self.evaluations >= self._budget

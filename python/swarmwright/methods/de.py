@@ -6,7 +6,6 @@ from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.methods._box import Box, BoxOptions
-from swarmwright.typing import Genomes
 
 
 class DeOptions(BoxOptions):
@@ -44,18 +43,18 @@ class De(Box):
     options_model = DeOptions
     options: DeOptions
 
-    def _candidates(self) -> Genomes:
+    def _begin(self) -> _engine.Search:
         options = self.options
         lower, upper = self.box
-        return _engine.trials(
-            self._members,
-            self._best,
-            self._streams(),
+        return _engine.Search.differential(
+            self.seed,
+            self.kind,
+            first=self._first,
+            lower=lower,
+            upper=upper,
             base=options.base,
             crossover=options.crossover,
             factor=options.factor,
             rate=options.rate,
             mutate=options.mutate,
-            lower=lower,
-            upper=upper,
         )

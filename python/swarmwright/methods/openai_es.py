@@ -2,14 +2,12 @@
 
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._gaussian import Adam, Gaussian
+from swarmwright.methods._gaussian import Pairs
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness
 
 
 class OpenaiEsOptions(MethodOptions):
@@ -29,7 +27,7 @@ class OpenaiEsOptions(MethodOptions):
     """Weight decay: pulls genes towards the middle of their initial range."""
 
 
-class OpenaiEs(Gaussian):
+class OpenaiEs(Pairs):
     """A center moves along a gradient that is estimated from the ranks of samples around it.
 
     For every pair of a generation a normally distributed direction is drawn, and the center plus and minus
@@ -48,16 +46,10 @@ class OpenaiEs(Gaussian):
     kind: ClassVar[str] = "openai_es"
     options_model = OpenaiEsOptions
     options: OpenaiEsOptions
-    generational_because = "the center moves by the ranks within a generation"
-    mirrored = True
 
     def __init__(self, options: OpenaiEsOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self.population = options.population
-        self._deviation = np.full(len(self._center), options.noise)
-        self._adam = Adam(options.step)
 
-    def _learn(self, fitness: Fitness) -> None:
-        ranks = _engine.centered_ranks(fitness)
-        gradient = _engine.weighted_sum(self._directions, ranks[::2] - ranks[1::2])
-        self._move(self._adam.climb(gradient / len(fitness) - self.options.decay * self._center))
+    def _begin(self) -> _engine.Search:
+        return self._pairs(self.options.noise, self.options.step, [self.options.decay])

@@ -2,14 +2,12 @@
 
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._gaussian import Adam, Gaussian, limited
+from swarmwright.methods._gaussian import Pairs
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness
 
 
 class PgpeOptions(MethodOptions):
@@ -31,7 +29,7 @@ class PgpeOptions(MethodOptions):
     """Largest change of a standard deviation in a generation, as a share of it."""
 
 
-class Pgpe(Gaussian):
+class Pgpe(Pairs):
     """A gradient of the expected fitness, for the center and for the standard deviation of each gene.
 
     Where `openai_es` keeps its noise, this learns how much of it each gene bears. Fitness becomes its rank,
@@ -47,23 +45,10 @@ class Pgpe(Gaussian):
     kind: ClassVar[str] = "pgpe"
     options_model = PgpeOptions
     options: PgpeOptions
-    generational_because = "the center moves by the ranks within a generation"
-    mirrored = True
 
     def __init__(self, options: PgpeOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self.population = options.population
-        self._deviation = np.full(len(self._center), options.noise)
-        self._adam = Adam(options.step)
 
-    def _learn(self, fitness: Fitness) -> None:
-        ranks = _engine.centered_ranks(fitness)
-        first, second = ranks[::2], ranks[1::2]
-        pairs = len(fitness) / 2
-        gradient = self._deviation * _engine.weighted_sum(self._directions, (first - second) / 2) / pairs
-        self._move(self._adam.climb(gradient))
-        # The ranks add up to 0, so that of z^2 - 1 nothing but z^2 is left.
-        squares = _engine.weighted_sum(self._directions * self._directions, (first + second) / 2)
-        most = self.options.change
-        change = np.clip(self.options.rate * squares / pairs, -most, most)
-        self._deviation = limited(self._deviation * (1 + change))
+    def _begin(self) -> _engine.Search:
+        return self._pairs(self.options.noise, self.options.step, [self.options.rate, self.options.change])

@@ -3,10 +3,7 @@
 import math
 from typing import ClassVar, Literal
 
-import numpy as np
-
-from swarmwright import _engine
-from swarmwright.methods._gaussian import Numbers, limited, logarithm
+from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._nes import Nes, NesOptions
 
 
@@ -29,19 +26,8 @@ class Snes(Nes):
     kind: ClassVar[str] = "snes"
     options_model = SnesOptions
     options: SnesOptions
-
-    def _begin(self) -> None:
-        self._deviation = np.full(len(self._center), self.options.step)
+    separable = True
 
     @staticmethod
     def _default_rate(genes: int) -> float:
         return (3 + logarithm(genes)) / (5 * math.sqrt(genes))
-
-    def _follow(self, weights: Numbers) -> None:
-        # The weights add up to 0, so that of z^2 - 1 nothing but z^2 is left.
-        widening = _engine.weighted_sum(self._directions * self._directions, weights)
-        self._move(self._deviation * _engine.weighted_sum(self._directions, weights))
-        self._deviation = limited(self._deviation * _engine.exp(self._rate / 2 * widening))
-
-    def _widest(self) -> float:
-        return float(self._deviation.max())

@@ -3,14 +3,10 @@
 import math
 from typing import ClassVar, Literal
 
-import numpy as np
-
-from swarmwright import _engine
-from swarmwright.methods._gaussian import Numbers, limited, logarithm
+from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._nes import Nes, NesOptions
 from swarmwright.methods._numbers import beyond_covariance
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Genomes
 
 _LARGEST = 500
 
@@ -34,6 +30,7 @@ class Xnes(Nes):
     kind: ClassVar[str] = "xnes"
     options_model = XnesOptions
     options: XnesOptions
+    separable = False
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
@@ -42,33 +39,6 @@ class Xnes(Nes):
             representation, _LARGEST, "snes, sep_cma_es or openai_es"
         ) or super().unsuitable(representation)
 
-    def _begin(self) -> None:
-        self._step = np.full(1, self.options.step)
-        self._shape = np.eye(len(self._center))
-
     @staticmethod
     def _default_rate(genes: int) -> float:
         return (9 + 3 * logarithm(genes)) / (5 * genes * math.sqrt(genes))
-
-    def _ask(self) -> Genomes:
-        self._directions = self._draw()
-        return self._sample(self._turned(self._directions), np.repeat(self._step, len(self._center)))
-
-    def _turned(self, directions: Numbers) -> Numbers:
-        """Return each row, (n, genome_size), times the shape of the distribution."""
-        return _engine.matrix_product(directions, np.ascontiguousarray(self._shape.T))
-
-    def _follow(self, weights: Numbers) -> None:
-        toward = _engine.weighted_sum(self._directions, weights)
-        self._move(self._step * self._turned(toward[np.newaxis])[0])
-        # The weights add up to 0, so that the identity matrix has no part in the gradient.
-        gradient = _engine.weighted_products(self._directions, weights)
-        mean = math.fsum(np.diagonal(gradient)) / len(gradient)
-        self._step = limited(self._step * _engine.exp(np.array([self._rate / 2 * mean])))
-        turn = _engine.matrix_exponential(self._rate / 2 * (gradient - mean * np.eye(len(gradient))))
-        if turn is not None:
-            self._shape = _engine.matrix_product(self._shape, turn)
-
-    def _widest(self) -> float:
-        squares = [math.fsum(row * row) for row in self._shape]
-        return float(self._step[0]) * math.sqrt(max(squares))

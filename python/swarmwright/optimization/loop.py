@@ -7,18 +7,19 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.statistics import Summary, summarize
+from swarmwright.core.statistics import Summary, figures_of, summarize
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
+from swarmwright.optimization.ahead import Ahead, Produced
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.rankings._base import Ranking
 from swarmwright.representations import Representation
@@ -64,11 +65,7 @@ class Told:
 
     generation: int
     seeds: list[int]
-    genomes: Genomes
-    results: Results
-    fitness: Fitness
-    population: Fitness
-    """Fitness of the method's population."""
+    found: Produced
     evaluations: int
     """Since the start."""
     best_so_far: float
@@ -76,20 +73,21 @@ class Told:
 
     def evaluated(self) -> Evaluated:
         """Return what is to be stored."""
+        found = self.found
         summary = summarize(
-            self.population,
+            found.figures or figures_of(found.population),
             generation=self.generation,
             evaluations=self.evaluations,
             best_so_far=self.best_so_far,
-            failed=int(np.count_nonzero(np.isnan(self.fitness))),
+            failed=int(np.count_nonzero(np.isnan(found.fitness))),
         )
         return Evaluated(
             generation=self.generation,
             seeds=self.seeds,
-            genomes=self.genomes,
-            episodes=self.results.fitness,
-            metrics=self.results.metrics,
-            fitness=self.fitness,
+            genomes=found.genomes,
+            episodes=found.results.fitness,
+            metrics=found.results.metrics,
+            fitness=found.fitness,
             summary=summary,
             leader=self.leader,
         )
@@ -131,6 +129,7 @@ class Loop:
         self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
         self._large = candidates(experiment) >= LARGE
         self._unstored: Told | None = None  # the last generation, until it is handed to the store
+        self._ahead: Ahead | None = None  # where the engine evolves by itself
 
     @property
     def done(self) -> bool:
@@ -156,6 +155,8 @@ class Loop:
 
     def _coming(self) -> int:
         """Return how many candidates the next generation has."""
+        if self._ahead is not None:
+            return len(self._ahead.peek().genomes)
         if self._next is None:
             self._next = self._ask()
         return len(self._next[0])
@@ -185,7 +186,7 @@ class Loop:
             if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
                 raise RunError(strayed(reader, evaluated.generation))
             again = self._tell(genomes, seeds, results)
-            if again.fitness.tobytes() != evaluated.fitness.tobytes():
+            if again.found.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
         self._continue_from(reader)
 
@@ -217,6 +218,15 @@ class Loop:
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
     ) -> bool:
         """Work to the end; return whether a callback ended it before."""
+        watched = self._watched(on_progress)
+        if not self._large:
+            self._ahead = Ahead.of(
+                *(self._method, self._ranking, self._representation, backend, watched),
+                first_seed=self._first_seed,
+            )
+        if self._ahead is not None:
+            with closing(self._ahead):
+                return self._continue_ahead(self._ahead, backend, on_generation, watched)
         while self.ended is None:
             number = self._method.generation
             self._say(f"generation {number}: making candidates")
@@ -228,13 +238,36 @@ class Loop:
             results = backend.evaluate(
                 Controllers.of(self._representation, genomes),
                 seeds,
-                self._watched(on_progress),
+                watched,
                 self._store_last,
             )
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
                 self._unstored = self._tell(genomes, seeds, results)
             if on_generation is not None and not self._report_last(on_generation):
+                return True
+        return False
+
+    def _continue_ahead(
+        self, ahead: Ahead, backend: Backend, on_generation: OnGeneration | None, watched: Progress
+    ) -> bool:
+        """Store and report what the engine evolves meanwhile; return whether a callback ended it."""
+        self._next = None  # the engine knows what has been asked for
+        while self.ended is None:
+            number = self._method.generation
+            found = ahead.take()
+            self._check_first(len(found.genomes))
+            episodes = found.results.fitness.size
+            watched(episodes, episodes, "")
+            backend.count_failed(found.results)
+            with self._kept(number, found.results.journal):
+                self._check(found.fitness, number)
+            seeds = self._ranking.seeds(self._first_seed, number)
+            self._method.passed(found.fitness)
+            self._unstored = self._told(number, seeds, found)
+            if on_generation is None:
+                self._store_last()
+            elif not self._report_last(on_generation):
                 return True
         return False
 
@@ -257,13 +290,13 @@ class Loop:
         """Hand the last generation to the store; where nobody waits for it, while the next is evaluated."""
         told, self._unstored = self._unstored, None
         if told is not None:
-            self._commit(told.evaluated(), told.results.journal)
+            self._commit(told.evaluated(), told.found.results.journal)
 
     def _report_last(self, on_generation: OnGeneration) -> bool:
         """Store the last generation and report it; return whether to go on."""
         told, self._unstored = self._unstored, None
         assert told is not None
-        return self._finish(told.evaluated(), told.results.journal, on_generation)
+        return self._finish(told.evaluated(), told.found.results.journal, on_generation)
 
     def _commit(self, evaluated: Evaluated, journal: Journal) -> None:
         self._store.commit(evaluated, journal)
@@ -326,21 +359,16 @@ class Loop:
         self._check(fitness, number)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)
-        return self._told(number, genomes, seeds, results, fitness)
+        return self._told(number, seeds, Produced(genomes, results, fitness, self._method.population_fitness))
 
-    def _told(
-        self, number: int, genomes: Genomes, seeds: list[int], results: Results, fitness: Fitness
-    ) -> Told:
+    def _told(self, number: int, seeds: list[int], found: Produced) -> Told:
         """Return a generation that the method has been told of."""
-        self._lead(fitness)
-        self._evaluations += len(fitness)
+        self._lead(found.fitness)
+        self._evaluations += len(found.fitness)
         return Told(
             generation=number,
             seeds=seeds,
-            genomes=genomes,
-            results=results,
-            fitness=fitness,
-            population=self._method.population_fitness,
+            found=found,
             evaluations=self._evaluations,
             best_so_far=self._best_so_far,
             leader=self._leader,

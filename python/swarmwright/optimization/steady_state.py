@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import RunError
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended
+from swarmwright.optimization.ahead import Produced
 from swarmwright.optimization.loop import Loop, OnGeneration, Told, strayed
 from swarmwright.store import Journal, StoreReader
 from swarmwright.typing import Genome, Genomes
@@ -57,7 +58,7 @@ class SteadyLoop(Loop):
                     raise RunError(strayed(reader, evaluated.generation))
                 self._tell_first(episodes, metrics)
             again = self._told_part()
-            if again.fitness.tobytes() != evaluated.fitness.tobytes():
+            if again.found.fitness.tobytes() != evaluated.fitness.tobytes():
                 raise RunError(strayed(reader, evaluated.generation))
         self._continue_from(reader)
 
@@ -86,7 +87,8 @@ class SteadyLoop(Loop):
         number = self._evaluations // self._method.generation_size
         genomes: Genomes = np.array(part.genomes, dtype=np.float32)
         fitness = np.array(part.fitness)
-        return self._told(number, genomes, self._seeds, part.results(), fitness)
+        found = Produced(genomes, part.results(), fitness, self._method.population_fitness)
+        return self._told(number, self._seeds, found)
 
     def _continue(
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None

@@ -1,53 +1,15 @@
 """Absolute ranking: a candidate's fitness depends on its episodes only."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.core.statistics import neighbours, quantile
+from swarmwright import _engine
 from swarmwright.rankings._base import Ranking, RankingOptions
 from swarmwright.typing import Fitness
-
-
-def _mean(values: Sequence[float]) -> float:
-    return _sum(values) / len(values)
-
-
-def _sum(values: Sequence[float]) -> float:
-    try:
-        return math.fsum(values)  # exact, rounded once: the same on any machine
-    except OverflowError:
-        return math.nan
-
-
-def _median(values: Sequence[float]) -> float:
-    ordered = sorted(values)
-    middle = len(ordered) // 2
-    return ordered[middle] if len(ordered) % 2 else ordered[middle - 1] / 2 + ordered[middle] / 2
-
-
-def _worst_share(values: Sequence[float], share: float) -> float:
-    """Return the mean of the worst share of values; the last one counts in part."""
-    ordered = sorted(values)
-    mass = share * len(ordered)
-    whole = math.floor(mass)
-    part = mass - whole
-    parts = ordered[:whole] + ([ordered[whole] * part] if whole < len(ordered) else [])
-    return _sum(parts) / mass
-
-
-def _row_sums(episodes: NDArray[np.float64]) -> Fitness:
-    """Return the exact sum of each row, rounded once; NaN where it overflows."""
-    if episodes.shape[1] == 2:
-        return np.asarray(episodes[:, 0] + episodes[:, 1])
-    try:
-        return np.array([math.fsum(row) for row in episodes.tolist()])
-    except OverflowError:
-        return np.array([_sum(row) for row in episodes.tolist()])
 
 
 class AbsoluteOptions(RankingOptions):
@@ -82,34 +44,8 @@ class Absolute(Ranking):
         return super().samples(episodes)
 
     def _score_array(self, episodes: NDArray[np.float64]) -> Fitness:
-        aggregate = self.options.aggregate
-        if aggregate == "cvar":
-            return super()._score_array(episodes)
-        if episodes.shape[1] == 1:
-            # Whatever the aggregate of one number, it is the number.
-            return episodes[:, 0]
-        if aggregate in {"mean", "sum"}:
-            share = episodes.shape[1] if aggregate == "mean" else 1
-            return _row_sums(episodes) / share
-        ordered = np.sort(episodes, axis=1)
-        if aggregate == "worst":
-            return ordered[:, 0]
-        if aggregate == "median":
-            middle = episodes.shape[1] // 2
-            upper = ordered[:, middle]
-            return upper if episodes.shape[1] % 2 else ordered[:, middle - 1] / 2 + upper / 2
-        low, high, part = neighbours(episodes.shape[1], self.options.level)
-        return np.asarray(ordered[:, low] * (1 - part) + ordered[:, high] * part)
+        return _engine.aggregates(np.ascontiguousarray(episodes), self.options.aggregate, self.options.level)
 
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
-        level = self.options.level
-        aggregates: Mapping[str, Callable[[Sequence[float]], float]] = {
-            "mean": _mean,
-            "sum": _sum,
-            "median": _median,
-            "worst": min,
-            "quantile": lambda values: quantile(sorted(values), level),
-            "cvar": lambda values: _worst_share(values, level),
-        }
-        aggregate = aggregates[self.options.aggregate]
-        return np.array([aggregate(row) for row in episodes], dtype=np.float64)
+        rows = (np.array([row], dtype=np.float64) for row in episodes)
+        return np.concatenate([self._score_array(row) for row in rows])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, Run
-from swarmwright.core.statistics import Summary, summarize
+from swarmwright.core.statistics import Summary, figures_of, summarize
 from swarmwright.store import Record
 from swarmwright.store.table import RecordTable
 
@@ -50,7 +50,11 @@ class KnownRun(Run):
             failed = int(np.isnan(row).sum())
             found.append(
                 summarize(
-                    row, generation=generation, evaluations=evaluations, best_so_far=so_far, failed=failed
+                    figures_of(row),
+                    generation=generation,
+                    evaluations=evaluations,
+                    best_so_far=so_far,
+                    failed=failed,
                 )
             )
         return found

@@ -10,7 +10,7 @@ from pymoo.core.problem import Problem
 from pymoo.core.termination import NoTermination
 
 from swarmwright.methods._box import Box
-from swarmwright.methods.pso import Pso, _signs
+from swarmwright.methods.pso import Pso
 from swarmwright.testing._samples import BoundedGenes
 from tests.python.methods.functions import (
     Function,
@@ -117,20 +117,18 @@ def test_the_velocity_of_a_particle_is_limited() -> None:
 
 
 def test_pulls_and_inertia_follow_the_state_of_the_swarm() -> None:
-    assert [_signs(at) for at in (-0.5, 0.1, 0.35, 0.65, 1.5)] == [
-        *((0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (1.0, -1.0), (-1.0, 1.0))
-    ]
     method = new("pso", **ADAPTIVE)
     assert isinstance(method, Pso)
     conversation(method, sphere, 30)
-    own, social = method._pulls
+    own, social = method.search.state("pulls")
     assert min(own, social) > 1.4
     assert own + social <= 4 + 1e-12
-    assert 0.3 < method._inertia < 0.9
+    assert 0.3 < method.search.state("inertia")[0] < 0.9
     still = new("pso")
     assert isinstance(still, Pso)
     conversation(still, sphere, 30)
-    assert (still._inertia, still._pulls) == (0.6, (1.7, 1.7))
+    assert still.search.state("inertia").tolist() == [0.6]
+    assert still.search.state("pulls").tolist() == [1.7, 1.7]
 
 
 @pytest.mark.parametrize("kind", ALGORITHMS)

@@ -12,7 +12,7 @@ from benchmarks.against_cma import Case, cases
 from swarmwright import Experiment, _engine, evaluate
 from swarmwright.core.random_numbers import Streams
 from swarmwright.methods import METHODS
-from swarmwright.methods._cma import Cma, Regimes
+from swarmwright.methods._cma import Cma
 from swarmwright.testing._samples import BoundedGenes
 from tests.python.methods.functions import (
     Points,
@@ -308,33 +308,6 @@ def test_a_plateau_is_left_by_a_new_start() -> None:
     assert method.starts > 2
 
 
-def test_bipop_gives_small_and_large_populations_the_same() -> None:
-    regimes = Regimes("bipop", 10)
-    regimes.spent(1000)
-    spent = {True: 1000, False: 0}
-    for turn in range(12):
-        population, share = regimes.begin(0.5, 0.5, left=10**9)
-        large = share == 1.0
-        assert large == (spent[True] >= spent[False])
-        evaluations = 100 * population
-        regimes.spent(evaluations)
-        spent[not large] += evaluations
-        assert population >= 10, turn
-    # A small start ends when it has had half of what large ones had.
-    while regimes.begin(0.5, 0.5, left=10**9)[1] == 1.0:
-        regimes.spent(10)
-    assert not regimes.over
-    regimes.spent(10**6)
-    assert regimes.over
-
-
-def test_no_population_is_larger_than_what_is_left_of_the_budget() -> None:
-    regimes = Regimes("ipop", 10)
-    assert regimes.begin(0, 0, left=1000) == (20, 1.0)
-    assert regimes.begin(0, 0, left=33) == (33, 1.0)
-    assert regimes.begin(0, 0, left=4) == (10, 1.0)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_seeds_give_different_samples(kind: str) -> None:
     seeds = (7, 7 + 2**32, 7 + 2**33, 2**63 - 1)
@@ -346,13 +319,13 @@ def test_a_generation_that_failed_teaches_nothing(kind: str) -> None:
     method = new(kind, seed=4)
     assert isinstance(method, Cma)
     first = method.ask()
-    search = method._search
-    assert search is not None
     method.tell(np.full(10, np.nan))
     second = method.ask()
     assert first.tobytes() != second.tobytes()
-    assert method._search is search
-    assert (search.sigma, search.mean.tolist(), search.step_path.tolist()) == (0.3, [0.0] * 10, [0.0] * 10)
+    assert method.starts == 1
+    state = method.search.state
+    assert state("sigma").tolist() == [0.3]
+    assert state("mean").tolist() == state("step_path").tolist() == [0.0] * 10
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,6 +1,7 @@
 """Weights by rank, Adam, and the engine's functions for methods that draw from a normal distribution."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 
 from swarmwright import _engine
 from swarmwright._engine import centered_ranks, utilities
-from swarmwright.methods._gaussian import Adam, logarithm
+from swarmwright.methods._gaussian import logarithm
+from tests.python.methods.functions import Points
 
 
 def test_ranks_are_centered_and_shared_by_equals() -> None:
@@ -44,11 +46,6 @@ def test_utilities_add_up_to_0_and_are_shared_by_equals(values: list[float]) -> 
         assert by_value == [0.0], "a plateau changes nothing"
 
 
-def test_the_first_step_of_adam_has_its_length_whatever_the_gradient() -> None:
-    step = Adam(0.05).climb(np.array([1.0, -200.0, 0.0]))
-    assert step == pytest.approx([0.05, -0.05, 0.0], rel=1e-4)
-
-
 def test_exponential_and_logarithm_have_the_same_bits_everywhere() -> None:
     numbers = np.array([-700.0, -1.5, 0.0, 1e-9, 0.1, 1.0, 20.0, 700.0])
     expected = np.array([math.exp(number) for number in numbers])
@@ -60,11 +57,35 @@ def test_exponential_and_logarithm_have_the_same_bits_everywhere() -> None:
     assert logarithm(1) == 0.0
 
 
-def test_matrices_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(_engine.InputError, match=r"\(2, 3\) and \(2, 2\)"):
-        _engine.matrix_product(np.ones((2, 3)), np.ones((2, 2)))
-    with pytest.raises(_engine.InputError, match="as many rows as columns"):
-        _engine.matrix_exponential(np.ones((2, 3)))
-    with pytest.raises(_engine.InputError, match="3 values for 2 rows"):
-        _engine.weighted_products(np.ones((2, 3)), np.ones(3))
-    assert _engine.matrix_exponential(np.full((2, 2), np.nan)) is None
+def space(genes: int = 3) -> tuple[Points, Points, Points, Points]:
+    return np.zeros(genes), np.ones(genes), np.full(genes, -9.0), np.full(genes, 9.0)
+
+
+def test_the_first_step_of_adam_has_its_length_whatever_the_gradient() -> None:
+    values: dict[str, Any] = {"start": None, "noise": 0.1, "step": 0.05, "learning": [0.0]}
+    search = _engine.Search.pairs(1, "openai_es", space=space(), population=100, **values)
+    search.tell(search.ask().astype(np.float64) @ np.array([1.0, -200.0, 0.0]))
+    moved = search.state("center")
+    assert np.abs(moved) == pytest.approx([0.05] * 3, rel=1e-4)
+    assert (moved[0] > 0, moved[1] < 0) == (True, True)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    values: dict[str, Any] = {"start": None, "noise": 0.1, "step": 0.05, "learning": [0.0]}
+    with pytest.raises(_engine.InputError, match="expected 3 values, found 2"):
+        _engine.Search.pairs(
+            1, "x", space=(np.zeros(3), np.ones(2), np.zeros(3), np.ones(3)), population=2, **values
+        )
+    with pytest.raises(_engine.InputError, match="3 found, expected an even number"):
+        _engine.Search.pairs(1, "x", space=space(), population=3, **values)
+    with pytest.raises(_engine.InputError, match="decay, or rate and change"):
+        _engine.Search.pairs(1, "x", space=space(), population=2, **{**values, "learning": []})
+    search = _engine.Search.pairs(1, "x", space=space(), population=2, **values)
+    with pytest.raises(_engine.InputError, match="the genomes asked for last"):
+        search.tell(np.zeros(2))
+    assert search.ask().tobytes() == search.ask().tobytes(), "as long as nothing is told"
+    with pytest.raises(_engine.InputError, match="the genomes asked for last"):
+        search.tell(np.zeros(3))
+    search.tell(np.zeros(2))
+    with pytest.raises(_engine.InputError, match="name: unknown: sigma"):
+        search.state("sigma")

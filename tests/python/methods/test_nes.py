@@ -36,7 +36,7 @@ def ten_generations(method: Nes) -> list[tuple[Points, Points]]:
     seen = []
     for _ in range(10):
         fitness = -away(method.ask().astype(np.float64))
-        seen.append((method._directions.copy(), utilities(fitness)))
+        seen.append((method.search.state("directions").reshape(-1, 10), utilities(fitness)))
         method.tell(fitness)
     return seen
 
@@ -50,7 +50,7 @@ def test_snes_follows_the_formulas_of_the_source() -> None:
         center = center + deviation * (weights @ directions)
         deviation = deviation * np.exp(rate / 2 * (weights @ (directions**2 - 1)))
     assert method.center == pytest.approx(3 * center, rel=1e-9)
-    assert method._deviation == pytest.approx(deviation, rel=1e-9)
+    assert method.search.state("deviation") == pytest.approx(deviation, rel=1e-9)
 
 
 def test_xnes_follows_the_formulas_of_the_source() -> None:
@@ -66,7 +66,7 @@ def test_xnes_follows_the_formulas_of_the_source() -> None:
         center = center + square @ (weights @ directions)
         square = square @ expm(rate / 2 * gradient)
     assert method.center == pytest.approx(3 * center, rel=1e-9)
-    assert method._step[0] * method._shape == pytest.approx(square, rel=1e-9, abs=1e-12)
+    assert method.search.state("deviation").reshape(10, 10) == pytest.approx(square, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -118,7 +118,7 @@ def test_a_plateau_and_a_failed_generation_change_nothing(kind: str) -> None:
     method.ask()
     method.tell(np.full(len(before), np.nan))
     assert method.center.tolist() == [0.0] * 10
-    assert method._widest() == pytest.approx(0.2)
+    assert method.search.state("widest")[0] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -145,7 +145,7 @@ def test_one_that_has_converged_starts_again(kind: str, restart: str, factor: in
     assert not method.done
     assert method.population == factor * first
     assert away(genomes.astype(np.float64)).max() < 0.01
-    assert method._widest() == pytest.approx(0.2)
+    assert method.search.state("widest")[0] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("kind", KINDS)

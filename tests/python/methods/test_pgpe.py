@@ -27,13 +27,13 @@ def test_deviations_follow_the_formula_of_the_source() -> None:
     deviation = np.full(10, 0.3)
     for _ in range(10):
         fitness = -away(method.ask().astype(np.float64))
-        samples = deviation * method._directions
+        samples = deviation * method.search.state("directions").reshape(-1, 10)
         means = centered_ranks(fitness).reshape(20, 2).mean(axis=1)
         gradient = (means[:, np.newaxis] * (samples**2 - deviation**2) / deviation).mean(axis=0)
         change = np.clip(0.5 * gradient, -0.2 * deviation, 0.2 * deviation)
         deviation = deviation + change
         method.tell(fitness)
-    assert method._deviation == pytest.approx(deviation, rel=1e-9)
+    assert method.search.state("deviation") == pytest.approx(deviation, rel=1e-9)
 
 
 def test_candidates_are_pairs_around_the_center() -> None:
@@ -48,7 +48,7 @@ def test_it_climbs_and_its_noise_becomes_small() -> None:
     asked = conversation(method, away, 300)
     assert away(asked[0].astype(np.float64)).mean() > 10
     assert away(method.center[np.newaxis])[0] < 1e-3
-    assert method._deviation.max() < 0.02
+    assert method.search.state("deviation").max() < 0.02
 
 
 def test_noise_that_changes_nothing_stays_wide() -> None:
@@ -56,7 +56,7 @@ def test_noise_that_changes_nothing_stays_wide() -> None:
     for _ in range(100):
         genomes = method.ask().astype(np.float64)
         method.tell(-((genomes[:, :5] - 1.0) ** 2).sum(axis=1))  # of the other five nothing depends
-    assert method._deviation[:5].max() < 0.5 * method._deviation[5:].min()
+    assert method.search.state("deviation")[:5].max() < 0.5 * method.search.state("deviation")[5:].min()
 
 
 def test_a_plateau_and_a_failed_generation_change_nothing() -> None:
@@ -64,7 +64,7 @@ def test_a_plateau_and_a_failed_generation_change_nothing() -> None:
     method.tell(np.zeros(len(method.ask())))
     method.tell(np.full(len(method.ask()), np.nan))
     assert method.center.tolist() == [0.0] * 10
-    assert method._deviation.tolist() == [0.07] * 10
+    assert method.search.state("deviation").tolist() == [0.07] * 10
 
 
 @pytest.mark.parametrize("seed", range(1, 11))

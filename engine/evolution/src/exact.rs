@@ -1,0 +1,188 @@
+//! Sums that are rounded once, and the figures that are made of them.
+
+/// The sum, rounded once: whatever the order, the same bits. None where it overflows on the way.
+///
+/// Shewchuk, "Adaptive precision floating-point arithmetic", Discrete & Computational Geometry 18, 1997. Numbers must be finite.
+#[must_use]
+pub fn exact_sum(numbers: impl IntoIterator<Item = f64>) -> Option<f64> {
+    // Numbers that do not overlap, ascending, with the same sum.
+    let mut parts: Vec<f64> = Vec::new();
+    for number in numbers {
+        let (mut sum, mut kept) = (number, 0);
+        for index in 0..parts.len() {
+            let (high, low) = two_sum(sum, parts[index]);
+            if low != 0.0 {
+                parts[kept] = low;
+                kept += 1;
+            }
+            sum = high;
+        }
+        parts.truncate(kept);
+        if !sum.is_finite() {
+            return None;
+        }
+        if sum != 0.0 {
+            parts.push(sum);
+        }
+    }
+    let mut high = parts.pop().unwrap_or_default();
+    let mut low = 0.0;
+    while low == 0.0 {
+        let Some(part) = parts.pop() else {
+            return Some(high);
+        };
+        (high, low) = two_sum(high, part);
+    }
+    // Half-way between two numbers the parts that are left decide.
+    let next = parts.last().copied().unwrap_or_default();
+    if (low < 0.0 && next < 0.0) || (low > 0.0 && next > 0.0) {
+        let twice = low * 2.0;
+        let other = high + twice;
+        if other - high == twice {
+            high = other;
+        }
+    }
+    Some(high)
+}
+
+/// A sum, rounded, and its rounding error.
+fn two_sum(one: f64, other: f64) -> (f64, f64) {
+    let (large, small) = if one.abs() < other.abs() {
+        (other, one)
+    } else {
+        (one, other)
+    };
+    let sum = large + small;
+    (sum, small - (sum - large))
+}
+
+/// How the results of several episodes become one number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Aggregate {
+    /// Their mean.
+    Mean,
+    /// Their sum.
+    Sum,
+    /// Their median.
+    Median,
+    /// The least of them.
+    Worst,
+    /// What this share of them does not exceed.
+    Quantile(f64),
+    /// The mean of this share of them, the worst.
+    WorstShare(f64),
+}
+
+impl Aggregate {
+    /// The number for some results, at least one; NaN where one of them or the number is not finite. Zero has no sign.
+    #[must_use]
+    pub fn of(self, results: &[f64]) -> f64 {
+        if !results.iter().all(|result| result.is_finite()) {
+            return f64::NAN;
+        }
+        let number = match (self, results) {
+            // Whatever the aggregate of one number, it is the number.
+            (_, [one]) if !matches!(self, Self::WorstShare(_)) => *one,
+            (Self::Mean, _) => sum(results) / count(results.len()),
+            (Self::Sum, _) => sum(results),
+            (Self::Median, _) => {
+                let ordered = ordered(results);
+                let middle = ordered.len() / 2;
+                if ordered.len() % 2 == 1 {
+                    ordered[middle]
+                } else {
+                    ordered[middle - 1] / 2.0 + ordered[middle] / 2.0
+                }
+            }
+            (Self::Worst, _) => results.iter().copied().fold(f64::INFINITY, f64::min),
+            (Self::Quantile(share), _) => quantile(&ordered(results), share),
+            (Self::WorstShare(share), _) => worst_share(&ordered(results), share),
+        };
+        if number.is_finite() {
+            number + 0.0
+        } else {
+            f64::NAN
+        }
+    }
+}
+
+fn sum(numbers: &[f64]) -> f64 {
+    exact_sum(numbers.iter().copied()).unwrap_or(f64::NAN)
+}
+
+/// The mean of the worst share of ascending numbers; the last one counts in part.
+fn worst_share(ordered: &[f64], share: f64) -> f64 {
+    let mass = share * count(ordered.len());
+    let whole = floor(mass);
+    let part = ordered
+        .get(whole)
+        .map(|value| value * (mass - count(whole)));
+    let worst = ordered[..whole.min(ordered.len())].iter().copied();
+    exact_sum(worst.chain(part)).map_or(f64::NAN, |sum| sum / mass)
+}
+
+/// Interpolated between neighbours: definition 7 of Hyndman and Fan, The American Statistician 50, 1996. NaN of none.
+fn quantile(ordered: &[f64], share: f64) -> f64 {
+    let Some(last) = ordered.len().checked_sub(1) else {
+        return f64::NAN;
+    };
+    let position = share * count(last);
+    let low = floor(position);
+    let (high, part) = ((low + 1).min(last), position - count(low));
+    ordered[low] * (1.0 - part) + ordered[high] * part
+}
+
+/// What the fitness of a population looks like; failed members, NaN, are left out, and without others all is NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figures {
+    /// The largest.
+    pub best: f64,
+    /// NaN also where the sum overflows.
+    pub mean: f64,
+    /// A quarter is not above it.
+    pub lower_quartile: f64,
+    /// Half are not above it.
+    pub median: f64,
+    /// Three quarters are not above it.
+    pub upper_quartile: f64,
+}
+
+impl Figures {
+    /// The figures of a population.
+    #[must_use]
+    pub fn of(fitness: &[f64]) -> Self {
+        let finite = fitness.iter().copied().filter(|value| value.is_finite());
+        let ordered = ordered(&finite.collect::<Vec<_>>());
+        let mean = match ordered.len() {
+            0 => f64::NAN,
+            some => sum(&ordered) / count(some),
+        };
+        Self {
+            best: ordered.last().copied().unwrap_or(f64::NAN),
+            mean,
+            lower_quartile: quantile(&ordered, 0.25),
+            median: quantile(&ordered, 0.5),
+            upper_quartile: quantile(&ordered, 0.75),
+        }
+    }
+}
+
+fn ordered(numbers: &[f64]) -> Vec<f64> {
+    let mut ordered = numbers.to_vec();
+    ordered.sort_unstable_by(f64::total_cmp);
+    ordered
+}
+
+#[expect(clippy::cast_precision_loss, reason = "numbers of results are small")]
+fn count(number: usize) -> f64 {
+    number as f64
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a number of results"
+)]
+fn floor(number: f64) -> usize {
+    number.floor() as usize
+}

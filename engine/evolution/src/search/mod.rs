@@ -1,0 +1,66 @@
+//! Methods as conversations: they ask for evaluations and learn from what came out, generation after generation.
+
+mod adam;
+mod ahead;
+mod bounded;
+mod gaussian;
+mod nes;
+mod restarts;
+mod swarm;
+
+pub use bounded::{Bounded, Challenger};
+pub use gaussian::{Gaussian, Learning, Space};
+pub use nes::{Nes, NesSettings, Restart, Shape};
+pub use restarts::{CmaSearch, CmaSettings, Restarts};
+pub use swarm::{SwarmSettings, Swarming};
+
+/// Why there is no place to start from; whoever was asked for it knows more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NoStart;
+
+/// Genes of a new start, by a number that the method counts.
+pub type Starts = Box<dyn Fn(u64) -> Result<Vec<f64>, NoStart> + Send + Sync>;
+
+/// A method that asks for whole generations.
+pub trait Search: Send + Sync {
+    /// The genomes to be evaluated next, row after row.
+    ///
+    /// # Errors
+    /// There is no place for a new start.
+    fn ask(&mut self) -> Result<Vec<f32>, NoStart>;
+
+    /// Takes the fitness of the genomes asked for last, in their order; NaN where an evaluation failed.
+    ///
+    /// # Errors
+    /// There is no place for a new start.
+    ///
+    /// # Panics
+    ///
+    /// When there are not as many values as genomes.
+    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart>;
+
+    /// Fitness of the members that stay, where there are such: what the figures of a generation describe. None: those told last.
+    fn members(&self) -> Option<Members<'_>> {
+        None
+    }
+
+    /// Takes new fitness of the members that stay.
+    fn rescore(&mut self, _fitness: &[f64]) {}
+
+    /// Why each of its starts has ended, where it begins anew.
+    fn stopped(&self) -> &[&'static str] {
+        &[]
+    }
+
+    /// A part of the state, by its name.
+    fn state(&self, name: &str) -> Option<Vec<f64>>;
+}
+
+/// Members that stay from one generation to the next.
+#[derive(Debug, Clone, Copy)]
+pub struct Members<'a> {
+    /// Rows.
+    pub genomes: &'a [f32],
+    /// NaN: it has failed.
+    pub fitness: &'a [f64],
+}

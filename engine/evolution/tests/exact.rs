@@ -1,0 +1,67 @@
+//! Exact sums, aggregates of episodes, and the figures of a population.
+
+use proptest::prelude::*;
+use swarmwright_evolution::{Aggregate, Figures, exact_sum};
+
+#[test]
+fn a_sum_is_rounded_once() {
+    assert_eq!(exact_sum([]), Some(0.0));
+    assert_eq!(exact_sum([1e16, 1.0, 1e-16]), Some(1e16 + 2.0)); // half-way, and a little more
+    assert_eq!(exact_sum([1e16, 1.0, -1e-16]), Some(1e16));
+    assert_eq!(exact_sum([0.1; 10]), Some(1.0));
+    assert_eq!(exact_sum([1e308, 1e308, -1e308]), None);
+    assert_eq!(exact_sum([1e100, 1.0, -1e100, 1e-300]), Some(1.0));
+}
+
+proptest! {
+    #[test]
+    fn sums_of_fixed_point_numbers_are_exact(
+        numbers in prop::collection::vec((-(1_i64 << 52)..1_i64 << 52, 0_u32..60), 1..40)
+    ) {
+        #[expect(clippy::cast_precision_loss, reason = "integers below 2^53, and the sum is what is to be rounded")]
+        let values: Vec<f64> = numbers.iter().map(|(number, power)| *number as f64 * 2_f64.powi(power.cast_signed())).collect();
+        let sum: i128 = numbers.iter().map(|(number, power)| i128::from(*number) << power).sum();
+        #[expect(clippy::cast_precision_loss, reason = "it is rounded once, too")]
+        let expected = sum as f64;
+        prop_assert_eq!(exact_sum(values.iter().copied()), Some(expected));
+        prop_assert_eq!(exact_sum(values.iter().rev().copied()), Some(expected));
+    }
+}
+
+#[test]
+fn aggregates() {
+    let results = [3.0, -1.0, 4.0, 2.0, -5.0];
+    assert_eq!(Aggregate::Mean.of(&results), 0.6);
+    assert_eq!(Aggregate::Sum.of(&results), 3.0);
+    assert_eq!(Aggregate::Median.of(&results), 2.0);
+    assert_eq!(Aggregate::Median.of(&results[..4]), 2.5);
+    assert_eq!(Aggregate::Worst.of(&results), -5.0);
+    assert_eq!(Aggregate::Quantile(0.25).of(&results), -1.0);
+    // The worst counts wholly and the second worst half.
+    assert_eq!(Aggregate::WorstShare(0.3).of(&results), -5.5 / 1.5);
+    assert_eq!(Aggregate::WorstShare(1.0).of(&results), 0.6);
+}
+
+#[test]
+fn what_failed_or_overflows_is_nan_and_zero_has_no_sign() {
+    for aggregate in [
+        Aggregate::Mean,
+        Aggregate::Worst,
+        Aggregate::WorstShare(0.5),
+    ] {
+        assert!(aggregate.of(&[1.0, f64::NAN]).is_nan());
+        assert!(aggregate.of(&[f64::INFINITY]).is_nan());
+        assert_eq!(aggregate.of(&[-0.0]).to_bits(), 0);
+    }
+    assert!(Aggregate::Sum.of(&[1e308, 1e308]).is_nan());
+    assert!(Aggregate::Mean.of(&[1e308, 1e308, 1e308]).is_nan());
+}
+
+#[test]
+fn figures_leave_out_what_failed() {
+    let one = Figures::of(&[2.0, f64::NAN, 1.0, 4.0, 3.0]);
+    assert_eq!((one.best, one.mean, one.median), (4.0, 2.5, 2.5));
+    assert_eq!((one.lower_quartile, one.upper_quartile), (1.75, 3.25));
+    let none = Figures::of(&[f64::NAN]);
+    assert!(none.best.is_nan() && none.mean.is_nan() && none.median.is_nan());
+}

@@ -1,0 +1,393 @@
+//! Methods that the engine knows wholly, as conversations.
+#![expect(
+    clippy::needless_pass_by_value,
+    reason = "pyo3 hands arguments over by value"
+)]
+
+use std::sync::{Arc, Mutex};
+
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use swarmwright_evolution::{
+    Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Gaussian, Learning, Nes,
+    NesSettings, NoStart, Restart, Restarts, Search, Space, Starts, SwarmSettings, Swarming,
+};
+
+use crate::errors::{engine, input};
+use crate::local::lock;
+
+type Row<'py> = PyReadonlyArray1<'py, f64>;
+
+/// A method: it asks for evaluations and learns from what came out, generation after generation.
+#[pyclass(name = "Search", module = "swarmwright._engine")]
+pub struct PySearch {
+    /// None: somebody else goes on with it.
+    search: Option<Conversation>,
+}
+
+/// A method, and what it has asked for.
+pub struct Conversation {
+    search: Box<dyn Search>,
+    genes: usize,
+    asked: Option<Vec<f32>>,
+    /// Why there was no new start.
+    failed: Failure,
+}
+
+type Failure = Arc<Mutex<Option<PyErr>>>;
+
+impl Conversation {
+    /// The genomes to be evaluated: those asked for last, if their fitness is missing.
+    pub fn ask(&mut self) -> PyResult<&[f32]> {
+        if self.asked.is_none() {
+            let asked = self.search.ask().map_err(|error| self.reason(error))?;
+            self.asked = Some(asked);
+        }
+        Ok(self.asked.as_deref().unwrap_or_default())
+    }
+
+    /// Takes their fitness, and returns them.
+    pub fn tell(&mut self, fitness: &[f64]) -> PyResult<Vec<f32>> {
+        let asked = match self.asked.take() {
+            Some(asked) if asked.len() == fitness.len() * self.genes => asked,
+            other => {
+                self.asked = other;
+                return Err(input("expected the fitness of the genomes asked for last"));
+            }
+        };
+        let told = self.search.tell(&asked, fitness);
+        told.map_err(|error| self.reason(error))?;
+        Ok(asked)
+    }
+
+    /// Fitness of the members that stay; None where there are no such.
+    pub fn members(&self) -> Option<Vec<f64>> {
+        Some(self.search.members()?.fitness.to_vec())
+    }
+
+    /// Genes of a genome.
+    pub fn genes(&self) -> usize {
+        self.genes
+    }
+
+    fn reason(&self, NoStart: NoStart) -> PyErr {
+        let failed = lock(&self.failed).take();
+        failed.unwrap_or_else(|| engine("there is no place for a new start"))
+    }
+}
+
+impl PySearch {
+    fn new(genes: usize, search: impl Search + 'static, failed: Failure) -> Self {
+        Self {
+            search: Some(Conversation {
+                search: Box::new(search),
+                genes,
+                asked: None,
+                failed,
+            }),
+        }
+    }
+
+    fn here(&mut self) -> PyResult<&mut Conversation> {
+        self.search.as_mut().ok_or_else(elsewhere)
+    }
+
+    /// Hands it over to somebody who goes on with it.
+    pub fn take(&mut self) -> PyResult<Conversation> {
+        self.search.take().ok_or_else(elsewhere)
+    }
+}
+
+fn elsewhere() -> PyErr {
+    input("the search goes on elsewhere: a producer has it")
+}
+
+#[pymethods]
+impl PySearch {
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, space, start, population, noise, step, learning))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn pairs(
+        seed: u64,
+        kind: &str,
+        space: (Row<'_>, Row<'_>, Row<'_>, Row<'_>),
+        start: Option<Row<'_>>,
+        population: usize,
+        noise: f64,
+        step: f64,
+        learning: Vec<f64>,
+    ) -> PyResult<Self> {
+        let space = self::space(&space)?;
+        let genes = space.middle.len();
+        let start = start.map(|start| of_each(&start, genes)).transpose()?;
+        let learning = match learning[..] {
+            [decay] => Learning::Decay(decay),
+            [rate, change] => Learning::Deviations { rate, change },
+            _ => return Err(input("learning: expected decay, or rate and change")),
+        };
+        if population < 2 || population % 2 == 1 {
+            return Err(input(format!(
+                "population: {population} found, expected an even number"
+            )));
+        }
+        let numbers = (noise, step);
+        let search = Gaussian::new(
+            (seed, kind),
+            space,
+            start.as_deref(),
+            population,
+            numbers,
+            learning,
+        );
+        Ok(Self::new(genes, search, Failure::default()))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, space, start, starts, population, step, rate, separable, restart))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn nes(
+        seed: u64,
+        kind: &str,
+        space: (Row<'_>, Row<'_>, Row<'_>, Row<'_>),
+        start: Option<Row<'_>>,
+        starts: Py<PyAny>,
+        population: usize,
+        step: f64,
+        rate: f64,
+        separable: bool,
+        restart: &str,
+    ) -> PyResult<Self> {
+        let space = self::space(&space)?;
+        let genes = space.middle.len();
+        let start = start.map(|start| of_each(&start, genes)).transpose()?;
+        let settings = NesSettings {
+            population: at_least(population, 2)?,
+            step,
+            rate,
+            separable,
+            restart: match restart {
+                "none" => Restart::None,
+                "same" => Restart::Same,
+                "ipop" => Restart::Doubled,
+                other => return Err(unknown("restart", other)),
+            },
+        };
+        let (starts, failed) = self::starts(starts, genes);
+        let search = Nes::new((seed, kind), space, start.as_deref(), settings, starts);
+        Ok(Self::new(genes, search, failed))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, center, starts, reach, lower, upper, step, population, separable, restart, budget))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn cma(
+        seed: u64,
+        kind: &str,
+        center: Row<'_>,
+        starts: Py<PyAny>,
+        reach: Row<'_>,
+        lower: Row<'_>,
+        upper: Row<'_>,
+        step: f64,
+        population: usize,
+        separable: bool,
+        restart: &str,
+        budget: u64,
+    ) -> PyResult<Self> {
+        let genes = at_least(center.len(), 1)?;
+        let settings = CmaSettings {
+            reach: of_each(&reach, genes)?,
+            lower: of_each(&lower, genes)?,
+            upper: of_each(&upper, genes)?,
+            step,
+            population: at_least(population, 3)?,
+            separable,
+            restarts: match restart {
+                "none" => Restarts::None,
+                "ipop" => Restarts::Doubled,
+                "bipop" => Restarts::Two,
+                other => return Err(unknown("restart", other)),
+            },
+            budget,
+        };
+        let (starts, failed) = self::starts(starts, genes);
+        let center = center.as_slice()?.to_vec();
+        let search = CmaSearch::new((seed, kind), center, settings, starts);
+        Ok(Self::new(genes, search, failed))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, first, lower, upper, inertia, pulls, fastest, adaptive, perturb))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn swarm(
+        seed: u64,
+        kind: &str,
+        first: PyReadonlyArray2<'_, f32>,
+        lower: Row<'_>,
+        upper: Row<'_>,
+        inertia: f64,
+        pulls: (f64, f64),
+        fastest: f64,
+        adaptive: bool,
+        perturb: bool,
+    ) -> PyResult<Self> {
+        let challenger = Challenger::Swarm(Swarming::new(SwarmSettings {
+            inertia,
+            pulls,
+            fastest,
+            adaptive,
+            perturb,
+        }));
+        at_least(first.shape()[0], 2)?;
+        bounded(seed, kind, &first, (&lower, &upper), challenger)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, first, lower, upper, base, crossover, factor, rate, mutate))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn differential(
+        seed: u64,
+        kind: &str,
+        first: PyReadonlyArray2<'_, f32>,
+        lower: Row<'_>,
+        upper: Row<'_>,
+        base: &str,
+        crossover: &str,
+        factor: f64,
+        rate: f64,
+        mutate: f64,
+    ) -> PyResult<Self> {
+        let challenger = Challenger::Differential {
+            base: match base {
+                "best" => Base::Best,
+                "rand" => Base::Random,
+                "target-to-best" => Base::TargetToBest,
+                other => return Err(unknown("base", other)),
+            },
+            crossover: match crossover {
+                "bin" => Crossover::Binomial,
+                "exp" => Crossover::Exponential,
+                "hypercube" => Crossover::Hypercube,
+                "line" => Crossover::Line,
+                other => return Err(unknown("crossover", other)),
+            },
+            factor,
+            rate,
+            mutate,
+        };
+        at_least(first.shape()[0], 4)?;
+        bounded(seed, kind, &first, (&lower, &upper), challenger)
+    }
+
+    fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let here = self.here()?;
+        let genes = here.genes;
+        let genomes = py.detach(|| here.ask())?;
+        PyArray1::from_slice(py, genomes).reshape([genomes.len() / genes.max(1), genes])
+    }
+
+    fn tell(&mut self, py: Python<'_>, fitness: Row<'_>) -> PyResult<()> {
+        let here = self.here()?;
+        let fitness = fitness.as_slice()?;
+        py.detach(|| here.tell(fitness)).map(|_| ())
+    }
+
+    fn rescore(&mut self, fitness: Row<'_>) -> PyResult<()> {
+        let here = self.here()?;
+        let members = here.members().unwrap_or_default().len();
+        here.search.rescore(&of_each(&fitness, members)?);
+        Ok(())
+    }
+
+    #[getter]
+    #[expect(clippy::type_complexity, reason = "genomes and their fitness")]
+    fn members<'py>(
+        &mut self,
+        py: Python<'py>,
+    ) -> PyResult<Option<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f64>>)>> {
+        let here = self.here()?;
+        let genes = here.genes;
+        let Some(members) = here.search.members() else {
+            return Ok(None);
+        };
+        let genomes = PyArray1::from_slice(py, members.genomes);
+        let shape = [members.fitness.len(), genes];
+        Ok(Some((
+            genomes.reshape(shape)?,
+            PyArray1::from_slice(py, members.fitness),
+        )))
+    }
+
+    #[getter]
+    fn stopped(&mut self) -> PyResult<Vec<&'static str>> {
+        Ok(self.here()?.search.stopped().to_vec())
+    }
+
+    fn state<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let state = self.here()?.search.state(name);
+        let state = state.ok_or_else(|| unknown("name", name))?;
+        Ok(PyArray1::from_vec(py, state))
+    }
+}
+
+fn bounded(
+    seed: u64,
+    kind: &str,
+    first: &PyReadonlyArray2<'_, f32>,
+    (lower, upper): (&Row<'_>, &Row<'_>),
+    challenger: Challenger,
+) -> PyResult<PySearch> {
+    let genes = first.shape()[1];
+    let bounds = (of_each(lower, genes)?, of_each(upper, genes)?);
+    let first = first.as_slice()?.to_vec();
+    let search = Bounded::new((seed, kind), bounds, first, challenger);
+    Ok(PySearch::new(genes, search, Failure::default()))
+}
+
+fn space((middle, reach, lower, upper): &(Row<'_>, Row<'_>, Row<'_>, Row<'_>)) -> PyResult<Space> {
+    let genes = middle.len();
+    Ok(Space {
+        middle: middle.as_slice()?.to_vec(),
+        reach: of_each(reach, genes)?,
+        lower: of_each(lower, genes)?,
+        upper: of_each(upper, genes)?,
+    })
+}
+
+/// New starts from a callable in Python, and where its error goes.
+fn starts(callable: Py<PyAny>, genes: usize) -> (Starts, Failure) {
+    let failed = Failure::default();
+    let place = failed.clone();
+    let start = move |number: u64| {
+        Python::attach(|py| {
+            let made = callable.call1(py, (number,))?;
+            of_each(&made.extract::<Row<'_>>(py)?, genes)
+        })
+        .map_err(|error: PyErr| {
+            *lock(&place) = Some(error);
+            NoStart
+        })
+    };
+    (Box::new(start), failed)
+}
+
+fn of_each(values: &Row<'_>, expected: usize) -> PyResult<Vec<f64>> {
+    if values.len() != expected {
+        let found = values.len();
+        return Err(input(format!("expected {expected} values, found {found}")));
+    }
+    Ok(values.as_slice()?.to_vec())
+}
+
+fn at_least(number: usize, least: usize) -> PyResult<usize> {
+    if number < least {
+        return Err(input(format!("{number} found, expected at least {least}")));
+    }
+    Ok(number)
+}
+
+fn unknown(name: &str, value: &str) -> PyErr {
+    input(format!("{name}: unknown: {value}"))
+}
