@@ -3,7 +3,7 @@
 A program of its own, which needs only Python's library: `python -I -S keeper.py DESCRIPTOR`, where the
 descriptor is a Unix socket of whole packets. Processes whose parents end become its children, also those that
 have left their session, so that all can be found. When the other end of the socket closes, however its
-process has ended, everything is killed.
+process has ended, what was started is asked to end, and everything is killed that has not done so.
 
 Packets are JSON objects. `{"start": {"command", "folder", "environment", "largest"}}` brings descriptors of
 standard input, output and error, and is answered with `{"started": PID}` or `{"refused": [ERRNO, TEXT]}`;
@@ -26,6 +26,8 @@ from pathlib import Path
 
 _LINGER = 0.3
 """Seconds that what a command has started may take to end after it."""
+_POLITE = 2.0
+"""Seconds for what is asked to end because the other end of the socket is gone."""
 _SUBREAPER, _DEATH_SIGNAL = 36, 1
 _LARGEST = 1 << 20
 _IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -101,7 +103,8 @@ class Keeper:
             if self._channel.fileno() in readable:
                 data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST, 3)
                 if not data:
-                    self._kill_all()
+                    if self._process is not None:
+                        self._kill(_POLITE)
                     return
                 self._take(json.loads(data), descriptors)
 

@@ -126,8 +126,8 @@ def _attended(processes: Processes, reading: int, printed: Printed, watch: Watch
                     poll.unregister(reading)
             if ended is None:
                 watch.check(printed)
-    except BaseException as error:
-        processes.kill(0.0 if not isinstance(error, CommandFailure) else 2.0)
+    except BaseException:
+        processes.kill()
         _drain(reading, printed)
         raise
     _drain(reading, printed)

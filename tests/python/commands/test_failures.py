@@ -185,6 +185,40 @@ def test_the_tool_ends(traced: Traced, servers: str, end: signal.Signals) -> Non
         tool.wait()
 
 
+POLITE = """
+import sys
+from swarmwright import simulate
+from tests.python.commands.processes import Traced
+from pathlib import Path
+traced = Traced(Path(sys.argv[1]))
+traced.mark = sys.argv[2]
+asked = traced.folder / "asked"
+# Nobody reads what it prints then: a shell that reports the end of its `sleep` would end by that.
+script = f"exec 2>&-; trap 'touch {asked}; exit' TERM; touch {traced.folder}/begun; "
+script += "while :; do sleep 0.05; done"
+print(simulate(traced.shell(script), servers=sys.argv[3]))
+"""
+
+
+@pytest.mark.parametrize("servers", ["in-process", "local"])
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
+def test_commands_are_asked_to_end(traced: Traced, servers: str, end: signal.Signals) -> None:
+    """However the tool ends: a command that drives robots stops them then."""
+    arguments = [sys.executable, "-c", POLITE, str(traced.folder), traced.mark, servers]
+    tool = subprocess.Popen(arguments, stderr=subprocess.DEVNULL)
+    try:
+        until = time.monotonic() + 30
+        while not (traced.folder / "begun").exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        tool.send_signal(end)
+        tool.wait(20)
+        assert traced.left(within=10) == []
+        assert (traced.folder / "asked").exists()
+    finally:
+        tool.kill()
+        tool.wait()
+
+
 def _wait_for(traced: Traced, count: int) -> None:
     until = time.monotonic() + 30
     while len(traced.left()) < count and time.monotonic() < until:
