@@ -25,10 +25,10 @@ def simulation(name: str) -> "type[Simulation | BatchSimulation]":
     Raises InputError: the library is not installed, or has no such environment.
     """
     if is_command(name):
-        from swarmwright.commands.definition import CommandOptions
+        from swarmwright.commands.checking import definition_of_name
         from swarmwright.user_code.command_sources import digest
 
-        return _command(name, digest(CommandOptions.of(name)))
+        return _command(name, digest(definition_of_name(name)))
     return _of_library(name)
 
 
@@ -59,12 +59,20 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
 @cache
 def _command(name: str, digest: str) -> "type[Simulation]":
     """Return the class of a command; another one when a file of it has changed."""
-    from swarmwright.adapters.command import CommandSimulation
+    parsed = SimulationName.parse(name)
+    base: type[Simulation]
+    if parsed.prefix == SimulationName.ROS:
+        from swarmwright.adapters.ros import RosSimulation
 
+        base = RosSimulation
+    else:
+        from swarmwright.adapters.command import CommandSimulation
+
+        base = CommandSimulation
     attributes = {
         "adapted": name,
         "digest": digest,
-        "__module__": CommandSimulation.__module__,
-        "__doc__": CommandSimulation.__doc__,
+        "__module__": base.__module__,
+        "__doc__": base.__doc__,
     }
-    return type(SimulationName.parse(name).label, (CommandSimulation,), attributes)
+    return type(parsed.label, (base,), attributes)

@@ -109,9 +109,12 @@ class CommandSimulation(Simulation):
         return checked_definition(cls.definition, Path() if file is None else file.parent, cls.__name__)
 
     def _title(self) -> str:
-        name = self.options.name
-        label = SimulationName.parse(name).label
-        return f"{label}@{(self.digest or digest(self.options))[:_DIGITS]}"
+        return f"{self._label}@{(self.digest or digest(self.options))[:_DIGITS]}"
+
+    @property
+    def _label(self) -> str:
+        """What failures and the title call it."""
+        return SimulationName.parse(self.options.name).label
 
     # The functions of D6.1.
 
@@ -280,10 +283,9 @@ class CommandSimulation(Simulation):
 
     def _explained(self, reason: str, printed: Printed, kept: Path | None) -> EpisodeError:
         """Return a failure with the last of what the command printed."""
-        program = SimulationName.parse(self.options.name).label
         last = f"; its last output: {printed.summary}" if printed.summary else ""
         where = f"; its files: {kept}" if kept is not None else ""
-        return EpisodeError(f"{program}: {reason}{last}{where}", printed.tail or None)
+        return EpisodeError(f"{self._label}: {reason}{last}{where}", printed.tail or None)
 
     def _compile(self, controller: Controller, command: list[str]) -> None:
         """Compile a controller, unless that was done for this one, or for one with the same source."""

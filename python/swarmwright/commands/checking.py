@@ -6,36 +6,62 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.definition import CommandOptions, Definition
+from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError
-from swarmwright.core.problems import problems_of
+from swarmwright.core.problems import model_at, problems_of
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Path_, dotted_path
+
+KINDS: Mapping[str, type[Definition]] = {
+    SimulationName.COMMAND: CommandOptions,
+    SimulationName.ROS: RosOptions,
+}
+
+
+def kind_of(values: Mapping[str, Any]) -> type[Definition]:
+    """Return what a mapping in the place of a simulation is meant as."""
+    return RosOptions if "ros" in values and "command" not in values else CommandOptions
+
+
+def definition_of_name(name: str) -> Definition:
+    """Return what the name of a simulation holds that is run by a command."""
+    return KINDS[SimulationName.parse(name).prefix].of(name)
+
+
+def command_of_name(name: str) -> CommandOptions:
+    """Return the command that runs a simulation."""
+    return definition_of_name(name).as_command()
 
 
 def read_definition(
     values: Mapping[str, Any], folder: Path
-) -> tuple[CommandOptions | None, list[tuple[Path_, str]]]:
+) -> tuple[Definition | None, list[tuple[Path_, str]]]:
     """Return a definition, paths relative to a folder, and what is wrong with it, with the keys."""
+    kind = kind_of(values)
     try:
-        options = CommandOptions.model_validate(dict(values))
+        options = kind.model_validate(dict(values))
     except ValidationError as error:
-        problems = problems_of(error, CommandOptions)
-        return None, [_placed(path, message) for path, message in problems]
-    return options.model_copy(update={"folder": str(folder / options.folder)}), []
+        return None, [_placed(path, message, kind) for path, message in problems_of(error, kind)]
+    options = options.model_copy(update={"folder": str(folder / options.folder)})
+    problems = options.problems()
+    return None if problems else options, problems
 
 
-def _placed(path: Path_, message: str) -> tuple[Path_, str]:
+def _placed(path: Path_, message: str, kind: type[Definition]) -> tuple[Path_, str]:
     """Return a problem of several keys with the first of them, by which its message begins."""
     key, found, rest = message.partition(": ")
-    return ((key,), rest) if not path and found and key in CommandOptions.model_fields else (path, message)
+    section = model_at(kind, path)
+    known = section is not None and found and key in section.model_fields
+    return ((*path, key), rest) if known else (path, message)
 
 
 def checked_definition(values: Mapping[str, Any], folder: Path, where: str) -> CommandOptions:
-    """Return a definition. Raises InputError, every line beginning with `where`."""
+    """Return a command's definition. Raises InputError, every line beginning with `where`."""
     if not isinstance(values, Mapping):
         raise InputError(f"{where}.definition: {values!r} found, expected a mapping with command, log, ..")
     options, problems = read_definition(values, folder)
-    if options is None:
+    if not isinstance(options, CommandOptions):
         lines = (f"{where}.definition: {dotted_path(path)}: {message}" for path, message in problems)
         raise InputError("\n".join(lines))
     return options

@@ -3,9 +3,10 @@
 import json
 import re
 import shlex
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
@@ -13,6 +14,7 @@ from swarmwright.commands.reductions import Reduction
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.yaml import Path_
 
 _SHELL = frozenset({">", ">>", "<", "|", "||", "&", "&&", ";", "2>&1", "2>"})
 _METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -51,7 +53,41 @@ Command = Annotated[Any, BeforeValidator(_words), WithJsonSchema(_COMMAND)]
 Texts = Annotated[list[str], BeforeValidator(_texts), WithJsonSchema(_COMMAND)]
 
 
-class CommandOptions(Options):
+class Definition(Options):
+    """What an experiment says of a simulation that is run by a command."""
+
+    prefix: ClassVar[str]
+    """What names of such simulations begin with."""
+
+    if TYPE_CHECKING:  # every definition has them, in a place of its own
+        folder: str
+        fitness: str | None
+
+    @property
+    def name(self) -> str:
+        """The simulation's name, which holds all of this."""
+        values = self.model_dump(exclude_defaults=True)
+        return f"{self.prefix}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
+
+    @classmethod
+    def of(cls, name: str) -> Self:
+        """Return what a simulation's name holds."""
+        return cls.model_validate_json(name.removeprefix(cls.prefix))
+
+    @abstractmethod
+    def as_command(self) -> "CommandOptions":
+        """Return the command that runs episodes."""
+
+    @abstractmethod
+    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+        """Yield keys, and the files that they name; of `command`, words of which some may be files."""
+
+    def problems(self) -> list[tuple[Path_, str]]:
+        """Return what is wrong beyond each key's own form, with the keys."""
+        return []
+
+
+class CommandOptions(Definition):
     """A simulation that is a command: a process for each episode, which reads and writes files.
 
     Its process has a work folder of its own. The command's words, the values of `environment` and the text of
@@ -60,6 +96,8 @@ class CommandOptions(Options):
     experiment file), {seed}, {episode}, {instance}, {port}, and the simulation's parameters by their names.
     {{name}} in a command stands for {name}.
     """
+
+    prefix: ClassVar[str] = SimulationName.COMMAND
 
     command: Command
     """The program and its arguments, as text that is split as in a shell, or as a list. No shell is used. A
@@ -247,13 +285,13 @@ class CommandOptions(Options):
         """What is made of columns, by the metric's name."""
         return {name: Reduction.parse(name, text) for name, text in self.metrics.items()}
 
-    @property
-    def name(self) -> str:
-        """The simulation's name, which holds all of this."""
-        values = self.model_dump(exclude_defaults=True)
-        return f"{SimulationName.COMMAND}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
+    def as_command(self) -> "CommandOptions":
+        """Return itself."""
+        return self
 
-    @classmethod
-    def of(cls, name: str) -> "CommandOptions":
-        """Return what a simulation's name holds."""
-        return cls.model_validate_json(name.removeprefix(SimulationName.COMMAND))
+    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+        """See `Definition`."""
+        yield "command", [*self.command, *(self.compile or ()), *(self.visual or ())]
+        yield "parameters", [] if self.parameters is None else [self.parameters]
+        yield "files", list(self.files.values())
+        yield "sources", self.sources

@@ -1,35 +1,14 @@
 """What is made of a column of a log: last, mean, ..; exact sums, the same on every machine."""
 
-import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 from swarmwright.core.suggestions import did_you_mean
+from swarmwright.ros.reductions import FUNCTIONS
 
 _FORM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\(\s*(.+?)\s*\))?\s*")
-
-
-def _mean(column: Sequence[float]) -> float:
-    return math.fsum(column) / len(column)
-
-
-def _std(column: Sequence[float]) -> float:
-    mean = _mean(column)
-    return math.sqrt(math.fsum((value - mean) * (value - mean) for value in column) / len(column))
-
-
-FUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
-    "last": lambda column: column[-1],
-    "first": lambda column: column[0],
-    "mean": _mean,
-    "sum": math.fsum,
-    "min": min,
-    "max": max,
-    "std": _std,
-    "count": lambda column: float(len(column)),
-}
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Validation errors in the words of a person who wrote an experiment file."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -85,7 +85,7 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     if kind == "missing":
         return MISSING
     if kind == "extra_forbidden":
-        return _unknown_key(str(found["loc"][-1]), _model_at(model, found["loc"][:-1]))
+        return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
     if kind in _WANTED:
         form = (
             f"; write [{shown(value)}]"
@@ -131,15 +131,25 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     return f"unknown key{hint}" if hint else f"unknown key; known keys: {', '.join(keys)}"
 
 
-def _model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:
-    """Return the model of the section at `path` below `model`."""
-    for part in path:
-        field = model.model_fields.get(str(part))
-        if field is None:
+def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:
+    """Return the model of the section at `path` below `model`; None where that is no section."""
+    rest = list(path)
+    while rest:
+        field = model.model_fields.get(str(rest.pop(0)))
+        inner = None if field is None else _inner(field.annotation)
+        if inner is None:
             return None
-        candidates = [field.annotation, *get_args(field.annotation)]
-        inner = [one for one in candidates if isinstance(one, type) and issubclass(one, BaseModel)]
-        if not inner:
-            return None
-        model = inner[0]
+        model, several = inner
+        if several:
+            if not rest:
+                return None
+            rest.pop(0)  # the index of an item, or its name
     return model
+
+
+def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:  # noqa: ANN401 - any type
+    """Return the model in a field's type, and whether the field has several of them, in a list or mapping."""
+    for part in (annotation, *get_args(annotation)):
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            return part, get_origin(annotation) in {list, dict}
+    return None

@@ -1,8 +1,8 @@
 """Names of simulations: titles, classes in Python, environments of other libraries, and commands.
 
 `minisim` is a title, `path/to/file.py:Class` and `package.module:Class` name a class,
-`library:environment?option=value&option=value` an environment, and `command:{..}`, a JSON object, a command,
-which experiments write as a mapping.
+`library:environment?option=value&option=value` an environment, and `command:{..}` or `ros:{..}`, a JSON
+object, a command or robots of a ROS system, which experiments write as a mapping.
 """
 
 import ast
@@ -18,6 +18,7 @@ LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas
 """Library, which is the adapter's module, too -> its class."""
 
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")
+_DEFINED = re.compile(r"(command|ros):\{")
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 
 
@@ -27,6 +28,8 @@ class SimulationName:
 
     COMMAND: ClassVar[str] = "command:"
     """What a command's name begins with."""
+    ROS: ClassVar[str] = "ros:"
+    """What the name of robots of a ROS system begins with."""
     DEFINITION: ClassVar[str] = "swarmwright-command.json"
     """The file of a command's definition, which exists in copies only."""
 
@@ -44,8 +47,8 @@ class SimulationName:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Take a name apart; any text that is no class, no environment and no command is a title."""
-        if text.startswith(f"{cls.COMMAND}{{"):
-            folder = json.loads(text.removeprefix(cls.COMMAND)).get("folder", ".")
+        if _DEFINED.match(text):
+            folder = json.loads(text.partition(":")[2]).get("folder", ".")
             return cls(text, "", str(Path(folder) / cls.DEFINITION), "", "")
         match = _ENVIRONMENT.fullmatch(text)
         if match is not None:
@@ -60,13 +63,18 @@ class SimulationName:
 
     @property
     def is_command(self) -> bool:
-        """Whether it is a command."""
-        return self.text.startswith(f"{self.COMMAND}{{")
+        """Whether a command runs it: it is one, or robots of a ROS system, which a program drives."""
+        return _DEFINED.match(self.text) is not None
+
+    @property
+    def prefix(self) -> str:
+        """What the names of its kind begin with, up to the colon."""
+        return f"{self.text.partition(':')[0]}:"
 
     @property
     def definition(self) -> dict[str, Any]:
         """What an experiment says of a command, every default left out."""
-        values: dict[str, Any] = json.loads(self.text.removeprefix(self.COMMAND))
+        values: dict[str, Any] = json.loads(self.text.partition(":")[2])
         return values
 
     @property
@@ -101,7 +109,7 @@ class SimulationName:
         """Return the name of the same class in another file, or of the same command in its folder."""
         if self.is_command:
             values = {**self.definition, "folder": Path(file).parent.as_posix()}
-            return f"{self.COMMAND}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
+            return f"{self.prefix}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
         return f"{file}:{self.member}"
 
     def options(self) -> dict[str, Any]:
@@ -128,7 +136,7 @@ def is_python(name: str) -> bool:
 
 
 def is_command(name: str) -> bool:
-    """Whether a simulation is a command."""
+    """Whether a command runs a simulation."""
     return SimulationName.parse(name).is_command
 
 
@@ -136,6 +144,8 @@ def _program(definition: dict[str, Any]) -> str:
     """Return what a command is called: its title, or the script or program that it starts."""
     if "title" in definition:
         return str(definition["title"])
+    if "ros" in definition:
+        return f"ros{definition['ros']}"
     words = [Path(word) for word in definition["command"] if not word.startswith("-")]
     scripts = [
         word for word in words if word.suffix in {".py", ".sh", ".jl", ".m", ".js", ".rb", ".R", ".lua"}

@@ -1,13 +1,15 @@
-"""Experiments whose simulation is a command: from its mapping to a name, and whether the rest fits it."""
+"""Experiments whose simulation is run by a command: from its mapping to a name, and whether the rest fits."""
 
+import importlib.util
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from swarmwright.commands import bags, logs, process
-from swarmwright.commands.checking import read_definition
+from swarmwright.commands.checking import command_of_name, definition_of_name, read_definition
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
+from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_
 from swarmwright.experiment.expression import ExpressionError
@@ -44,6 +46,8 @@ def name_of(definition: Mapping[str, Any], values: Mapping[str, Any], report: Re
     options, problems = read_definition(given, Path())
     for path, message in problems:
         note(path, message)
+    if isinstance(options, RosOptions):
+        _check_metrics(options, note)
     return WRONG if options is None or wrong else options.name
 
 
@@ -63,11 +67,16 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
     values: as they stand in the file.
     """
     name = checked["simulation"]
-    options = CommandOptions.of(name)
+    definition, options = definition_of_name(name), command_of_name(name)
     _check_controller(options, checked, report)
-    _check_placeholders(options, checked, report)
+    if isinstance(definition, RosOptions):
+        _check_ros(definition, checked, report)
+        reports_fitness = False
+    else:
+        _check_placeholders(options, checked, report)
+        reports_fitness = options.controller == "stepwise"
     announced = catalogue.description(name)["metrics"]
-    if options.fitness is None and checked["fitness"] is None and options.controller != "stepwise":
+    if options.fitness is None and checked["fitness"] is None and not reports_fitness:
         measured = list(options.metrics) or list(announced)
         if measured and OWN not in measured:
             report(
@@ -84,10 +93,14 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
 
 def missing(name: str) -> str | None:
     """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
-    options = CommandOptions.of(name)
+    definition, options = definition_of_name(name), command_of_name(name)
+    if isinstance(definition, RosOptions) and definition.connection == "dds":
+        if importlib.util.find_spec("cyclonedds") is None:
+            return "middleware: dds needs Cyclone DDS: pip install 'swarmwright[ros2]'"
+        return None
     problem = process.missing_program(options.command, Path(options.folder))
     if problem is not None:
-        return f"command: {problem}"
+        return f"{'python' if isinstance(definition, RosOptions) else 'command'}: {problem}"
     found = (bags.missing(logs.format_of(log, options.log_format)) for log in options.log)
     reason = next(filter(None, found), None)
     return None if reason is None else f"log: {reason}"
@@ -139,3 +152,48 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
             if name not in known:
                 hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
                 report(path, f"{{{name}}} is no placeholder, and no parameter has this name{hint}")
+
+
+def _check_metrics(options: RosOptions, note: Report) -> None:
+    """Check the expressions over the metrics that the definition names."""
+    for key, text in (("done", options.done), ("fitness", options.fitness)):
+        expression = _expression(text)
+        if isinstance(expression, str) and key == "done":
+            note((key,), expression)
+        elif isinstance(expression, FitnessExpression):
+            used = (*expression.metrics, *([OWN] if expression.uses_own else []))
+            for name in used:
+                if name not in options.metrics:
+                    hint = did_you_mean(name, options.metrics)
+                    there = hint or f"; there is: {', '.join(options.metrics) or 'none'}"
+                    note(("metrics",), f"{key} uses {name!r}, which is none of them{there}")
+
+
+def _check_ros(options: RosOptions, checked: Mapping[str, Any], report: Report) -> None:
+    """Check that parameters get somewhere, and the names in braces."""
+    controller = checked.get("controller")
+    evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
+    parameters = [*checked["parameters"], *evolved]
+    of_reset = [*parameters, "seed"]
+    at_start = ("instance", "port", "domain", "folder", "here")
+    places: list[tuple[Path_, str, list[str]]] = [
+        (("simulation", "environment", name), text, list(at_start))
+        for name, text in options.environment.items()
+    ]
+    places += [(("simulation", "start"), word, list(at_start)) for word in options.start or ()]
+    reset = options.reset.command or ()
+    places += [(("simulation", "reset", "command"), word, [*at_start, *of_reset]) for word in reset]
+    for path, text, known in places:
+        for name in names_in(text):
+            if name not in known:
+                hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
+                report(path, f"{{{name}}} is no placeholder{hint}")
+    used = {name for word in reset for name in names_in(word)}
+    for name in parameters:
+        if options.reset.parameters is None and name not in used:
+            section = "parameters" if name in checked["parameters"] else "controller"
+            report(
+                (section, *(("parameters",) if section == "controller" else ()), name),
+                "does not reach the simulation: name the node whose ROS parameters are set as "
+                "simulation.reset.parameters, or use {" + name + "} in simulation.reset.command",
+            )

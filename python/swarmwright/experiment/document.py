@@ -108,7 +108,8 @@ class Document(Options):
     """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
     which a server offers it. Or a class in Python, path/to/file.py:Class (relative to this file) or
     package.module:Class, or an environment of Gymnasium or PettingZoo, gymnasium:CartPole-v1; servers of it
-    are started here, too. Or a mapping, {command: ..}: any program that is run for each episode."""
+    are started here, too. Or a mapping: {command: ..}, any program that is run for each episode, or
+    {ros: ..}, robots of a running ROS system."""
     requirements: Requirements | None = None
     """What a simulation server must be able to do. Default: the dimensions that the built-in simulation or
     the class announces; 2 dimensions for any other."""

@@ -22,6 +22,16 @@ experiment with `# yaml-language-server: $schema=experiment.schema.json`.
 
 Only `simulation` is required.
 """
+_OF_ROS = {
+    "Sensor": "an entry of sensors",
+    "Actuator": "an entry of actuators",
+    "Step": "step",
+    "Reset": "reset",
+    "Spawn": "spawn",
+    "Area": "spawn: {area: ..}",
+    "Metric": "an entry of metrics",
+}
+"""Sections of `simulation: {ros: ..}`, by the names of their models."""
 
 
 def reference() -> str:
@@ -35,6 +45,12 @@ def reference() -> str:
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)
     lines += ["", "## simulation: {command: ..}", "", schema["$defs"]["Command"]["description"], ""]
     lines += _table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
+    lines += ["", "## simulation: {ros: ..}", "", schema["$defs"]["Ros"]["description"], ""]
+    lines += _table(schema["$defs"]["Ros"]["properties"], {"ros", "step"}, schema)
+    for name, title in _OF_ROS.items():
+        definition = schema["$defs"][f"Ros{name}"]
+        lines += ["", f"### {title}", "", definition["description"], ""]
+        lines += _table(definition["properties"], set(definition.get("required", [])), schema)
     for name, default in DEFAULT_KINDS.items():
         section = schema["properties"][name]
         lines += ["", f"## {name}", "", section["description"]]
@@ -95,7 +111,8 @@ def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
     if "enum" in key:
         return ", ".join(f"`{value}`" for value in key["enum"])
     if "anyOf" in key:
-        return " or ".join(_type(one, schema) for one in key["anyOf"] if one.get("type") != "null")
+        types = (_type(one, schema) for one in key["anyOf"] if one.get("type") != "null")
+        return " or ".join(dict.fromkeys(types))
     if key.get("type") == "array":
         items = _type(key["items"], schema)
         return f"list of ({items})" if "anyOf" in key["items"] else f"list of {items}"

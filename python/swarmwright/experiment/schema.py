@@ -3,6 +3,7 @@
 from typing import Any
 
 from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
@@ -34,11 +35,17 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
             "properties": {"kind": {"enum": kinds}},
             "oneOf": variants,
         }
-    command = _tidy(described(CommandOptions).model_json_schema())
-    definitions |= command.pop("$defs", {}) | {"Command": command}
+    for title, model in (("Command", CommandOptions), ("Ros", RosOptions)):
+        mapping = _tidy(described(model).model_json_schema())
+        inner = {f"{title}{name}": one for name, one in mapping.pop("$defs", {}).items()}
+        definitions |= _moved({**inner, title: mapping}, title)
     schema["properties"]["simulation"] = {
         "description": schema["properties"]["simulation"]["description"],
-        "anyOf": [{"type": "string", "minLength": 1}, {"$ref": "#/$defs/Command"}],
+        "anyOf": [
+            {"type": "string", "minLength": 1},
+            {"$ref": "#/$defs/Command"},
+            {"$ref": "#/$defs/Ros"},
+        ],
     }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -47,6 +54,16 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
         "title": "Swarmwright experiment",
         "$defs": definitions,
     }
+
+
+def _moved(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value
+    """Return a schema with its references to definitions that were renamed to begin with a title."""
+    if isinstance(node, dict):
+        return {
+            key: value.replace("#/$defs/", f"#/$defs/{title}") if key == "$ref" else _moved(value, title)
+            for key, value in node.items()
+        }
+    return [_moved(one, title) for one in node] if isinstance(node, list) else node
 
 
 def _tidy(node: Any) -> Any:  # noqa: ANN401 - any JSON value

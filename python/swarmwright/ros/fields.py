@@ -222,6 +222,12 @@ READERS: dict[str, dict[str, Callable[[SensorMapping], Reader]]] = {
 }
 """By type and field, what makes a reader for a sensor."""
 
+STATES: dict[str, Callable[[SensorMapping], Reader]] = {
+    **_pose("pose."),
+    **_numbers("twist.", _LINEAR_ANGULAR),
+}
+"""By field, what makes a reader for an entity's state, of `simulation_interfaces`."""
+
 WRITERS: dict[str, dict[str, Writer]] = {
     "geometry_msgs/Twist": {name: _setter(name) for name in _LINEAR_ANGULAR},
     "geometry_msgs/TwistStamped": {f"twist.{name}": _setter(f"twist.{name}") for name in _LINEAR_ANGULAR},

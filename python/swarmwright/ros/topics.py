@@ -71,11 +71,15 @@ class Outputs:
     def __init__(self, node: Middleware, actuators: Sequence[ActuatorMapping]) -> None:
         self._node, self._actuators = node, list(actuators)
         self._topics: list[Callable[[Sequence[float] | None], None]] = []
+        self.publishers: list[tuple[str, str, Publisher]] = []
+        """Topic, type, and what publishes on it."""
         for topic in _topics(self._actuators):
             kind = _type_of(node, topic, self._actuators)
             chosen = [at for at, one in enumerate(self._actuators) if one.place.topic == topic]
             write = writers([self._actuators[at] for at in chosen])
-            self._topics.append(self._sender(node.publisher(topic, kind), chosen, write, stamped(kind)))
+            publisher = node.publisher(topic, kind)
+            self.publishers.append((topic, kind, publisher))
+            self._topics.append(self._sender(publisher, chosen, write, stamped(kind)))
 
     def _sender(
         self,

@@ -7,7 +7,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.definition import Definition
 from swarmwright.commands.process import found
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName
@@ -18,13 +18,13 @@ _LARGEST = 1 << 26
 _SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")
 
 
-def definition_of(options: CommandOptions) -> bytes:
+def definition_of(options: Definition) -> bytes:
     """Return the definition as text that is the same in every folder."""
     values = options.model_dump(exclude_defaults=True, exclude={"folder"})
     return f"{json.dumps(values, sort_keys=True, indent=2)}\n".encode()
 
 
-def sources_of(options: CommandOptions) -> tuple[str, dict[str, Path]]:
+def sources_of(options: Definition) -> tuple[str, dict[str, Path]]:
     """Return the files that a definition names, and what those in Python import, by their places.
 
     A place is relative to a folder that all of them are in. The first of the two is the place that the
@@ -48,7 +48,7 @@ def sources_of(options: CommandOptions) -> tuple[str, dict[str, Path]]:
     return main, dict(sorted(places.items()))
 
 
-def digest(options: CommandOptions) -> str:
+def digest(options: Definition) -> str:
     """Return the SHA-256, in hexadecimal, of a definition and its files."""
     whole = hashlib.sha256(definition_of(options))
     for place, path in sources_of(options)[1].items():
@@ -62,19 +62,12 @@ def _belongs(path: Path) -> bool:
     return not installed and path.stat().st_size <= _LARGEST
 
 
-def _named(options: CommandOptions, here: Path) -> Iterator[Path]:
-    for word in [*options.command, *(options.compile or ()), *(options.visual or ())]:
-        plain = word.replace("{here}", str(here))
-        for part in (plain, plain.partition("=")[2]):
-            path = Path(found(part, here))
-            if path.is_absolute() and _is_file(path):
-                yield path
-    for key, names in (
-        ("parameters", [] if options.parameters is None else [options.parameters]),
-        ("files", list(options.files.values())),
-        ("sources", options.sources),
-    ):
+def _named(options: Definition, here: Path) -> Iterator[Path]:
+    for key, names in options.named():
         for name in names:
+            if key == "command":
+                yield from _in_word(name, here)
+                continue
             path = (here / name).absolute()
             if key == "sources" and path.is_dir():
                 yield from _within(path)
@@ -82,6 +75,15 @@ def _named(options: CommandOptions, here: Path) -> Iterator[Path]:
                 yield Path(os.path.normpath(path))
             else:
                 raise InputError(f"{key}: {path}: there is no such file")
+
+
+def _in_word(word: str, here: Path) -> Iterator[Path]:
+    """Yield the files that a word of a command names."""
+    plain = word.replace("{here}", str(here))
+    for part in (plain, plain.partition("=")[2]):
+        path = Path(found(part, here))
+        if path.is_absolute() and _is_file(path):
+            yield path
 
 
 def _is_file(path: Path) -> bool:

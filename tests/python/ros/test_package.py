@@ -8,7 +8,13 @@ import pytest
 
 FOLDER = Path(__file__).parents[3] / "python" / "swarmwright" / "ros"
 MODULES = sorted(FOLDER.glob("*.py"))
-MIDDLEWARE = {"dds": {"cyclonedds"}, "dds_messages": {"cyclonedds"}, "rclpy_middleware": {"rclpy"}}
+MIDDLEWARE = {
+    "attaching": {"rclpy"},
+    "dds": {"cyclonedds"},
+    "dds_messages": {"cyclonedds"},
+    "rclpy_middleware": {"rclpy"},
+    "rospy_middleware": {"rosgraph", "roslib", "rospy"},
+}
 OTHERS = {"control": {"yaml"}}
 
 

@@ -1,0 +1,65 @@
+"""Robots of a ROS system, driven by a program that connects to it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from swarmwright.adapters.command import CommandSimulation
+from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.folders import Instance
+from swarmwright.commands.output import Printed
+from swarmwright.commands.process import found
+from swarmwright.commands.ros_definition import DOMAINS, RosOptions
+from swarmwright.commands.stepwise import Start
+from swarmwright.core.errors import EpisodeError
+from swarmwright.core.simulation_names import SimulationName
+
+ATTACHMENT = "attachment.json"
+
+
+class RosSimulation(CommandSimulation):
+    """Robots of a ROS system.
+
+    A program that knows the definition runs in the Python of the middleware; it is stepped over its standard
+    input and output as any command can be.
+    """
+
+    def __init__(self) -> None:
+        self._definition = RosOptions.of(self.adapted)
+        self.metrics = list(self._definition.metrics)
+        super().__init__()
+        self.sensor_names = [one.sensor for one in self._definition.sensors]
+        self.actuator_names = [one.actuator for one in self._definition.actuators]
+
+    @classmethod
+    def _options(cls) -> CommandOptions:
+        return RosOptions.of(cls.adapted).as_command()
+
+    @property
+    def _label(self) -> str:
+        return SimulationName.parse(self.adapted).label
+
+    def _placeholders(self, instance: Instance, episode: int) -> dict[str, Any]:
+        values = super()._placeholders(instance, episode)
+        return {**values, "domain": 1 + instance.number % DOMAINS}
+
+    def _start(self) -> Start:
+        start = super()._start()
+        text = json.dumps(self._attachment())
+        (self.folder / ATTACHMENT).write_text(text, "utf-8")
+        return start
+
+    def _attachment(self) -> dict[str, Any]:
+        """Return what the program reads: the definition, with what only this instance knows."""
+        here = Path(self._definition.folder)
+        attachment = self._definition.attachment()
+        if self._definition.start is not None:
+            attachment["start"] = self._command(self._definition.start)
+        reset = attachment["reset"]
+        if reset["command"] is not None:
+            reset["command"] = [found(word, here) for word in reset["command"]]
+        values = {name: str(value) for name, value in self._values.items() if name != "episode"}
+        return {**attachment, "values": values}
+
+    def _explained(self, reason: str, printed: Printed, kept: Path | None) -> EpisodeError:
+        return super()._explained(reason.removeprefix("reports: "), printed, kept)

@@ -1,0 +1,393 @@
+"""Episodes of robots of a ROS system, step by step."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import time
+from typing import Any, Callable, Iterator, Mapping, Sequence
+
+from .expression import Expression
+from .feeds import Feeds, Value
+from .mapping import Place, SensorMapping, read_mapping, resolved, short_type
+from .middleware import Middleware, MiddlewareError
+from .names import namespace_of, resolve
+from .reductions import FUNCTIONS
+from .simulation_interfaces import Simulation
+from .topics import Outputs
+
+_SEED = 1 << 31
+_SETTLE_S = 0.2
+"""Seconds after the first connections, for others that are not aware of them yet."""
+_DRAIN_S = 0.05
+"""Seconds for what a reset may have published."""
+_PLACE = re.compile(r"\{(\w[\w.]*)\}")
+
+
+class Failure(Exception):  # noqa: N818 - an episode has failed, the program has not
+    """An episode has failed; the message says why and what to do."""
+
+
+class _Metric:
+    """A number of an episode."""
+
+    def __init__(self, definition: Mapping[str, Any]) -> None:
+        self._over_time = FUNCTIONS[definition["time"]]
+        self._over_robots = FUNCTIONS[definition["robots"]]
+        self.sources: list[Callable[[], float]] = []
+        """One for each robot, or one for all."""
+        self._values: list[list[float]] = []
+
+    def begin(self) -> None:
+        """Begin an episode."""
+        self._values = [[] for _ in self.sources]
+
+    def sample(self) -> None:
+        """Take the values of a step."""
+        for values, source in zip(self._values, self.sources):
+            values.append(source())
+
+    def value(self) -> float:
+        """Return what they are until now."""
+        return float(self._over_robots([self._over_time(values) for values in self._values]))
+
+
+class Robots:
+    """The robots, connected.
+
+    Args:
+        definition: the attachment.
+        node: what connects to ROS.
+        ended: called while something is waited for; raises Failure where that is in vain.
+    """
+
+    def __init__(self, definition: Mapping[str, Any], node: Middleware, ended: Callable[[], None]) -> None:
+        self._definition, self._node, self._ended = definition, node, ended
+        self._step, self._reset = definition["step"], definition["reset"]
+        self._patience, self._startup = float(definition["patience"]), float(definition["startup"])
+        self._steps = int(definition["steps"])
+        self.moves_alone = self._step["duration"] is not None
+        """Whether robots move while nothing is asked for."""
+        self._names: list[str] = list(definition["robots"])
+        self._feeds = Feeds(node, int(self._step["messages"]))
+        self._sensors: list[list[Value]] = []
+        self._outputs: list[Outputs] = []
+        self._simulation = Simulation(node, definition)
+        self._triggers = {
+            name: node.client(of["service"], of["type"])
+            for name, of in (("step", self._step), ("reset", self._reset))
+            if of["service"] is not None and of["type"].startswith("std_srvs/")
+        }
+        for robot in self._names:
+            self._connect(robot)
+        self._metrics = {name: self._metric(name, one) for name, one in definition["metrics"].items()}
+        done = definition["done"]
+        self._done = None if done is None else Expression(done)
+        self._spawned = self._connected = False
+        self._made = 0
+        self._due = 0.0
+
+    # Connections.
+
+    def _connect(self, robot: str) -> None:
+        definition = self._definition
+        names = [one["sensor"] for one in definition["sensors"]]
+        mapping = read_mapping(
+            {"rate": 1, "sensors": definition["sensors"], "actuators": definition["actuators"]},
+            names,
+            [one["actuator"] for one in definition["actuators"]],
+        )
+        mapping = resolved(mapping, lambda topic: _topic(topic, robot))
+        timeouts = {one["sensor"]: one.get("timeout", 0.0) for one in definition["sensors"]}
+        self._sensors.append(
+            [
+                self._feeds.add(
+                    Value(
+                        f"sensor {name}",
+                        entry,
+                        single=True,
+                        keeps=timeouts[name] if self.moves_alone else 0.0,
+                    )
+                )
+                for name, entry in zip(names, mapping.sensors)
+            ]
+        )
+        self._outputs.append(Outputs(self._node, mapping.actuators))
+
+    def _metric(self, name: str, definition: Mapping[str, Any]) -> _Metric:
+        made, place = _Metric(definition), dict(definition["place"])
+        if "sensor" in place:
+            at = [one["sensor"] for one in self._definition["sensors"]].index(place["sensor"])
+            scale, offset = place.get("scale", 1.0), place.get("offset", 0.0)
+            for sensors in self._sensors:
+                made.sources.append(_scaled(sensors[at], scale, offset))
+        elif "service" in definition:
+            entry = _entry(name, {**place, "topic": definition["service"]})
+            names = [definition["entity"].replace("{robot}", robot.strip("/")) for robot in self._names]
+            for entity in dict.fromkeys(names):
+                made.sources.append(self._simulation.state(definition["service"], entity, entry))
+        else:
+            topics = [_topic(place["topic"], robot) for robot in self._names]
+            otherwise = definition.get("otherwise")
+            for topic in dict.fromkeys(topics):
+                value = Value(
+                    f"metric {name}",
+                    _entry(name, {**place, "topic": topic}),
+                    single=False,
+                    keeps=0.0 if otherwise is None else math.inf,
+                    otherwise=otherwise,
+                )
+                made.sources.append(_scaled(self._feeds.add(value), 1.0, 0.0))
+        return made
+
+    def _await_connections(self) -> None:
+        """Wait until everything is there that the definition names."""
+        deadline = time.monotonic() + self._startup
+        missing: Callable[[], str | None] = lambda: next(self._absent(), None)  # noqa: E731
+        while missing() is not None:
+            if time.monotonic() > deadline:
+                raise Failure(f"{missing()} after {self._startup:g} s (simulation.startup)")
+            self._ended()
+            self._node.spin_once(0.05)
+        for feed in self._feeds.all:
+            other = feed.wrong_type()
+            if other is not None:
+                raise Failure(f"{feed.topic} has the type {other}, but the definition says {feed.kind}")
+        for outputs in self._outputs:
+            outputs.check_types()
+        if not self._connected:
+            self._spin(_SETTLE_S)
+            self._connected = True
+
+    def _absent(self) -> Iterator[str]:
+        for feed in self._feeds.all:
+            if feed.needed and not feed.publishers():
+                names = ", ".join(value.name for value in feed.values)
+                other = feed.wrong_type()
+                has = f"; it has the type {other}" if other else ""
+                yield f"nobody publishes {feed.topic} ({feed.kind}){has}, for {names},"
+        for outputs in self._outputs:
+            for topic, kind, publisher in outputs.publishers:
+                if not publisher.listeners():
+                    others = [one for one in self._node.types(topic) if short_type(one) != kind]
+                    has = f", which has the type {others[0]}," if others else ""
+                    yield f"nobody listens to {topic} ({kind}){has}"
+
+    # Episodes.
+
+    def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
+        """Go to the start of an episode; return the answer."""
+        self.stop()
+        self._feeds.forget()
+        self._set_parameters(parameters, seed)
+        if self._definition["spawn"] is None:
+            self._await_connections()
+        self._reset_once(parameters, seed)
+        self._simulation.pause(self._patience)
+        self._await_connections()
+        self._settle()
+        self._made = 0
+        self._due = self._node.now()
+        for metric in self._metrics.values():
+            metric.begin()
+        self._sample()
+        return self._answer()
+
+    def step(self, actuators: Sequence[Sequence[float]]) -> dict[str, Any]:
+        """Go on by one step; return the answer."""
+        for outputs, row in zip(self._outputs, actuators):
+            outputs.publish(row)
+        if self.moves_alone:
+            self._feeds.begin()
+            self._pass_time(float(self._step["duration"]))
+        else:
+            self._call_step()
+        self._await_feeds()
+        self._made += 1
+        self._sample()
+        return self._answer()
+
+    def stop(self) -> None:
+        """Have all robots stand."""
+        for outputs in self._outputs:
+            outputs.stop()
+
+    def rest(self) -> None:
+        """Begin to count time anew: robots were stopped while nobody asked for a step."""
+        self._due = self._node.now()
+
+    def _answer(self) -> dict[str, Any]:
+        if self._made >= self._steps or self._is_done():
+            self.stop()
+            metrics = {name: metric.value() for name, metric in self._metrics.items()}
+            return {"done": True, "metrics": metrics}
+        if not self._sensors[0]:
+            return {"sensors": [[0.0] for _ in self._names], "acting": []}
+        return {"sensors": [[value.number for value in row] for row in self._sensors]}
+
+    def _is_done(self) -> bool:
+        if self._done is None:
+            return False
+        values = {name: metric.value() for name, metric in self._metrics.items()}
+        try:
+            return bool(self._done(values))
+        except (ArithmeticError, ValueError) as error:
+            raise Failure(f"simulation.done: {self._done.text}: {error}") from error
+
+    def _sample(self) -> None:
+        self._simulation.ask(self._patience)
+        for metric in self._metrics.values():
+            metric.sample()
+
+    def _set_parameters(self, parameters: Mapping[str, Any], seed: int) -> None:
+        node = self._reset["parameters"]
+        if node is None:
+            return
+        values = {**parameters, "seed": seed % _SEED}
+        if self._definition["ros"] == 1:
+            self._node.set_parameters(node, values)  # type: ignore[attr-defined] # of rospy
+        else:
+            self._simulation.set_parameters(node, values, self._startup)
+
+    def _reset_once(self, parameters: Mapping[str, Any], seed: int) -> None:
+        reset = self._reset
+        wait = self._patience if self._connected else self._startup
+        if not self.moves_alone:
+            self._feeds.begin()  # what is published by the reset counts
+        if "reset" in self._triggers:
+            self._trigger("reset", wait)
+        elif reset["service"] is not None:
+            self._simulation.reset(int(reset["scope"]), wait)
+        if reset["command"] is not None:
+            values = {**self._definition["values"], **parameters, "seed": seed}
+            _run([_filled(word, values) for word in reset["command"]], self._startup)
+        spawn = self._definition["spawn"]
+        if spawn is not None and (reset["despawns"] or not self._spawned):
+            self._simulation.spawn(spawn, self._names, seed, wait=self._startup, again=not reset["despawns"])
+            self._spawned = True
+
+    def _settle(self) -> None:
+        settle = int(self._reset["settle"])
+        if settle:
+            self._spin(_DRAIN_S)
+            for _ in range(settle):
+                self.stop()
+                if self.moves_alone:
+                    self._spin(float(self._step["duration"]))
+                else:
+                    self._call_step()
+                    self._await_feeds()
+            if self.moves_alone:
+                self._feeds.begin()
+        elif self.moves_alone:
+            self._feeds.begin()
+        self._await_feeds(1)
+
+    def _call_step(self) -> None:
+        if self._step["delay"]:
+            self._spin(float(self._step["delay"]))
+        self._node.spin_once(0.0)
+        self._feeds.begin()
+        if "step" in self._triggers:
+            self._trigger("step", self._patience)
+        else:
+            self._simulation.step(int(self._step["steps"]), self._patience)
+
+    def _trigger(self, name: str, wait: float) -> None:
+        client, of = self._triggers[name], self._reset if name == "reset" else self._step
+        response = _called(lambda: client.call(client.request(), wait))
+        if of["type"] == "std_srvs/Trigger" and not response.success:
+            why = response.message or "no reason"
+            raise Failure(f"{of['service']} ({of['type']}) reports a failure: {why}")
+
+    def _pass_time(self, duration: float) -> None:
+        """Wait until the step is over; steps follow each other without drifting."""
+        now = self._node.now()
+        self._due = self._due + duration if 0 <= now - self._due < duration else now + duration
+        moved, last = time.monotonic(), now
+        while True:
+            now = self._node.now()
+            if now >= self._due or now < last - duration:
+                return
+            if now > last:
+                moved, last = time.monotonic(), now
+            if time.monotonic() - moved > self._patience:
+                raise Failure(
+                    f"/clock stands still at {now:g} s for {self._patience:g} s; is the simulation paused? "
+                    "simulation.step.clock: wall counts real seconds"
+                )
+            self._ended()
+            self._node.spin_once(min(self._due - now, 0.05))
+
+    def _await_feeds(self, messages: int | None = None) -> None:
+        begin = time.monotonic()
+        while True:
+            missing = self._feeds.missing(messages)
+            if not missing:
+                return
+            waited = time.monotonic() - begin
+            if waited > self._patience:
+                now = time.monotonic()
+                wanted = int(self._step["messages"]) if messages is None else messages
+                reason = missing[0].lacking(wanted, now, self._patience)
+                more = f" (and {len(missing) - 1} more topics)" if len(missing) > 1 else ""
+                raise Failure(f"{reason}{more}{self._hint()}")
+            self._ended()
+            self._node.spin_once(0.05)
+
+    def _hint(self) -> str:
+        if not self._made and not self.moves_alone and not self._reset["settle"]:
+            return "; if the simulator publishes only what a step brings, set simulation.reset.settle: 1"
+        return ""
+
+    def _spin(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            self._ended()
+            self._node.spin_once(left)
+
+
+def _scaled(value: Value, scale: float, offset: float) -> Callable[[], float]:
+    return lambda: value.number * scale + offset
+
+
+def _topic(topic: str, robot: str) -> str:
+    return resolve(topic.replace("{robot}", robot.strip("/").replace("/", "_")), namespace_of(robot))
+
+
+def _entry(name: str, place: Mapping[str, Any]) -> SensorMapping:
+    """Return the entry of a metric, whose topic is resolved."""
+    topic, values = place["topic"], {**place, "sensor": name, "topic": "x"}
+    entry = read_mapping({"rate": 1, "sensors": [values], "actuators": []}, [name], []).sensors[0]
+    where = Place(f"metrics.{name}", topic, entry.place.type, entry.place.field)
+    return SensorMapping(**{**vars(entry), "place": where})
+
+
+def _called(call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    except (TimeoutError, MiddlewareError) as error:
+        raise Failure(str(error)) from error
+
+
+def _filled(word: str, values: Mapping[str, Any]) -> str:
+    def value(match: re.Match[str]) -> str:
+        found = values.get(match[1], match[0])
+        return str(found).lower() if isinstance(found, bool) else str(found)
+
+    return _PLACE.sub(value, word)
+
+
+def _run(words: Sequence[str], seconds: float) -> None:
+    """Run the command that resets."""
+    try:
+        done = subprocess.run(words, timeout=seconds, stdin=subprocess.DEVNULL, check=False)
+    except OSError as error:
+        raise Failure(f"simulation.reset.command: {words[0]}: {error.strerror}") from error
+    except subprocess.TimeoutExpired as error:
+        raise Failure(
+            f"simulation.reset.command: {words[0]} has not ended after {seconds:g} s (simulation.startup)"
+        ) from error
+    if done.returncode:
+        raise Failure(f"simulation.reset.command: {words[0]} ended with exit status {done.returncode}")

@@ -1,0 +1,83 @@
+"""Expressions over metrics, as experiments have them for the fitness: `collisions > 0 or distance < 0.1`.
+
+They were checked when the experiment was read; here they are computed where Swarmwright is not installed.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from typing import Any, Callable, Mapping
+
+_BINARY: dict[type, Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+_COMPARISONS: dict[type, Callable[[float, float], bool]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+}
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "abs": abs,
+    "clip": lambda value, low, high: min(max(value, low), high),
+    "max": max,
+    "min": min,
+    "sqrt": math.sqrt,
+}
+
+
+class Expression:
+    """An expression. Raises ValueError for what is none."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self._root = ast.parse(text.strip(), mode="eval").body
+
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """Return its value; 1 and 0 are true and false. Raises ArithmeticError and ValueError for none."""
+        return float(self._value(self._root, values))
+
+    def _value(self, node: Any, values: Mapping[str, float]) -> float:
+        def of(inner: Any) -> float:
+            return self._value(inner, values)
+
+        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+            return float(node.value)
+        if isinstance(node, ast.Name) and node.id in values:
+            return values[node.id]
+        if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+            return _BINARY[type(node.op)](of(node.left), of(node.right))
+        if isinstance(node, ast.UnaryOp):
+            value = of(node.operand)
+            return float(not value) if isinstance(node.op, ast.Not) else -value if _minus(node) else value
+        if isinstance(node, ast.BoolOp):
+            true = all if isinstance(node.op, ast.And) else any
+            return float(true(of(one) for one in node.values))
+        if isinstance(node, ast.Compare):
+            return float(self._compared(node, values))
+        if isinstance(node, ast.IfExp):
+            return of(node.body) if of(node.test) else of(node.orelse)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS:
+            return float(_FUNCTIONS[node.func.id](*map(of, node.args)))
+        raise ValueError(f"{self.text!r} is not an expression over {', '.join(values)}")
+
+    def _compared(self, node: ast.Compare, values: Mapping[str, float]) -> bool:
+        left = self._value(node.left, values)
+        for operation, other in zip(node.ops, node.comparators):
+            right = self._value(other, values)
+            if not _COMPARISONS[type(operation)](left, right):
+                return False
+            left = right
+        return True
+
+
+def _minus(node: ast.UnaryOp) -> bool:
+    return isinstance(node.op, ast.USub)

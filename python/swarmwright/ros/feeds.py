@@ -1,0 +1,177 @@
+"""What robots sense, step by step: a value counts when it came in the step."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from .fields import READERS, binary32, clipped
+from .mapping import SensorMapping, short_type
+from .middleware import Middleware
+
+
+class Value:
+    """A number on a topic.
+
+    Args:
+        name: for messages, such as `sensor left`.
+        entry: which number it is, with its resolved topic.
+        single: whether it is rounded to binary32, as controllers get it.
+        keeps: seconds of a real clock for which a value counts, also in later steps; 0: it must have come in
+            the step, infinite: any counts.
+        otherwise: the value as long as nothing has come; None: something has to come.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        entry: SensorMapping,
+        *,
+        single: bool,
+        keeps: float = 0.0,
+        otherwise: float | None = None,
+    ) -> None:
+        self.name, self.entry, self.keeps, self._otherwise = name, entry, keeps, otherwise
+        self.number = math.nan if otherwise is None else otherwise
+        self.came: float | None = None
+        """When, on a real clock."""
+        self.strange: str | None = None
+        """What came in the step and is no finite number."""
+        place = entry.place
+        fields = READERS[place.type]
+        name = place.field or next(iter(fields))
+        self._read = fields[name](entry)
+        self._single = single
+
+    def begin(self) -> None:
+        """Begin a step."""
+        self.strange = None
+        if not self.keeps:
+            self.came = None
+
+    def forget(self) -> None:
+        """Begin an episode."""
+        self.came = self.strange = None
+        self.number = math.nan if self._otherwise is None else self._otherwise
+
+    def take(self, message: Any, now: float) -> None:
+        """Read a message."""
+        value = self._read(message)
+        if value is not None:
+            value = clipped(value * self.entry.scale + self.entry.offset, self.entry.clip)
+        number = value if value is None or not self._single else binary32(value)
+        if number is None or not math.isfinite(number):
+            self.strange = "no number" if value is None else f"{value:g}"
+            return
+        self.number, self.came, self.strange = number, now, None
+
+    def is_there(self, now: float) -> bool:
+        """Return whether the value counts."""
+        if self.came is None:
+            return self._otherwise is not None
+        return self.keeps == 0.0 or now - self.came <= self.keeps
+
+
+class Feed:
+    """A topic and the values that are read from it."""
+
+    def __init__(self, node: Middleware, topic: str, kind: str, depth: int) -> None:
+        self.topic, self.kind, self._node = topic, kind, node
+        self.values: list[Value] = []
+        self.count = 0
+        """Messages in the step."""
+        self.depth = depth
+        self._subscription = node.subscribe(topic, kind, self._receive, depth)
+
+    @property
+    def needed(self) -> bool:
+        """Whether something has to come."""
+        return not all(value.is_there(math.inf) for value in self.values)
+
+    def begin(self) -> None:
+        """Begin a step."""
+        self.count = 0
+        for value in self.values:
+            value.begin()
+
+    def forget(self) -> None:
+        """Begin an episode."""
+        self.count = 0
+        for value in self.values:
+            value.forget()
+
+    def publishers(self) -> int:
+        """Return how many publish on the topic."""
+        return self._subscription.publishers()
+
+    def wrong_type(self) -> str | None:
+        """Return another type that others use the topic with."""
+        types = [short_type(one) for one in self._node.types(self.topic)]
+        return next((one for one in types if one not in (self.kind, "*")), None)
+
+    def is_complete(self, messages: int, now: float) -> bool:
+        """Return whether all values count, of so many messages where any has to come in the step."""
+        if not all(value.is_there(now) for value in self.values):
+            return False
+        return self.count >= messages or any(value.keeps for value in self.values)
+
+    def lacking(self, messages: int, now: float, seconds: float) -> str:
+        """Return why it is not complete."""
+        where = f"{self.topic} ({self.kind})"
+        other = self.wrong_type()
+        if other is not None:
+            return f"{self.topic} has the type {other}, but the definition says {self.kind}"
+        for value in self.values:
+            if value.strange is not None and not value.is_there(now):
+                what = f"{value.strange} came for {seconds:g} s"
+                return f"{where}: {value.name}: {what}, expected a finite number"
+        names = ", ".join(value.name for value in self.values)
+        if not self.publishers():
+            return f"{where}: nobody publishes it; {names} cannot be read"
+        if 0 < self.count < messages:
+            return (
+                f"{where}: {self.count} messages came within {seconds:g} s, expected {messages} "
+                f"(simulation.step.messages); {names}"
+            )
+        return f"{where}: nothing came for {seconds:g} s; {names}"
+
+    def _receive(self, message: Any) -> None:
+        self.count += 1
+        now = time.monotonic()
+        for value in self.values:
+            value.take(message, now)
+
+
+class Feeds:
+    """All topics that are received, each of them once."""
+
+    def __init__(self, node: Middleware, messages: int) -> None:
+        self._node, self._messages = node, messages
+        self.all: list[Feed] = []
+
+    def add(self, value: Value) -> Value:
+        """Have a value read."""
+        place = value.entry.place
+        feed = next((one for one in self.all if one.topic == place.topic), None)
+        if feed is None:
+            feed = Feed(self._node, place.topic, place.type, max(10, 2 * self._messages))
+            self.all.append(feed)
+        feed.values.append(value)
+        return value
+
+    def begin(self) -> None:
+        """Begin a step: what has come before does not count."""
+        for feed in self.all:
+            feed.begin()
+
+    def forget(self) -> None:
+        """Begin an episode."""
+        for feed in self.all:
+            feed.forget()
+
+    def missing(self, messages: int | None = None) -> list[Feed]:
+        """Return the topics of which something is missing in the step."""
+        now = time.monotonic()
+        wanted = self._messages if messages is None else messages
+        return [feed for feed in self.all if not feed.is_complete(wanted, now)]

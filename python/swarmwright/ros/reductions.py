@@ -1,0 +1,30 @@
+"""What is made of many numbers: last, mean, ..; exact sums, the same on every machine."""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, Sequence
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean."""
+    return math.fsum(values) / len(values)
+
+
+def std(values: Sequence[float]) -> float:
+    """Return the standard deviation of these values as all that there are."""
+    center = mean(values)
+    return math.sqrt(math.fsum((value - center) * (value - center) for value in values) / len(values))
+
+
+FUNCTIONS: dict[str, Callable[[Sequence[float]], float]] = {
+    "last": lambda values: values[-1],
+    "first": lambda values: values[0],
+    "mean": mean,
+    "sum": math.fsum,
+    "min": min,
+    "max": max,
+    "std": std,
+    "count": lambda values: float(len(values)),
+}
+"""Of one value at least."""

@@ -1,0 +1,310 @@
+"""ROS 1 by rospy: see `middleware.Middleware`."""
+
+from __future__ import annotations
+
+import collections
+import queue
+import socket
+import threading
+import time
+import warnings
+import xmlrpc.client
+from typing import Any, Callable, Mapping, Sequence
+from urllib.parse import urlparse
+
+import rosgraph
+import roslib.message
+import rospy
+
+from .mapping import short_type
+from .middleware import MiddlewareError
+
+_SLICE_S = 0.1
+
+
+class Rospy:
+    """A node of ROS 1. A process can have one only.
+
+    Args:
+        name: of the node.
+        namespace: that relative names are in.
+        use_sim_time: take the time from `/clock`; as in every node of ROS 1, that needs the parameter
+            /use_sim_time, too.
+        patience: seconds to wait for the master.
+
+    Raises MiddlewareError when no master answers.
+    """
+
+    def __init__(
+        self, name: str, namespace: str = "/", *, use_sim_time: bool = False, patience: float = 10.0
+    ) -> None:
+        self.name, self._namespace, self._use_sim_time = name, namespace, use_sim_time
+        _await_master(patience)
+        try:
+            rospy.init_node(name, anonymous=True, disable_signals=True)
+        except (rospy.ROSException, OSError) as error:
+            raise MiddlewareError(f"cannot become a node: {error}; is ROS_IP right?") from error
+        self._come: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._master = rosgraph.Master(rospy.get_name())
+        self._ends: list[Any] = []
+
+    def resolve(self, name: str) -> str:
+        """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
+        if not rosgraph.names.is_legal_name(name):
+            raise ValueError(f"'{name}' is no name")
+        if name.startswith(("/", "~")):
+            return str(rospy.resolve_name(name))
+        return str(rosgraph.names.canonicalize_name(f"/{self._namespace}/{name}"))
+
+    def subscribe(
+        self, topic: str, kind: str, callback: Callable[[Any], None], depth: int = 1
+    ) -> _Subscription:
+        """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
+        full = self.resolve(topic)
+        made = _Subscription(rospy.Subscriber, full, _message(kind, full), self._come, callback, depth)
+        self._ends.append(made.end)
+        return made
+
+    def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:  # noqa: ARG002 - nothing waits
+        """Advertise a topic. Raises MiddlewareError for an unknown type."""
+        full = self.resolve(topic)
+        made = _Publisher(full, _message(kind, full))
+        self._ends.append(made.end)
+        return made
+
+    def client(self, service: str, kind: str) -> _Client:
+        """Return what calls a service. Raises MiddlewareError for an unknown type."""
+        full = self.resolve(service)
+        return _Client(self, full, _service(kind, full))
+
+    def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
+        """Offer a service; the handler fills in the response. Raises MiddlewareError for an unknown type."""
+        full = self.resolve(name)
+        made = _service(kind, full)
+
+        def answer(request: Any) -> Any:
+            response, done = made._response_class(), threading.Event()
+
+            def run() -> None:
+                handler(request, response)
+                done.set()
+
+            self._come.put(run)
+            done.wait()
+            return response
+
+        self._ends.append(rospy.Service(full, made, answer))
+
+    def new(self, kind: str) -> Any:
+        """Return a message with the defaults of its definition. Raises MiddlewareError for no type."""
+        return _message(kind, kind)()
+
+    def set_parameters(self, namespace: str, values: Mapping[str, Any]) -> None:
+        """Set parameters on the parameter server. Raises MiddlewareError when it does not answer."""
+        try:
+            for name, value in values.items():
+                rospy.set_param(f"{namespace.rstrip('/')}/{name.replace('.', '/')}", value)
+        except (OSError, rospy.ROSException, xmlrpc.client.Fault, OverflowError) as error:
+            raise MiddlewareError(f"{namespace}: parameters cannot be set: {error}") from error
+
+    def types(self, topic: str) -> Sequence[str]:
+        """Return the type of a topic as the master knows it; none for one that nobody publishes."""
+        full = self.resolve(topic)
+        try:
+            known = self._master.getTopicTypes()
+        except (OSError, rosgraph.MasterException):
+            return ()
+        return [kind for name, kind in known if name == full and kind != "*"]
+
+    def spin_once(self, timeout: float) -> None:
+        """Run the callbacks of what has come; where nothing has, wait for it, for 0.1 s at most."""
+        try:
+            self._come.get(timeout=max(0.0, min(timeout, _SLICE_S)) or 1e-6)()
+            while True:
+                self._come.get_nowait()()
+        except queue.Empty:
+            pass
+
+    def wake(self) -> None:
+        """Have `spin_once` return; called in any thread."""
+        self._come.put(lambda: None)
+
+    def now(self) -> float:
+        """Return seconds of a clock that never jumps; with simulated time those of `/clock`."""
+        return float(rospy.get_time()) if self._use_sim_time else time.monotonic()
+
+    def stamp(self, header: Any) -> None:
+        """Write the time of ROS to a header."""
+        header.stamp = rospy.Time.now()
+
+    def say(self, level: str, text: str) -> None:
+        """Log a line."""
+        log: dict[str, Callable[[str], None]]
+        log = {"info": rospy.loginfo, "warning": rospy.logwarn, "error": rospy.logerr}
+        log[level](text)
+
+    def ended(self) -> bool:
+        """Return whether the node was told to end, as by `rosnode kill`."""
+        return bool(rospy.is_shutdown())
+
+    def close(self) -> None:
+        """Leave the graph, after what was published has been sent."""
+        time.sleep(0.05)  # rospy has no way to wait until what was published has been sent
+        rospy.signal_shutdown("done")
+
+
+class _Subscription:
+    """A topic that is received."""
+
+    def __init__(
+        self,
+        kind: Any,
+        topic: str,
+        message: Any,
+        come: queue.SimpleQueue[Callable[[], None]],
+        callback: Callable[[Any], None],
+        depth: int,
+    ) -> None:
+        self._waiting: collections.deque[Any] = collections.deque(maxlen=depth)
+        self._come, self._callback = come, callback
+        self.end = kind(topic, message, self._receive, tcp_nodelay=True)
+
+    def _receive(self, message: Any) -> None:
+        first = not self._waiting
+        self._waiting.append(message)
+        if first:
+            self._come.put(self._pass_on)
+
+    def _pass_on(self) -> None:
+        while self._waiting:
+            self._callback(self._waiting.popleft())
+
+    def publishers(self) -> int:
+        """Return how many publish on it and are connected."""
+        return int(self.end.get_num_connections())
+
+    def close(self) -> None:
+        """Receive no more."""
+        self.end.unregister()
+
+
+class _Publisher:
+    """A topic that is published on."""
+
+    def __init__(self, topic: str, message: Any) -> None:
+        self._topic, self._message = topic, message
+        with warnings.catch_warnings():
+            # Without a queue messages are sent before a service is called that needs them.
+            warnings.simplefilter("ignore")
+            self.end = rospy.Publisher(topic, message, queue_size=None, tcp_nodelay=True)
+
+    def new(self) -> Any:
+        """Return a message with the defaults of its definition."""
+        return self._message()
+
+    def publish(self, message: Any) -> None:
+        """Send a message. Raises MiddlewareError for a value that its field cannot hold."""
+        try:
+            self.end.publish(message)
+        except (rospy.ROSSerializationException, rospy.ROSException) as error:
+            raise MiddlewareError(f"{self._topic}: cannot be published: {error}") from error
+
+    def listeners(self) -> int:
+        """Return how many subscriptions are connected."""
+        return int(self.end.get_num_connections())
+
+
+class _Client:
+    """A service of another node."""
+
+    def __init__(self, node: Rospy, name: str, kind: Any) -> None:
+        self._node, self._name, self._kind = node, name, kind
+        self._asker: _Asker | None = None
+
+    def available(self) -> bool:
+        """Return whether somebody offers it."""
+        try:
+            uri = urlparse(self._node._master.lookupService(self._name))
+            with socket.create_connection((uri.hostname or "", uri.port or 0), 1.0):
+                return True
+        except (OSError, rosgraph.MasterException):
+            return False
+
+    def request(self) -> Any:
+        """Return a request with the defaults of its definition."""
+        return self._kind._request_class()
+
+    def call(self, request: Any, timeout: float) -> Any:
+        """Return the response. Raises TimeoutError, or MiddlewareError when the service failed."""
+        deadline = time.monotonic() + timeout
+        if self._asker is None:
+            while not self.available():
+                if time.monotonic() > deadline:
+                    raise TimeoutError(f"{self._name}: nobody offers this service")
+                self._node.spin_once(0.05)
+            self._asker = _Asker(self._name, self._kind, self._node.wake)
+        self._asker.requests.put(request)
+        while self._asker.answers.empty():
+            left = deadline - time.monotonic()
+            if left <= 0:
+                self._forget()  # else its answer would be taken for that of the next request
+                raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
+            self._node.spin_once(left)
+        answer = self._asker.answers.get()
+        if isinstance(answer, Exception):
+            self._forget()  # a connection does not outlive a failure
+            raise MiddlewareError(f"{self._name}: {answer}") from answer
+        return answer
+
+    def _forget(self) -> None:
+        if self._asker is not None:
+            self._asker.requests.put(None)
+            self._asker = None
+
+
+class _Asker:
+    """A connection to a service, in a thread of its own: rospy waits for answers without end."""
+
+    def __init__(self, name: str, kind: Any, answered: Callable[[], None]) -> None:
+        self._proxy = rospy.ServiceProxy(name, kind, persistent=True)
+        self._answered = answered
+        self.requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        """None ends it."""
+        self.answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        """Responses, or why there is none."""
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        for request in iter(self.requests.get, None):
+            try:
+                answer: Any = self._proxy(request)
+            except Exception as error:  # noqa: BLE001 - of rospy, or of a socket; told to who asked
+                answer = error
+            self.answers.put(answer)
+            self._answered()
+        self._proxy.close()
+
+
+def _await_master(patience: float) -> None:
+    """Wait for the master; rospy itself would wait without end."""
+    deadline = time.monotonic() + patience
+    while not rosgraph.is_master_online():
+        if time.monotonic() > deadline:
+            raise MiddlewareError(
+                f"no master answers at {rosgraph.get_master_uri()} (ROS_MASTER_URI); start roscore"
+            )
+        time.sleep(0.05)
+
+
+def _message(kind: str, topic: str) -> Any:
+    made = roslib.message.get_message_class(short_type(kind))
+    if made is None:
+        raise MiddlewareError(f"{topic}: the type '{kind}' of messages is not installed")
+    return made
+
+
+def _service(kind: str, name: str) -> Any:
+    made = roslib.message.get_service_class(short_type(kind))
+    if made is None:
+        raise MiddlewareError(f"{name}: the type '{kind}' of services is not installed")
+    return made

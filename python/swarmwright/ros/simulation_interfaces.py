@@ -1,0 +1,257 @@
+"""A simulator with the standard services `simulation_interfaces`: reset, step, spawn, states of entities."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any, Callable, Mapping, Sequence
+
+from .fields import STATES, clipped
+from .mapping import SensorMapping
+from .middleware import Client, Middleware, MiddlewareError
+
+_OK = 1
+_PAUSED = 2
+_NAME_NOT_UNIQUE = _ALREADY_IN_STATE = 101
+_RESULTS = {0: "the simulator does not support this", 2: "not found", 3: "the simulator is in another state"}
+_RESULTS[4] = "the operation failed"
+_OF_SPAWN = {
+    101: "the name is taken",
+    102: "the simulator does not take this name",
+    103: "the simulator does not read this format",
+    104: "there is no model",
+    105: "the simulator does not take this namespace",
+    106: "the model cannot be read",
+    107: "a file that the model needs is missing",
+    108: "a file that the model needs is of a kind that the simulator does not read",
+    109: "the pose is not possible",
+}
+MESSAGES = {
+    "geometry_msgs/Accel": "geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular",
+    "rcl_interfaces/Parameter": "string name; rcl_interfaces/ParameterValue value",
+    "rcl_interfaces/ParameterValue": (
+        "uint8 type; bool bool_value; int64 integer_value; float64 double_value; string string_value; "
+        "byte[] byte_array_value; bool[] bool_array_value; int64[] integer_array_value; "
+        "float64[] double_array_value; string[] string_array_value"
+    ),
+    "rcl_interfaces/SetParametersResult": "bool successful; string reason",
+    "simulation_interfaces/Bounds": "uint8 type; geometry_msgs/Vector3[] points",
+    "simulation_interfaces/EntityCategory": "uint8 category",
+    "simulation_interfaces/EntityFilters": (
+        "string filter; simulation_interfaces/EntityCategory[] categories; "
+        "simulation_interfaces/TagsFilter tags; simulation_interfaces/Bounds bounds"
+    ),
+    "simulation_interfaces/EntityState": (
+        "std_msgs/Header header; geometry_msgs/Pose pose; geometry_msgs/Twist twist; "
+        "geometry_msgs/Accel acceleration"
+    ),
+    "simulation_interfaces/Resource": "string uri; string resource_string",
+    "simulation_interfaces/Result": "uint8 result; string error_message",
+    "simulation_interfaces/SimulationState": "uint8 state",
+    "simulation_interfaces/TagsFilter": "string[] tags; uint8 filter_mode",
+}
+_RESULT = "simulation_interfaces/Result result"
+SERVICES = {
+    "rcl_interfaces/SetParameters": (
+        "rcl_interfaces/Parameter[] parameters",
+        "rcl_interfaces/SetParametersResult[] results",
+    ),
+    "simulation_interfaces/GetEntitiesStates": (
+        "simulation_interfaces/EntityFilters filters",
+        f"{_RESULT}; string[] entities; simulation_interfaces/EntityState[] states",
+    ),
+    "simulation_interfaces/ResetSimulation": ("uint8 scope", _RESULT),
+    "simulation_interfaces/SetSimulationState": ("simulation_interfaces/SimulationState state", _RESULT),
+    "simulation_interfaces/SpawnEntity": (
+        (
+            "string name; bool allow_renaming; simulation_interfaces/Resource entity_resource; "
+            "string entity_namespace; geometry_msgs/PoseStamped initial_pose"
+        ),
+        f"{_RESULT}; string entity_name",
+    ),
+    "simulation_interfaces/StepSimulation": ("uint64 steps 1", _RESULT),
+}
+"""The published definitions, in the notation of `dds_messages`."""
+
+
+class SimulationError(Exception):
+    """A service of the simulator did not do what it was asked for; the message says which and why."""
+
+
+class Simulation:
+    """The services of a simulator that a definition names.
+
+    Args:
+        node: calls them.
+        definition: the attachment.
+
+    Methods raise SimulationError, and TimeoutError for a service that is not there or does not answer.
+    """
+
+    def __init__(self, node: Middleware, definition: Mapping[str, Any]) -> None:
+        self._node = node
+        self._clients: dict[str, Client] = {}
+        self._states: dict[str, dict[str, Any]] = {}
+        """By service, the states of entities after the last step."""
+        self._step = self._standard(definition["step"])
+        self._reset = self._standard(definition["reset"])
+
+    def step(self, steps: int, wait: float) -> None:
+        """Make steps of the simulation, which is paused."""
+        request = self._client(self._step, "StepSimulation").request()
+        request.steps = steps
+        self._ask(self._step, "StepSimulation", request, wait)
+
+    def reset(self, scope: int, wait: float) -> None:
+        """Go back to the start."""
+        request = self._client(self._reset, "ResetSimulation").request()
+        request.scope = scope
+        self._ask(self._reset, "ResetSimulation", request, wait)
+
+    def pause(self, wait: float) -> None:
+        """Pause the simulation, as steps need it, where there is a service for that beside that of steps."""
+        if not self._step:
+            return
+        service = f"{self._step.rpartition('/')[0]}/set_simulation_state"
+        client = self._client(service, "SetSimulationState")
+        if not client.available():
+            return
+        request = client.request()
+        request.state.state = _PAUSED
+        self._ask(service, "SetSimulationState", request, wait, fine=(_OK, _ALREADY_IN_STATE, 0))
+
+    def spawn(
+        self, spawn: Mapping[str, Any], robots: Sequence[str], seed: int, *, wait: float, again: bool
+    ) -> None:
+        """Put robots into the simulation.
+
+        again: whether they may be there already, from an earlier connection.
+        """
+        service, fine = spawn["service"], (_OK, _NAME_NOT_UNIQUE) if again else (_OK,)
+        for robot, pose in zip(robots, _poses(spawn, len(robots), seed)):
+            request = self._client(service, "SpawnEntity").request()
+            name = robot.strip("/").replace("/", "_")
+            request.name = name
+            request.entity_namespace = robot if robot.startswith("/") else f"/{robot}"
+            request.entity_resource.uri = spawn["uri"]
+            request.entity_resource.resource_string = spawn["text"].replace("{robot}", name)
+            place = request.initial_pose.pose
+            place.position.x, place.position.y, place.position.z = pose["x"], pose["y"], pose["z"]
+            place.orientation.z, place.orientation.w = math.sin(pose["yaw"] / 2), math.cos(pose["yaw"] / 2)
+            what = f" of {name}"
+            self._ask(service, "SpawnEntity", request, wait, fine=fine, results=_OF_SPAWN, what=what)
+
+    def state(self, service: str, entity: str, entry: SensorMapping) -> Callable[[], float]:
+        """Return what reads a number of an entity's state, as it was when `ask` was called."""
+        self._states[service] = {}
+        read = STATES[entry.place.field](entry)
+
+        def value() -> float:
+            known = self._states[service]
+            if entity not in known:
+                there = ", ".join(sorted(known)[:20]) or "none"
+                where = f"{entry.place.where}.entity"
+                raise SimulationError(
+                    f"{service}: there is no entity {entity!r}; there is: {there}; see {where}"
+                )
+            number = read(known[entity])
+            if number is None or not math.isfinite(number):
+                raise SimulationError(
+                    f"{service}: {entry.place.field} of {entity} is {number}, expected a finite number"
+                )
+            return float(clipped(number * entry.scale + entry.offset, entry.clip))
+
+        return value
+
+    def ask(self, wait: float) -> None:
+        """Ask for the states of all entities, where any are read."""
+        for service in self._states:
+            request = self._client(service, "GetEntitiesStates").request()
+            response = self._ask(service, "GetEntitiesStates", request, wait)
+            self._states[service] = dict(zip(response.entities, response.states))
+
+    def set_parameters(self, node: str, values: Mapping[str, Any], wait: float) -> None:
+        """Set ROS parameters of a node of ROS 2."""
+        service = f"{node.rstrip('/')}/set_parameters"
+        client = self._client(service, "SetParameters", "rcl_interfaces")
+        request = client.request()
+        for name, value in values.items():
+            request.parameters.append(self._parameter(name, value))
+        try:
+            response = client.call(request, wait)
+        except MiddlewareError as error:
+            raise SimulationError(str(error)) from error
+        for name, result in zip(values, response.results):
+            if not result.successful:
+                raise SimulationError(f"{service}: {name} was refused: {result.reason or 'no reason given'}")
+
+    def _parameter(self, name: str, value: Any) -> Any:
+        made = self._node.new("rcl_interfaces/Parameter")
+        made.name, into = name, made.value
+        if isinstance(value, bool):
+            into.type, into.bool_value = 1, value
+        elif isinstance(value, int):
+            into.type, into.integer_value = 2, value
+        elif isinstance(value, float):
+            into.type, into.double_value = 3, value
+        elif isinstance(value, str):
+            into.type, into.string_value = 4, value
+        elif isinstance(value, list) and value and all(type(one) in (int, float) for one in value):
+            into.type, into.double_array_value = 8, [float(one) for one in value]
+        else:
+            raise SimulationError(f"{name}: {value!r} cannot be a parameter of a node")
+        return made
+
+    @staticmethod
+    def _standard(of: Mapping[str, Any]) -> str:
+        """Return the name of a service of the standard; empty for another one, or none."""
+        kind = of["type"] or ""
+        return of["service"] if kind.startswith("simulation_interfaces/") else ""
+
+    def _client(self, service: str, kind: str, package: str = "simulation_interfaces") -> Client:
+        if service not in self._clients:
+            self._clients[service] = self._node.client(service, f"{package}/{kind}")
+        return self._clients[service]
+
+    def _ask(
+        self,
+        service: str,
+        kind: str,
+        request: Any,
+        wait: float,
+        *,
+        fine: Sequence[int] = (_OK,),
+        results: Mapping[int, str] = {},
+        what: str = "",
+    ) -> Any:
+        """Call a service and return its response, whose result is one of those that are fine."""
+        try:
+            response = self._clients[service].call(request, wait)
+        except MiddlewareError as error:
+            raise SimulationError(str(error)) from error
+        code = response.result.result
+        if code not in fine:
+            meaning = results.get(code) or _RESULTS.get(code, "a result of the simulator's own")
+            said = response.result.error_message
+            raise SimulationError(
+                f"{service} ({kind}){what}: result {code}, {meaning}{f': {said}' if said else ''}"
+            )
+        return response
+
+
+def _poses(spawn: Mapping[str, Any], count: int, seed: int) -> Sequence[Mapping[str, float]]:
+    """Return the poses of robots; in an area they follow from the seed."""
+    area = spawn["area"]
+    if area is None:
+        poses: Sequence[Mapping[str, float]] = spawn["poses"]
+        return poses
+    numbers = random.Random(seed)
+    return [
+        {
+            "x": numbers.uniform(*area["x"]),
+            "y": numbers.uniform(*area["y"]),
+            "z": area["z"],
+            "yaw": numbers.uniform(*area["yaw"]),
+        }
+        for _ in range(count)
+    ]
