@@ -1,7 +1,9 @@
 # make demo    set up what is missing and evolve the example
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
-# make test    every test
+# make test    the tests of the engine and of the library, in about ten minutes
+# make test-peers  servers, tools and brokers of other makes and in other languages (Java, C++, JavaScript, Go)
+# make test-docs   every command and snippet of the documentation
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
@@ -19,7 +21,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-export test-arm64 help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
+.PHONY: brokers test-brokers test-ros1 test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -65,7 +67,7 @@ java: $(JAVA)
 
 cpp: $(CPP)/.built
 
-test: test-engine test-java test-cpp test-python
+test: test-engine test-python
 
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -83,14 +85,27 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 # printed, since what fails now and then is a fault to be found, too.
 AGAIN := --reruns 1 --rerun-show-tracebacks -raR
 
-test-python: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO) protocol/node_modules/.package-lock.json
+# Tests wait for other processes more than half of their time: four at a time keep two processors busy.
+PYTEST := $(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=25 --durations-min=10
+
+test-python: $(VENV)/.engine $(VENV)/.dev protocol/node_modules/.package-lock.json
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	[ -e /usr/include/yaml-cpp/yaml.h ] || { $(call install,libyaml-cpp-dev); }
-	# Tests wait for other processes more than half of their time: four at a time keep two processors busy.
-	$(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=25 --durations-min=10
+	$(PYTEST) tests/python tests/protocol
+
+test-peers: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
+	$(PYTEST) tests/benchmarks tests/conformance tests/system tests/wrappers
+
+test-docs: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/.built $(JAVASCRIPT) $(GO)
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
+	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
+	$(PYTEST) tests/docs
 
 brokers: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }

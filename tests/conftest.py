@@ -46,6 +46,17 @@ def environment(extra: Mapping[str, str] | None = None) -> dict[str, str]:
     }
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with tests that may take longest, so that others fill the time beside them to the end."""
+
+    def longest(item: pytest.Item) -> float:
+        marker = item.get_closest_marker("timeout")
+        return -float(marker.args[0]) if marker is not None and marker.args else 0.0
+
+    items.sort(key=longest)
+
+
 @pytest.fixture
 def plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of this test end with their plot, as those of users."""

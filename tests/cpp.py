@@ -35,7 +35,7 @@ def _make(folder: Path, preset: str) -> Path:
         flock(lock, LOCK_EX)
         if not stamp.exists() or stamp.stat().st_mtime < max(path.stat().st_mtime for path in _sources()):
             cmake = shutil.which("cmake")
-            assert cmake, "CMake is missing; `make test` installs it"
+            assert cmake, "CMake is missing; `make test-peers` installs it"
             run([cmake, "--preset", preset], cwd=PROJECT)
             run([cmake, "--build", folder, "--parallel", "2"])
             stamp.touch()

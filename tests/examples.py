@@ -14,7 +14,7 @@ GO = EXAMPLES / "go"
 
 def _run(folder: Path, program: str, *arguments: str) -> None:
     found = shutil.which(program)
-    assert found, f"{program} is missing; `make test` installs it"
+    assert found, f"{program} is missing; `make test-peers` installs it"
     done = subprocess.run(
         [found, *arguments], cwd=folder, capture_output=True, text=True, timeout=300, check=False
     )

@@ -28,7 +28,7 @@ def jar() -> Path:
     newest = max(path.stat().st_mtime for path in _sources())
     if not JAR.exists() or JAR.stat().st_mtime < newest:
         maven = shutil.which("mvn")
-        assert maven, "Maven is missing; `make test` installs it"
+        assert maven, "Maven is missing; `make test-peers` installs it"
         command = [maven, "-q", "-B", "-DskipTests", "-f", str(PROJECT / "pom.xml"), "package"]
         built = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
         assert built.returncode == 0, built.stdout + built.stderr
@@ -49,7 +49,7 @@ class JavaServer(Program):
         env: Mapping[str, str] | None = None,
     ) -> None:
         java = shutil.which("java")
-        assert java, "Java is missing; `make test` installs it"
+        assert java, "Java is missing; `make test-peers` installs it"
         library = os.pathsep.join(filter(None, [str(jar()), classpath]))
         command = [java, "-Xshare:auto", "-cp", library, main or "org.swarmwright.minisim.Main"]
         super().__init__(*command, "--broker", url, "--id", server, *options, cwd=cwd, env=env, program=())

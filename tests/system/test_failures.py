@@ -143,7 +143,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
         folder = tmp_path_factory.mktemp("java")
         (folder / "Fragile.java").write_text(JAVA)
         javac = shutil.which("javac")
-        assert javac, "a Java compiler is missing; `make test` installs it"
+        assert javac, "a Java compiler is missing; `make test-peers` installs it"
         subprocess.run([javac, "-cp", str(jar()), "Fragile.java"], check=True, timeout=60, cwd=folder)
         return folder
 

@@ -141,7 +141,7 @@ def test_servers_in_java_refuse_them_too(
 ) -> None:
     (tmp_path / "Eye.java").write_text(JAVA)
     javac = shutil.which("javac")
-    assert javac, "a Java compiler is missing; `make test` installs it"
+    assert javac, "a Java compiler is missing; `make test-peers` installs it"
     subprocess.run([javac, "-cp", str(jar()), "Eye.java"], check=True, timeout=60, cwd=tmp_path)
     server = serve_java(narrow.url, main="Eye", classpath=str(tmp_path))
     said = refused(launch, experiment, narrow)

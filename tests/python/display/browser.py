@@ -16,7 +16,7 @@ def chromium(folder: Path, *switches: str, size: tuple[int, int] = (1280, 900)) 
         next(filter(None, map(shutil.which, names)), None)
         for names in (("chromium", "google-chrome", "chrome"), ("chromedriver",))
     ]
-    assert all(programs), "chromium and chromedriver are missing; `make test` installs them"
+    assert all(programs), "chromium and chromedriver are missing; `make test-python` installs them"
     options = ChromeOptions()
     options.binary_location = str(programs[0])
     width, height = size
