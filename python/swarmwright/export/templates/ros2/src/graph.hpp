@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -58,7 +59,11 @@ class Graph {
 
   // The full name of a topic: /robot_1/scan. Throws std::exception for what is no name.
   std::string resolve(const std::string& name) const {
-    return node_->get_node_topics_interface()->resolve_topic_name(name);
+    try {
+      return node_->get_node_topics_interface()->resolve_topic_name(name);
+    } catch (const rclcpp::exceptions::RCLErrorBase& error) {
+      throw std::invalid_argument(error.message);  // without the line of ROS's own source that noticed it
+    }
   }
 
   // The types with which others use a topic.

@@ -9,6 +9,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <ios>
+#include <iterator>
 #include <regex>
 
 #include "mapping.hpp"
@@ -64,7 +66,11 @@ Value value_of(const YAML::Node& node, const std::string& file, int depth) {
 Value read_yaml(const std::string& file) {
   std::ifstream stream(file);
   std::string text;
-  if (stream) text.assign(std::istreambuf_iterator<char>(stream), {});
+  try {
+    if (stream) text.assign(std::istreambuf_iterator<char>(stream), {});
+  } catch (const std::ios_base::failure&) {  // as of a folder
+    stream.setstate(std::ios_base::failbit);
+  }
   if (!stream) throw MappingError("mapping: " + file + ": cannot be read: " + std::strerror(errno));
   try {
     return value_of(YAML::Load(text), file, 0);
