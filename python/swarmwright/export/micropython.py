@@ -14,7 +14,7 @@ from swarmwright.core.errors import RunError
 from swarmwright.export._base import Exporter, Files
 from swarmwright.export.programs import command, run, stepped
 from swarmwright.export.python_code import as_bytes
-from swarmwright.export.python_family import modules, parts
+from swarmwright.export.python_family import MICROPYTHON, modules, parts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import check_module
@@ -60,6 +60,7 @@ class MicroPython(Exporter):
         """Return the module and its self-test."""
         check_module(prefix)
         dialect = {
+            "dialect": MICROPYTHON,
             "imports": "from array import array\nfrom struct import unpack",
             "words": "Numbers are bytes: MicroPython does not read every decimal as the nearest number.",
             "exact": _EXACT.rstrip("\n"),

@@ -48,6 +48,7 @@ class Python(Exporter):
         """Return the module and its self-test."""
         check_module(prefix)
         dialect = {
+            "dialect": "",
             "imports": "from array import array\nfrom collections.abc import Sequence",
             "words": "Numbers are rounded to 32 bits after every operation, as in the simulation.",
             "exact": "",

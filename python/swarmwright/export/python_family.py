@@ -8,6 +8,9 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.text import render
 
+MICROPYTHON = ", for MicroPython"
+"""In the first line of a module for MicroPython, which has the name of the one for Python."""
+
 
 def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
     """Return the module and its self-test.

@@ -15,7 +15,8 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
 
     force: write over files that Swarmwright did not export.
 
-    Raises InputError, and writes nothing, when there is such a file, or a folder in the place of a file.
+    Raises InputError, and writes nothing, when there is such a file, a folder in the place of a file, or a
+    module in the other dialect of Python, which has the same name.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file where a folder is expected; name another --output")
@@ -29,12 +30,29 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
                 "--prefix, or write over it with --force"
             )
     for path, content in zip(paths, files.values(), strict=True):
+        if path.suffix == ".py" and path.exists() and not force and _swapped(path, content):
+            raise InputError(
+                f"{path}: is the export to the other one of Python and MicroPython; name another --output "
+                "or --prefix, or write over it with --force"
+            )
+    for path, content in zip(paths, files.values(), strict=True):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(file_bytes(content))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     return paths
+
+
+def _swapped(path: Path, content: str | bytes) -> bool:
+    """Return whether a module for Python would replace one for MicroPython, or the other way round."""
+    new, old = (_first_line(one) for one in (file_bytes(content), path.read_bytes()))
+    begin = b'"""An evolved controller'
+    return new.startswith(begin) and old.startswith(begin) and new != old
+
+
+def _first_line(content: bytes) -> bytes:
+    return content.split(b"\n", 1)[0]
 
 
 def _ours(path: Path) -> bool:

@@ -137,9 +137,10 @@ def test_no_micropython(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
 
 def test_names_cannot_leave_strings(tmp_path: Path) -> None:
     for exporter in (Python(), MicroPython()):
-        write(exporter.files(nasty(), "robot"), tmp_path)
-        assert Python().self_test(tmp_path, "robot") == "robot_test.py"
-        assert module(tmp_path / "robot.py").SENSORS[4:] == ("goal x", "goal x")
+        folder = tmp_path / exporter.form
+        write(exporter.files(nasty(), "robot"), folder)
+        assert Python().self_test(folder, "robot") == "robot_test.py"
+        assert module(folder / "robot.py").SENSORS[4:] == ("goal x", "goal x")
 
 
 class Drift(Simulation):

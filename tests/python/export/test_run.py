@@ -189,6 +189,19 @@ def test_what_was_exported_is_written_over(program: Any, minisim: Run, tmp_path:
     assert "0 of generation 0" in (tmp_path / "controller" / "controller.h").read_text()
 
 
+def test_both_dialects_of_python_need_names_of_their_own(program: Any, minisim: Run, tmp_path: Path) -> None:
+    export = ("export", str(minisim.path), "--output", str(tmp_path / "robot"), "--to")
+    assert program(*export, "python").returncode == 0
+    before = (tmp_path / "robot/controller.py").read_text()
+    refused = program(*export, "micropython")
+    assert refused.returncode == 2
+    assert "controller.py: is the export to the other one" in refused.stderr
+    assert (tmp_path / "robot/controller.py").read_text() == before
+    assert program(*export, "python", "--candidate", "0:1").returncode == 0
+    assert program(*export, "micropython", "--force").returncode == 0
+    assert program(*export, "micropython", "--prefix", "other").returncode == 0
+
+
 def test_no_compiler(program: Any, minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "nocc -O2")
     result = program("export", minisim.path, "--to", "c", "--verify")
