@@ -163,7 +163,7 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && [ -e /usr/share/std_srvs/package.xml ] \
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
-	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1"
+	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or attach-ros"
 
 INPUTS ?= 1000000
 

@@ -13,10 +13,10 @@ from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_
-from swarmwright.ros.fields import STATES, reader, writers
+from swarmwright.core.yaml import Path_, dotted_path
+from swarmwright.ros.fields import READERS, STATES, WRITERS, reader, writers
 from swarmwright.ros.mapping import Mapping as TopicMapping
-from swarmwright.ros.mapping import MappingError, read_mapping
+from swarmwright.ros.mapping import MappingError, choice, read_mapping, short_type
 from swarmwright.ros.reductions import FUNCTIONS
 
 _METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -570,7 +570,7 @@ class RosOptions(Definition):
             if not _TOPIC.fullmatch(one.topic):
                 yield (*path, "topic"), f"{one.topic!r} is no topic; expected such as scan or /robot_1/scan"
                 continue
-            other, where = types.setdefault(one.topic, (one.type, ".".join(map(str, path))))
+            other, where = types.setdefault(one.topic, (one.type, dotted_path(path)))
             if other != one.type:
                 yield (*path, "type"), f"{one.topic} has the type {other} at {where}; a topic has one type"
 
@@ -620,6 +620,10 @@ def _bits(scope: Sequence[str]) -> int:
 def _problem(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[Path_, str]]:
     """Check one entry as the program reads it."""
     name = "sensor" if key == "sensors" else "actuator"
+    known = READERS if key == "sensors" else WRITERS
+    if short_type(entry["type"]) not in known:
+        yield (*path, "type"), f"{entry['type']!r} is not known here; expected {choice(list(known))}"
+        return
     other = {"sensors": "actuators", "actuators": "sensors"}[key]
     try:
         mapping = read_mapping({"rate": 1, key: [dict(entry)], other: []},

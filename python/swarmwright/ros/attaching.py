@@ -40,9 +40,11 @@ def main(arguments: list[str]) -> int:
     except BrokenPipeError:
         pass
     finally:
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, signal.SIG_IGN)
-        program.end()
+        try:
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, signal.SIG_IGN)
+        finally:  # a signal may come before it is ignored
+            program.end()
     return 0
 
 
@@ -160,10 +162,12 @@ def _node(definition: Mapping[str, Any]) -> Middleware:
             import rclpy
             from rclpy.node import Node
             from rclpy.parameter import Parameter
+            from rclpy.signals import SignalHandlerOptions
 
             from .rclpy_middleware import Rclpy
 
-            rclpy.init(args=[])
+            # Its own handlers would leave ROS before the robots are stopped.
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             time_of = Parameter("use_sim_time", value=simulated)
             return Rclpy(Node(name, parameter_overrides=[time_of]))
         from .dds import Dds

@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, Mapping, Sequence
 
 from .expression import Expression
 from .feeds import Feeds, Value
-from .mapping import Place, SensorMapping, read_mapping, resolved, short_type
+from .mapping import Place, SensorMapping, read_mapping, resolved
 from .middleware import Middleware, MiddlewareError
 from .names import namespace_of, resolve
 from .reductions import FUNCTIONS
@@ -146,33 +146,34 @@ class Robots:
         deadline = time.monotonic() + self._startup
         missing: Callable[[], str | None] = lambda: next(self._absent(), None)  # noqa: E731
         while missing() is not None:
+            self._check_types()
             if time.monotonic() > deadline:
                 raise Failure(f"{missing()} after {self._startup:g} s (simulation.startup)")
             self._ended()
             self._node.spin_once(0.05)
+        self._check_types()
+        if not self._connected:
+            self._spin(_SETTLE_S)
+            self._connected = True
+
+    def _check_types(self) -> None:
+        """Raise Failure for a topic that others use with another type."""
         for feed in self._feeds.all:
             other = feed.wrong_type()
             if other is not None:
                 raise Failure(f"{feed.topic} has the type {other}, but the definition says {feed.kind}")
         for outputs in self._outputs:
             outputs.check_types()
-        if not self._connected:
-            self._spin(_SETTLE_S)
-            self._connected = True
 
     def _absent(self) -> Iterator[str]:
         for feed in self._feeds.all:
             if feed.needed and not feed.publishers():
                 names = ", ".join(value.name for value in feed.values)
-                other = feed.wrong_type()
-                has = f"; it has the type {other}" if other else ""
-                yield f"nobody publishes {feed.topic} ({feed.kind}){has}, for {names},"
+                yield f"nobody publishes {feed.topic} ({feed.kind}), for {names},"
         for outputs in self._outputs:
             for topic, kind, publisher in outputs.publishers:
                 if not publisher.listeners():
-                    others = [one for one in self._node.types(topic) if short_type(one) != kind]
-                    has = f", which has the type {others[0]}," if others else ""
-                    yield f"nobody listens to {topic} ({kind}){has}"
+                    yield f"nobody listens to {topic} ({kind})"
 
     # Episodes.
 

@@ -133,8 +133,10 @@ class Simulation:
             name = robot.strip("/").replace("/", "_")
             request.name = name
             request.entity_namespace = robot if robot.startswith("/") else f"/{robot}"
-            request.entity_resource.uri = spawn["uri"]
-            request.entity_resource.resource_string = spawn["text"].replace("{robot}", name)
+            # Before version 2 of the interfaces the request itself has these two.
+            resource = getattr(request, "entity_resource", request)
+            resource.uri = spawn["uri"]
+            resource.resource_string = spawn["text"].replace("{robot}", name)
             place = request.initial_pose.pose
             place.position.x, place.position.y, place.position.z = pose["x"], pose["y"], pose["z"]
             place.orientation.z, place.orientation.w = math.sin(pose["yaw"] / 2), math.cos(pose["yaw"] / 2)

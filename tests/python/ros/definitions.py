@@ -48,6 +48,7 @@ def decoded(types: Any, kind: str, data: bytes) -> Any:
 
 
 _RANGES = {
+    "byte": 7,
     "int8": 7,
     "int16": 15,
     "int32": 31,

@@ -3,7 +3,7 @@
 Its types are written here, from the published definitions, and share nothing with those of Swarmwright.
 Robots are points that drive on a plane; each publishes where it is and where its goal is, once in a step.
 
-    python3 simulator.py [--robots 2] [--fault FAULT]
+    python3 simulator.py [--robots 2] [--publish-on-reset] [--fault FAULT]
 
 Without --robots there are none until they are spawned. Faults: `dies`, `reset_fails`, `step_fails`,
 `step_hangs`, `silent`, `nan`, `wrong_type`, each in the fifth step, where that has a meaning.
@@ -332,9 +332,10 @@ class Robot:
                 self.command = command
 
     def move(self, seconds: float) -> None:
+        speed = self.command.linear.x * self._simulator.parameters["gain"]
         self.yaw += seconds * self.command.angular.z
-        self.x += seconds * self.command.linear.x * math.cos(self.yaw)
-        self.y += seconds * self.command.linear.x * math.sin(self.yaw)
+        self.x += seconds * speed * math.cos(self.yaw)
+        self.y += seconds * speed * math.sin(self.yaw)
 
     @property
     def pose(self) -> Pose:
@@ -373,7 +374,7 @@ class Simulator:
         self._waiting = WaitSet(self._node)
         self._conditions: dict[Any, Any] = {}
         self.robots: dict[str, Robot] = {}
-        self.parameters: dict[str, Any] = {}
+        self.parameters: dict[str, float] = {"gain": 1.0}
         self.steps, self.paused = 0, False
         self.spawned: list[Robot] = []
         for number in range(1, robots + 1):
@@ -506,7 +507,8 @@ class Simulator:
             number = {2: one.value.integer_value, 3: one.value.double_value}.get(one.value.type)
             known = number is not None and one.name in {"seed", "gain"}
             results.append(ParameterResult(known, "" if known else "there is no such parameter"))
-            self.parameters[one.name] = number
+            if known:
+                self.parameters[one.name] = number
         return (results,)
 
 
@@ -515,5 +517,6 @@ if __name__ == "__main__":
     parser.add_argument("--robots", type=int, default=0)
     parser.add_argument("--fault", default="")
     parser.add_argument("--publish-on-reset", action="store_true")
+    parser.add_argument("--note", help="for who looks at processes")
     given = parser.parse_args()
     Simulator(given.fault, given.robots, given.publish_on_reset).run()
