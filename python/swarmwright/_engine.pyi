@@ -46,6 +46,7 @@ __all__ = [
     "aggregates",
     "centered_ranks",
     "certificates",
+    "check_instructions",
     "check_parameters",
     "decimals",
     "describe",
@@ -62,6 +63,7 @@ __all__ = [
     "log",
     "log_line",
     "log_to",
+    "outcome",
     "serve",
     "servers",
     "simulations",
@@ -511,13 +513,16 @@ class Producer:
             NDArray[np.float64],
             NDArray[np.float64],
             tuple[float, float, float, float, float],
+            tuple[int, int],
+            list[bytes],
         ]
         | None
     ):
         """Wait for the next generation; None when there is no further one.
 
         Genomes (n, genes), results (n, episodes), metrics (n, episodes, metrics), fitness (n,), that of the method's population
-        (k,), and the figures of the latter, see `figures`. on_progress: called ten times a second while it takes longer. Raises
+        (k,), the figures of the latter, see `figures`, the outcome of the fitness, see `outcome`, and the SHA-256 of fitness, results,
+        metrics and genomes, little-endian. on_progress: called ten times a second while it takes longer. Raises
         what has kept the thread from going on.
         """
 
@@ -533,6 +538,9 @@ def aggregates(results: NDArray[np.float64], aggregate: str, level: float) -> ND
 
 def figures(fitness: NDArray[np.float64]) -> tuple[float, float, float, float, float]:
     """Return best, mean, lower quartile, median and upper quartile of (n,) fitness; what is not finite is left out."""
+
+def outcome(fitness: NDArray[np.float64]) -> tuple[int, int]:
+    """Return which of (n,) candidates is best, of equals the first, and how many failed (NaN)."""
 
 def centered_ranks(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
     """Ranks from -0.5 (worst) to 0.5 (best), (n,), n >= 2; equal values share the mean, failed ones (NaN) are worst."""

@@ -167,6 +167,31 @@ impl Figures {
     }
 }
 
+/// Who is best in a generation, and how many failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Outcome {
+    /// The best candidate, of equals the first; 0 where all failed.
+    pub leader: usize,
+    /// Candidates without fitness: NaN.
+    pub failed: usize,
+}
+
+impl Outcome {
+    /// Of the fitness of a generation's candidates.
+    #[must_use]
+    pub fn of(fitness: &[f64]) -> Self {
+        let (mut leader, mut most, mut failed) = (0, f64::NAN, 0);
+        for (index, value) in fitness.iter().enumerate() {
+            if value.is_nan() {
+                failed += 1;
+            } else if most.is_nan() || *value > most {
+                (leader, most) = (index, *value);
+            }
+        }
+        Self { leader, failed }
+    }
+}
+
 fn ordered(numbers: &[f64]) -> Vec<f64> {
     let mut ordered = numbers.to_vec();
     ordered.sort_unstable_by(f64::total_cmp);

@@ -39,7 +39,7 @@ pub use differential::{Base, Crossover, Differential};
 pub use distance::{Farthest, distance, distances};
 pub use distinct::distinct;
 pub use eigen::{Eigen, eigen};
-pub use exact::{Aggregate, Figures, exact_sum};
+pub use exact::{Aggregate, Figures, Outcome, exact_sum};
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};

@@ -195,30 +195,31 @@ pub fn rows<T: Send>(
     make: impl Fn(usize, &mut Stream, &mut [T]) + Sync,
 ) {
     let mut none = vec![(); numbers.len()];
-    rows_of_two(
-        streams,
-        (numbers, &mut none),
-        length,
-        |index, stream, row, _| {
-            make(index, stream, row);
-        },
-    );
+    let make = |(): &mut (), index, stream: &mut Stream, row: &mut [T], _: &mut [()]| {
+        make(index, stream, row);
+    };
+    rows_of_two(streams, (numbers, &mut none), length, FEW, || (), make);
 }
 
 /// Makes two rows of `length` numbers with each stream; see [`rows`].
-pub(crate) fn rows_of_two<T: Send, U: Send>(
+///
+/// `few`: numbers that are made in little more time than another thread takes to begin. `room`: what `make` works in.
+pub(crate) fn rows_of_two<T: Send, U: Send, R>(
     streams: &mut [Stream],
     (ones, others): (&mut [T], &mut [U]),
     length: usize,
-    make: impl Fn(usize, &mut Stream, &mut [T], &mut [U]) + Sync,
+    few: usize,
+    room: impl Fn() -> R + Send + Sync,
+    make: impl Fn(&mut R, usize, &mut Stream, &mut [T], &mut [U]) + Sync,
 ) {
     let length = length.max(1);
-    if ones.len() < 2 * FEW {
+    if ones.len() < 2 * few {
+        let mut room = room();
         let both = ones
             .chunks_exact_mut(length)
             .zip(others.chunks_exact_mut(length));
         for (index, (stream, (one, other))) in streams.iter_mut().zip(both).enumerate() {
-            make(index, stream, one, other);
+            make(&mut room, index, stream, one, other);
         }
         return;
     }
@@ -226,7 +227,9 @@ pub(crate) fn rows_of_two<T: Send, U: Send>(
         .par_iter_mut()
         .zip(ones.par_chunks_exact_mut(length))
         .zip(others.par_chunks_exact_mut(length))
-        .with_min_len(FEW.div_ceil(length))
+        .with_min_len(few.div_ceil(length))
         .enumerate()
-        .for_each(|(index, ((stream, one), other))| make(index, stream, one, other));
+        .for_each_init(room, |room, (index, ((stream, one), other))| {
+            make(room, index, stream, one, other);
+        });
 }

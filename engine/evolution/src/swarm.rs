@@ -50,6 +50,18 @@ impl Swarm<'_> {
         velocity: &mut [f64],
         to: &mut [f64],
     ) {
+        self.fly_in(&mut Vec::new(), flight, stream, velocity, to);
+    }
+
+    /// As [`fly`](Self::fly), with room for numbers that is used again.
+    pub(crate) fn fly_in(
+        &self,
+        room: &mut Vec<f64>,
+        flight: Flight<'_>,
+        stream: &mut Stream,
+        velocity: &mut [f64],
+        to: &mut [f64],
+    ) {
         let genes = to.len();
         for row in [flight.from, flight.own, flight.social] {
             assert_eq!(row.len(), genes);
@@ -57,15 +69,16 @@ impl Swarm<'_> {
         for row in [self.fastest, self.lower, self.upper, velocity] {
             assert_eq!(row.len(), genes);
         }
-        let before = velocity.to_vec();
-        let mut units = vec![0.0; 2 * genes];
+        room.resize(3 * genes, 0.0);
+        let (units, before) = room.split_at_mut(2 * genes);
+        before.copy_from_slice(velocity);
         for _ in 0..=ATTEMPTS {
-            stream.units(&mut units);
+            stream.units(units);
             let inside = Level::best().run(Attempt {
                 swarm: self,
                 flight,
-                units: &units,
-                before: &before,
+                units,
+                before,
                 velocity,
                 to,
             });

@@ -1,7 +1,7 @@
 //! Exact sums, aggregates of episodes, and the figures of a population.
 
 use proptest::prelude::*;
-use swarmwright_evolution::{Aggregate, Figures, exact_sum};
+use swarmwright_evolution::{Aggregate, Figures, Outcome, exact_sum};
 
 #[test]
 fn a_sum_is_rounded_once() {
@@ -64,4 +64,15 @@ fn figures_leave_out_what_failed() {
     assert_eq!((one.lower_quartile, one.upper_quartile), (1.75, 3.25));
     let none = Figures::of(&[f64::NAN]);
     assert!(none.best.is_nan() && none.mean.is_nan() && none.median.is_nan());
+}
+
+#[test]
+fn the_leader_is_the_first_of_the_best() {
+    let outcome = |fitness: &[f64]| {
+        let one = Outcome::of(fitness);
+        (one.leader, one.failed)
+    };
+    assert_eq!(outcome(&[f64::NAN, -2.0, 5.0, 5.0, f64::NAN]), (2, 2));
+    assert_eq!(outcome(&[f64::NAN; 3]), (0, 3));
+    assert_eq!(outcome(&[-0.0, 0.0]), (0, 0));
 }

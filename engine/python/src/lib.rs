@@ -60,6 +60,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<producer::PyProducer>()?;
     module.add_function(wrap_pyfunction!(statistics::aggregates, module)?)?;
     module.add_function(wrap_pyfunction!(statistics::figures, module)?)?;
+    module.add_function(wrap_pyfunction!(statistics::outcome, module)?)?;
     module.add_function(wrap_pyfunction!(evolution::distances, module)?)?;
     module.add_class::<selection::PyRanks>()?;
     module.add_class::<selection::PyTorus>()?;

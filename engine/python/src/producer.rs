@@ -8,7 +8,9 @@ use std::time::Duration;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use swarmwright_evolution::{Aggregate, Figures};
+use pyo3::types::PyBytes;
+use sha2::{Digest, Sha256};
+use swarmwright_evolution::{Aggregate, Figures, Outcome};
 
 use crate::errors::{engine, input};
 use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
@@ -39,9 +41,24 @@ struct Produced {
     /// None: the fitness.
     population: Option<Vec<f64>>,
     figures: Figures,
+    outcome: Outcome,
+    /// See `digested`.
+    digests: Option<[[u8; 32]; 4]>,
 }
 
 impl Produced {
+    /// SHA-256 of fitness, episodes, metrics and genomes, as the store has them.
+    fn digested(&mut self) -> [[u8; 32]; 4] {
+        *self.digests.get_or_insert_with(|| {
+            [
+                digest(&self.fitness),
+                digest(&self.episodes),
+                digest(&self.metrics),
+                digest(&self.genomes),
+            ]
+        })
+    }
+
     fn bytes(&self) -> usize {
         let numbers = self.episodes.len() + self.metrics.len() + 2 * self.fitness.len();
         4 * self.genomes.len() + 8 * numbers
@@ -86,6 +103,11 @@ impl Shared {
         queue.waiting.push_back(produced);
         self.changed.notify_all();
         !self.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Whether a generation waits.
+    fn is_ahead(&self) -> bool {
+        !lock(&self.queue).waiting.is_empty()
     }
 
     /// Waits for a generation; returns it, and whether nothing more comes.
@@ -136,9 +158,12 @@ impl Work {
     fn run(mut self, shared: &Shared) -> PyResult<()> {
         let mut seeds: Vec<u64> = (self.seed..).take(self.episodes).collect();
         for _ in 0..self.generations {
-            let Some(produced) = self.next(&seeds, shared)? else {
+            let Some(mut produced) = self.next(&seeds, shared)? else {
                 break;
             };
+            if shared.is_ahead() {
+                produced.digested(); // so that who takes it, and has more to do, need not
+            }
             if !shared.put(produced) {
                 break;
             }
@@ -176,12 +201,47 @@ impl Work {
         let population = self.conversation.members();
         Ok(Some(Produced {
             figures: Figures::of(population.as_deref().unwrap_or(&fitness)),
+            outcome: Outcome::of(&fitness),
+            digests: None,
             genomes,
             episodes,
             metrics,
             fitness,
             population,
         }))
+    }
+}
+
+/// SHA-256 of numbers, little-endian.
+fn digest<T: Number>(numbers: &[T]) -> [u8; 32] {
+    let mut total = Sha256::new();
+    let mut bytes = Vec::with_capacity(AT_A_TIME * size_of::<T>());
+    for part in numbers.chunks(AT_A_TIME) {
+        bytes.clear();
+        for number in part {
+            number.append_to(&mut bytes);
+        }
+        total.update(&bytes);
+    }
+    total.finalize().into()
+}
+
+/// Numbers whose bytes are put in order together.
+const AT_A_TIME: usize = 1 << 10;
+
+trait Number: Copy {
+    fn append_to(self, bytes: &mut Vec<u8>);
+}
+
+impl Number for f32 {
+    fn append_to(self, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(&self.to_le_bytes());
+    }
+}
+
+impl Number for f64 {
+    fn append_to(self, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(&self.to_le_bytes());
     }
 }
 
@@ -202,6 +262,8 @@ type Generation<'py> = (
     Numbers<'py>,
     Numbers<'py>,
     (f64, f64, f64, f64, f64),
+    (usize, usize),
+    [Bound<'py, PyBytes>; 4],
 );
 
 #[pymethods]
@@ -294,7 +356,8 @@ impl PyProducer {
 }
 
 impl PyProducer {
-    fn arrays<'py>(&self, py: Python<'py>, produced: Produced) -> PyResult<Generation<'py>> {
+    fn arrays<'py>(&self, py: Python<'py>, mut produced: Produced) -> PyResult<Generation<'py>> {
+        let digests = py.detach(|| produced.digested());
         let candidates = produced.fitness.len();
         let shape = [candidates, self.episodes, self.metrics];
         let (episodes, metrics) = arrays(py, produced.episodes, produced.metrics, shape)?;
@@ -312,7 +375,11 @@ impl PyProducer {
             one.median,
             one.upper_quartile,
         );
-        Ok((genomes, episodes, metrics, fitness, population, figures))
+        let outcome = (produced.outcome.leader, produced.outcome.failed);
+        let digests = digests.map(|digest| PyBytes::new(py, &digest));
+        Ok((
+            genomes, episodes, metrics, fitness, population, figures, outcome, digests,
+        ))
     }
 }
 

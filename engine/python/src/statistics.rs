@@ -6,7 +6,7 @@
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use swarmwright_evolution::{Aggregate, Figures};
+use swarmwright_evolution::{Aggregate, Figures, Outcome};
 
 use crate::errors::input;
 
@@ -37,6 +37,13 @@ pub fn figures(fitness: PyReadonlyArray1<'_, f64>) -> PyResult<(f64, f64, f64, f
         one.median,
         one.upper_quartile,
     ))
+}
+
+/// Who is best, and how many failed.
+#[pyfunction]
+pub fn outcome(fitness: PyReadonlyArray1<'_, f64>) -> PyResult<(usize, usize)> {
+    let one = Outcome::of(fitness.as_slice()?);
+    Ok((one.leader, one.failed))
 }
 
 /// By its name in experiments.

@@ -3,12 +3,12 @@
 The record is that of the ordinary loop to the byte. What was computed beyond the end of a run is thrown away.
 """
 
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import engine_errors
-from swarmwright.core.statistics import Figures
+from swarmwright.core.statistics import Figures, figures_of
 from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
 from swarmwright.methods._search import SearchMethod
@@ -19,17 +19,25 @@ from swarmwright.store import Journal
 from swarmwright.typing import Fitness, Genomes
 
 
-@dataclass(frozen=True)
-class Produced:
+class Produced(NamedTuple):
     """What came out of a generation that was asked for, evaluated, ranked and told."""
 
     genomes: Genomes
     results: Results
     fitness: Fitness
-    population: Fitness
-    """Fitness of the method's population."""
-    figures: Figures | None = None
-    """Of the population, where they are known."""
+    figures: Figures
+    """Of the method's population."""
+    leader: int
+    """Its best candidate."""
+    failed: int
+    """Candidates whose evaluation failed."""
+    digests: Sequence[bytes] | None = None
+    """Of its columns in the store, where they are known."""
+
+    @classmethod
+    def of(cls, genomes: Genomes, results: Results, fitness: Fitness, population: Fitness) -> Self:
+        """Return what has come out; population: fitness of the method's population."""
+        return cls(genomes, results, fitness, figures_of(population), *_engine.outcome(fitness))
 
 
 class Ahead:
@@ -86,9 +94,9 @@ class Ahead:
             with engine_errors():
                 found = self._producer.next(self._on_progress)
             assert found is not None, "the method is done when no generation is left"
-            genomes, episodes, metrics, fitness, population, figures = found
+            genomes, episodes, metrics, fitness, _, figures, outcome, digests = found
             results = Results(episodes, metrics, Journal())
-            self._next = Produced(genomes, results, fitness, population, figures)
+            self._next = Produced(genomes, results, fitness, figures, *outcome, digests)
         return self._next
 
     def take(self) -> Produced:

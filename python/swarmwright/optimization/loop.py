@@ -9,11 +9,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.statistics import Summary, figures_of, summarize
+from swarmwright.core.statistics import Summary, summarize
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
@@ -59,8 +60,7 @@ class Generation:
     """Share of that limit which is used, 0 to 1."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Told:
+class Told(NamedTuple):
     """A generation that the method has been told of, and what is known of the run then."""
 
     generation: int
@@ -75,11 +75,11 @@ class Told:
         """Return what is to be stored."""
         found = self.found
         summary = summarize(
-            found.figures or figures_of(found.population),
+            found.figures,
             generation=self.generation,
             evaluations=self.evaluations,
             best_so_far=self.best_so_far,
-            failed=int(np.count_nonzero(np.isnan(found.fitness))),
+            failed=found.failed,
         )
         return Evaluated(
             generation=self.generation,
@@ -90,6 +90,7 @@ class Told:
             fitness=found.fitness,
             summary=summary,
             leader=self.leader,
+            digests=found.digests,
         )
 
 
@@ -226,7 +227,7 @@ class Loop:
             )
         if self._ahead is not None:
             with closing(self._ahead):
-                return self._continue_ahead(self._ahead, backend, on_generation, watched)
+                return self._continue_ahead(self._ahead, backend, on_generation, on_progress)
         while self.ended is None:
             number = self._method.generation
             self._say(f"generation {number}: making candidates")
@@ -249,7 +250,11 @@ class Loop:
         return False
 
     def _continue_ahead(
-        self, ahead: Ahead, backend: Backend, on_generation: OnGeneration | None, watched: Progress
+        self,
+        ahead: Ahead,
+        backend: Backend,
+        on_generation: OnGeneration | None,
+        on_progress: Progress | None,
     ) -> bool:
         """Store and report what the engine evolves meanwhile; return whether a callback ended it."""
         self._next = None  # the engine knows what has been asked for
@@ -257,10 +262,11 @@ class Loop:
             number = self._method.generation
             found = ahead.take()
             self._check_first(len(found.genomes))
-            episodes = found.results.fitness.size
-            watched(episodes, episodes, "")
-            backend.count_failed(found.results)
-            with self._kept(number, found.results.journal):
+            if on_progress is not None:
+                episodes = found.results.fitness.size
+                on_progress(episodes, episodes, "")
+            if found.failed:
+                backend.count_failed(found.results)
                 self._check(found.fitness, number)
             seeds = self._ranking.seeds(self._first_seed, number)
             self._method.passed(found.fitness)
@@ -359,11 +365,12 @@ class Loop:
         self._check(fitness, number)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)
-        return self._told(number, seeds, Produced(genomes, results, fitness, self._method.population_fitness))
+        population = self._method.population_fitness
+        return self._told(number, seeds, Produced.of(genomes, results, fitness, population))
 
     def _told(self, number: int, seeds: list[int], found: Produced) -> Told:
         """Return a generation that the method has been told of."""
-        self._lead(found.fitness)
+        self._lead(found)
         self._evaluations += len(found.fitness)
         return Told(
             generation=number,
@@ -383,16 +390,13 @@ class Loop:
                 f"candidate {failed[0]} of generation {generation} failed, and ranking.failed says stop"
             )
 
-    def _lead(self, fitness: Fitness) -> None:
+    def _lead(self, found: Produced) -> None:
         """Note the best evaluation so far; with re-evaluation, of this generation."""
-        leader = int(fitness.argmax())  # of equals, the first; or one that failed
-        if np.isnan(fitness[leader]):
-            leader = int(np.nanargmax(fitness))
-        value = float(fitness[leader])
+        value = float(found.fitness[found.leader])
         self._best_seen = max(self._best_seen, value)
         if value > self._best_so_far or self._ranking.options.reevaluate:
             self._best_so_far = value
-            self._leader = self._evaluations + leader
+            self._leader = self._evaluations + found.leader
 
     def _report(self, summary: Summary, seconds: float, evaluated: int) -> Generation:
         elapsed = time.monotonic() - self._started

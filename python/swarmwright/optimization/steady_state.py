@@ -87,7 +87,7 @@ class SteadyLoop(Loop):
         number = self._evaluations // self._method.generation_size
         genomes: Genomes = np.array(part.genomes, dtype=np.float32)
         fitness = np.array(part.fitness)
-        found = Produced(genomes, part.results(), fitness, self._method.population_fitness)
+        found = Produced.of(genomes, part.results(), fitness, self._method.population_fitness)
         return self._told(number, self._seeds, found)
 
     def _continue(

@@ -2,7 +2,7 @@
 
 import hashlib
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,22 +71,26 @@ class EvaluationsDigest:
         for total, column in zip(self._sums, block[3:], strict=True):
             total.update(column)
 
-    def hexdigest(self, first: int, generation: int, evaluations: int) -> str:
-        """Return the digest of all that was taken in.
+    def digests(self) -> list[bytes]:
+        """Return the digest of each column, of all that was taken in."""
+        return [total.digest() for total in self._sums]
 
-        first: number of the generation's first evaluation. evaluations: how many it has.
-        """
-        whole = hashlib.sha256(_GENERATION.pack(first, generation, evaluations))
-        for total in self._sums:
-            whole.update(total.digest())
-        return whole.hexdigest()
+
+def of_columns(digests: Sequence[bytes], first: int, generation: int, evaluations: int) -> str:
+    """Return the digest of a generation's evaluations, made of those of its columns.
+
+    first: number of the generation's first evaluation. evaluations: how many it has.
+    """
+    return hashlib.sha256(_GENERATION.pack(first, generation, evaluations) + b"".join(digests)).hexdigest()
 
 
 def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
     """Yield the blocks of a generation; `first` is the number of its first evaluation."""
-    # One representation of each value: NaN has many, and zero has two.
-    fitness = evaluated.fitness + 0.0
-    fitness[np.isnan(fitness)] = np.nan
+    fitness = evaluated.fitness
+    if evaluated.digests is None:
+        # One representation of each value: NaN has many, and zero has two.
+        fitness = fitness + 0.0
+        fitness[np.isnan(fitness)] = np.nan
     columns = [
         np.ascontiguousarray(column, dtype=kind)
         for column, kind in zip(

@@ -36,12 +36,9 @@ def of_generation(
         seeds: JSON, as in the table.
         evaluations: digest of its evaluations.
     """
-    numbers = _GENERATION.pack(*whole, *(_number(figure) for figure in figures))
+    # SQLite keeps neither NaN nor the sign of zero.
+    kept = [math.nan if figure is None or figure != figure else figure + 0.0 for figure in figures]
+    numbers = _GENERATION.pack(*whole, *kept)
     return hashlib.sha256(
         b"".join((previous.encode(), numbers, seeds.encode(), evaluations.encode()))
     ).hexdigest()
-
-
-def _number(value: float | None) -> float:
-    # SQLite keeps neither NaN nor the sign of zero.
-    return math.nan if value is None or value != value else value + 0.0

@@ -11,7 +11,7 @@ from typing import Any
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Summary
 from swarmwright.store import digests
-from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, decoded
+from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, decoded, of_columns
 
 _COLUMNS = (
     "generation, first, seeds, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, "
@@ -156,7 +156,7 @@ class Generations:
         missing = row.summary.evaluations - next_
         if missing:
             raise self.damaged(f"{missing} evaluations are missing", row.generation)
-        if total.hexdigest(row.first, row.generation, row.count) != row.evaluations_digest:
+        if of_columns(total.digests(), row.first, row.generation, row.count) != row.evaluations_digest:
             raise self.damaged(_DISAGREE, row.generation)
 
     def checked_evaluations(self, row: Row) -> Iterator[Record]:

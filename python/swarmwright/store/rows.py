@@ -1,6 +1,6 @@
 """The rows of a store's tables."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import UnionType
 from typing import Any, NamedTuple, Self
@@ -32,6 +32,11 @@ class Evaluated:
     """Figures of the population after this generation."""
     leader: int
     """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
+    digests: Sequence[bytes] | None = None
+    """SHA-256 of fitness, episodes, metrics and genomes as the store has them, where they are known.
+
+    Then fitness has a single NaN and a single zero already.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
-from swarmwright.store.blocks import EvaluationsDigest, encoded
+from swarmwright.store.blocks import EvaluationsDigest, encoded, of_columns
 from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import Row, digest_before
@@ -266,9 +266,11 @@ class StoreWriter:
         seeds, total = json.dumps(evaluated.seeds), EvaluationsDigest()
         self._note(number, journal)
         for block in encoded(evaluated, first):
-            total.add(block)
+            if evaluated.digests is None:
+                total.add(block)
             self._store.connection.execute(_BLOCK, block)
-        digest = total.hexdigest(first, number, len(evaluated.genomes))
+        digests = total.digests() if evaluated.digests is None else evaluated.digests
+        digest = of_columns(digests, first, number, len(evaluated.genomes))
         row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
         after = row.digest_after(previous)
         self._store.connection.execute(
@@ -317,7 +319,8 @@ class StoreWriter:
 
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
-        self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
+        if journal.attempts:
+            self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
         for text, candidate, _ in journal.warnings:
             whose = "" if candidate is None else f"candidate {candidate}, "
             self._store.connection.execute(_EVENT, (*place, timestamp(), "warning", whose + text))

@@ -3,7 +3,10 @@
 use super::swarm::Swarming;
 use super::{Members, NoStart, Search};
 use crate::differential::{Base, Crossover, Differential};
-use crate::stream::{Stream, purpose_key, rows};
+use crate::stream::{Stream, purpose_key, rows_of_two};
+
+/// Genes that are made in little more time than another thread takes to begin.
+const FEW: usize = 1 << 12;
 
 /// What competes with the members.
 #[derive(Debug, Clone)]
@@ -112,15 +115,23 @@ impl Bounded {
                     upper,
                 };
                 let members = &self.members[..];
-                rows(
+                let mut none = vec![(); genomes.len()];
+                let numbers = (&mut genomes[..], &mut none[..]);
+                let trial = |trial: &mut Vec<f64>,
+                             target,
+                             stream: &mut Stream,
+                             genome: &mut [f32],
+                             _: &mut [()]| {
+                    settings.trial(members, best, target, stream, trial);
+                    rounded(trial, lower, upper, genome);
+                };
+                rows_of_two(
                     &mut streams,
-                    &mut genomes,
+                    numbers,
                     genes,
-                    |target, stream, genome| {
-                        let mut trial = vec![0.0; genes];
-                        settings.trial(members, best, target, stream, &mut trial);
-                        rounded(&trial, lower, upper, genome);
-                    },
+                    FEW,
+                    || vec![0.0; genes],
+                    trial,
                 );
             }
         }
@@ -200,17 +211,9 @@ impl Search for Bounded {
 /// A genome: within the bounds, rounded to binary32.
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
 pub(super) fn rounded(values: &[f64], lower: &[f64], upper: &[f64], genome: &mut [f32]) {
-    for (gene, place) in genome.iter_mut().enumerate() {
-        let value = values[gene];
-        let value = if value < lower[gene] {
-            lower[gene]
-        } else {
-            value
-        };
-        *place = (if value > upper[gene] {
-            upper[gene]
-        } else {
-            value
-        }) as f32;
+    let bounds = lower.iter().zip(upper);
+    for (place, (value, (lower, upper))) in genome.iter_mut().zip(values.iter().zip(bounds)) {
+        let value = if value < lower { lower } else { value };
+        *place = *(if value > upper { upper } else { value }) as f32;
     }
 }

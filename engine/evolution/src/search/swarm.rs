@@ -4,6 +4,9 @@ use super::bounded::rounded;
 use crate::stream::{Stream, purpose_key, rows_of_two};
 use crate::swarm::{Flight, Swarm, spread};
 
+/// Genes of particles that fly in little more time than another thread takes to begin.
+const FEW: usize = 1 << 12;
+
 /// Settings of a swarm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SwarmSettings {
@@ -84,23 +87,25 @@ impl Swarming {
         let social = &members[best * genes..(best + 1) * genes];
         let (places, perturb) = (&self.places[..], self.settings.perturb);
         let numbers = (genomes, &mut self.velocities[..]);
+        let room = || (Vec::new(), vec![0.0; genes]);
         rows_of_two(
             streams,
             numbers,
             genes,
-            |particle, stream, genome, velocity| {
+            FEW,
+            room,
+            |(room, to), particle, stream, genome, velocity| {
                 let its = particle * genes..(particle + 1) * genes;
                 let flight = Flight {
                     from: &places[its.clone()],
                     own: &members[its],
                     social,
                 };
-                let mut to = vec![0.0; genes];
-                settings.fly(flight, stream, velocity, &mut to);
+                settings.fly_in(room, flight, stream, velocity, to);
                 if perturb && particle == best {
-                    settings.perturb(social, stream, &mut to);
+                    settings.perturb(social, stream, to);
                 }
-                rounded(&to, lower, upper, genome);
+                rounded(to, lower, upper, genome);
             },
         );
     }
