@@ -20,7 +20,6 @@ from swarmwright.export.writing import write
 from tests.python.ros.conversation import EXPORTED
 from tests.python.ros.mistakes import FLOAT, ODOMETRY, RANGE, SCAN, TWIST
 
-ROOT = Path(__file__).parents[3]
 TYPES = {"scan": SCAN, "sonar": RANGE, "odom": ODOMETRY, "light": FLOAT, "target": TWIST}
 _LOOPBACK = (
     "<General><Interfaces><NetworkInterface address='127.0.0.1' multicast='false'/></Interfaces>"
@@ -71,28 +70,33 @@ class Package:
         sim = "-p use_sim_time:=true" if "--use-sim-time" in others else ""
         words = f"--ros-args -r __ns:=/{robot.strip('/')} {arguments} {sim}"
         program = f"{self._workspace}/install/rover/lib/rover/swarmwright_controller_{kind}"
+        if kind.startswith("launch"):
+            program = "ros2 launch rover controller.launch.py"
+            words = f"robot:={robot} mapping:={mapping} node:={kind.partition('-')[2]}"
+        return self.sourced(f"{program} {words}")
+
+    def sourced(self, command: str) -> list[str]:
+        """A command with what was built."""
         kept = ("ROS_DOMAIN_ID", "CYCLONEDDS_URI")
         keep = " ".join(f"{name}={json.dumps(self.environment[name])}" for name in kept)
         setups = f"source {SETUP} && source {self._workspace}/install/setup.bash"
-        return ["bash", "-c", f"{setups} && export {keep} && exec {program} {words}"]
+        return ["bash", "-c", f"{setups} && export {keep} && exec {command}"]
 
 
 class Robot:
-    """`peer.py` as one robot: its topics in the robot's namespace."""
+    """`peer.py` as one robot, or `peer_rclpy.py`: its topics in the robot's namespace."""
 
-    def __init__(self, package: Package, distribution: str = "humble", domain: int | None = None) -> None:
+    def __init__(self, package: Package, *, rclpy: bool = False) -> None:
         self.package = package
         self.name = f"/robot_{random.getrandbits(48):x}"  # nobody else's, should a domain be shared
-        self._distribution = distribution
-        chosen = package.environment if domain is None else environment(domain)
-        self._environment = {**chosen, "PYTHONPATH": str(ROOT)}
+        program = Path(__file__).with_name("peer_rclpy.py" if rclpy else "peer.py")
+        self._command = package.sourced(f"python3 {program}") if rclpy else [sys.executable, str(program)]
 
     def __enter__(self) -> Self:
         """Start it."""
-        program = str(Path(__file__).with_name("peer.py"))
         self._process = subprocess.Popen(
-            [sys.executable, program, self._distribution], env=self._environment, text=True,
-            start_new_session=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            self._command, env=self.package.environment, text=True, start_new_session=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
         return self
 
@@ -164,11 +168,16 @@ def node(
     kind: str, robot: Robot, mapping: "dict[str, Any] | str | None", folder: Path, *others: str,
     environment: dict[str, str] | None = None,
 ) -> Iterator[Node]:  # fmt: skip
-    """A node with a mapping, or the text of one, in the namespace of a robot."""
+    """A node with a mapping, or the text of one, in the namespace of a robot.
+
+    kind: `dds`, `cpp`, `python` or `launch-..`; what follows a + is how the robot is played.
+    """
     file = folder / "mapping.yaml"
     if mapping is not None:
         file.write_text(mapping if isinstance(mapping, str) else yaml.safe_dump(mapping), encoding="utf-8")
-    command = robot.package.command(kind, None if mapping is None else file, robot.name, *others)
+    command = robot.package.command(
+        kind.partition("+")[0], None if mapping is None else file, robot.name, *others
+    )
     output = folder / "said.txt"
     with output.open("wb") as stream:
         process = subprocess.Popen(

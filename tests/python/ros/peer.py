@@ -24,10 +24,10 @@ _BASES: dict[str, Any] = {"bool": bool, "string": str}
 
 
 class Messages:
-    """Classes of messages of a distribution, and messages from plain values."""
+    """Classes of messages, and messages from plain values."""
 
-    def __init__(self, distribution: str) -> None:
-        self._fields = get_typestore(Stores[f"ROS2_{distribution.upper()}"]).fielddefs
+    def __init__(self) -> None:
+        self._fields = get_typestore(Stores.ROS2_HUMBLE).fielddefs
         self._made: dict[str, Any] = {}
 
     def type(self, kind: str) -> Any:
@@ -68,8 +68,8 @@ class Messages:
 class Peer:
     """Publishes the last message of each topic again and again, records topics, calls services."""
 
-    def __init__(self, distribution: str) -> None:
-        self._messages = Messages(distribution)
+    def __init__(self) -> None:
+        self._messages = Messages()
         self._participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
         self._lock = threading.Lock()
         self._writers: dict[str, Any] = {}
@@ -170,7 +170,7 @@ def _plain(message: Any) -> Any:
 
 def main() -> None:
     """Do as told until the input ends."""
-    peer = Peer(sys.argv[1])
+    peer = Peer()
     for line in sys.stdin:
         what, arguments = json.loads(line)
         print(json.dumps(getattr(peer, what)(**arguments)), flush=True)

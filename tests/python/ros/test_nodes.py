@@ -1,6 +1,6 @@
 """Exported nodes on the wire: a robot that another program plays publishes what it senses and gets commands.
 
-With `SWARMWRIGHT_ROS2=/opt/ros/jazzy/setup.bash`, with the nodes of rclcpp and rclpy, too.
+With `SWARMWRIGHT_ROS2=/opt/ros/jazzy/setup.bash`, nodes and robots of ROS 2 take part, too.
 """
 
 import math
@@ -20,12 +20,18 @@ from tests.python.ros.mistakes import IN_THE_FILE, IN_THE_TOPICS, MAPPING, RANGE
 from tests.python.ros.network import SETUP, Package, Robot, environment, node
 
 pytestmark = pytest.mark.timeout(120)
-KINDS = ["dds", "cpp", "python"] if SETUP else ["dds"]
+KINDS = ["dds", "dds+rclpy", "cpp", "python"] if SETUP else ["dds"]
+
+
+@pytest.fixture(params=KINDS)
+def kind(request: pytest.FixtureRequest) -> str:
+    found: str = request.param
+    return found
 
 
 @pytest.fixture
-def robot(package: Package) -> Iterator[Robot]:
-    with Robot(package) as running:
+def robot(package: Package, kind: str) -> Iterator[Robot]:
+    with Robot(package, rclpy=kind.endswith("+rclpy")) as running:
         yield running
 
 
@@ -41,7 +47,6 @@ def assert_same(steps: Any, controller: Any) -> None:
 
 
 @pytest.mark.parametrize("reliable", [True, False], ids=["reliable", "best-effort"])
-@pytest.mark.parametrize("kind", KINDS)
 def test_the_node_computes_what_the_engine_computes(
     kind: str, reliable: bool, robot: Robot, tmp_path: Path
 ) -> None:
@@ -77,7 +82,6 @@ def test_the_node_computes_what_the_engine_computes(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("kind", KINDS)
 def test_the_last_command_stops_the_robot(kind: str, number: int, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, MAPPING, tmp_path) as running:
         robot.record_all()
@@ -88,7 +92,6 @@ def test_the_last_command_stops_the_robot(kind: str, number: int, robot: Robot, 
         until(lambda: robot.driven()[-1] == (0.0, 0.0), 5)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_the_rate_is_that_of_the_mapping(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, {**MAPPING, "rate": 20}, tmp_path):
         robot.record_all()
@@ -100,7 +103,6 @@ def test_the_rate_is_that_of_the_mapping(kind: str, robot: Robot, tmp_path: Path
         assert rate == pytest.approx(20, rel=0.15)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path: Path) -> None:
     controller = engine()
     with node(kind, robot, {**MAPPING, "timeout": 2.0}, tmp_path) as running:
@@ -144,7 +146,6 @@ def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path
         assert_same(robot.steps()[before:], controller)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_controller_that_begins_anew_after_silence(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, {**MAPPING, "timeout": 2.0, "reset_after_silence": True}, tmp_path) as running:
         robot.record_all()
@@ -159,7 +160,6 @@ def test_a_controller_that_begins_anew_after_silence(kind: str, robot: Robot, tm
         assert_same(robot.steps()[before:], engine())
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_stamped_command_has_the_time(kind: str, robot: Robot, tmp_path: Path) -> None:
     def stamped(mapping: dict[str, Any]) -> None:
         for entry in mapping["actuators"][:2]:
@@ -177,7 +177,6 @@ def test_a_stamped_command_has_the_time(kind: str, robot: Robot, tmp_path: Path)
         assert (twist["linear"]["x"], twist["angular"]["z"]) in commands(robot.steps()[:, 7:])
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, {**MAPPING, "rate": 10}, tmp_path, "--use-sim-time"):
         robot.record_all()
@@ -219,7 +218,6 @@ def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: 
         assert len(robot.steps()) - begun == pytest.approx(15, abs=3)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_two_robots_in_one_domain(kind: str, package: Package, tmp_path: Path) -> None:
     folders = [tmp_path / "one", tmp_path / "two"]
     for folder in folders:
@@ -242,6 +240,19 @@ def test_two_robots_in_one_domain(kind: str, package: Package, tmp_path: Path) -
             )
 
 
+@pytest.mark.skipif(not SETUP, reason="needs ROS 2, named by SWARMWRIGHT_ROS2")
+@pytest.mark.parametrize("kind", ["launch-cpp+rclpy", "launch-python+rclpy"], indirect=True)
+def test_the_launch_file_starts_a_node_for_a_robot(kind: str, robot: Robot, tmp_path: Path) -> None:
+    with node(kind, robot, MAPPING, tmp_path) as running:
+        robot.record_all()
+        robot.publish(row(1))
+        until(lambda: len(robot.steps()) > 5)
+        assert_same(robot.steps(), engine())
+        running.process.send_signal(signal.SIGINT)
+        assert running.process.wait(20) == 0
+        until(lambda: robot.driven()[-1] == (0.0, 0.0), 5)
+
+
 def test_domains_are_apart(package: Package, tmp_path: Path) -> None:
     domain = int(package.environment["ROS_DOMAIN_ID"])
     other = environment((domain + 1) % 102)
@@ -259,7 +270,6 @@ def test_domains_are_apart(package: Package, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", IN_THE_FILE | IN_THE_TOPICS)
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_wrong_mapping_is_refused(kind: str, name: str, package: Package, tmp_path: Path) -> None:
     change, message = (IN_THE_FILE | IN_THE_TOPICS)[name]
     robot = Robot(package)
@@ -270,7 +280,6 @@ def test_a_wrong_mapping_is_refused(kind: str, name: str, package: Package, tmp_
     assert "Traceback" not in running.said()
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_others_use_a_topic_with_another_type(kind: str, robot: Robot, tmp_path: Path) -> None:
     robot("publish", topic=f"{robot.name}/laser", kind=SCAN.replace("/", "/msg/"), message={})
     with node(kind, robot, changed(lambda m: m["sensors"][2].update(topic="laser")), tmp_path) as running:
@@ -278,7 +287,6 @@ def test_others_use_a_topic_with_another_type(kind: str, robot: Robot, tmp_path:
     assert f"{robot.name}/laser has the type {SCAN}, but the mapping says {RANGE}" in running.said()
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -298,15 +306,14 @@ def test_a_file_that_is_no_mapping(
     assert "Traceback" not in running.said()
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_without_a_file(kind: str, package: Package, tmp_path: Path) -> None:
     with node(kind, Robot(package), None, tmp_path) as running:
         assert running.process.wait(20) == 2
-    expected = "--mapping" if kind == "dds" else "controller.launch.py sets it, mapping:=FILE"
-    assert expected in running.said()
+    without = "controller.launch.py sets it, mapping:=FILE"
+    assert ("--mapping" if kind.startswith("dds") else without) in running.said()
     done = subprocess.run(
-        package.command(kind, tmp_path / "none.yaml", "/a"), cwd=package.folder, env=package.environment,
-        capture_output=True, text=True, check=False, timeout=30,
+        package.command(kind.partition("+")[0], tmp_path / "none.yaml", "/a"), cwd=package.folder,
+        env=package.environment, capture_output=True, text=True, check=False, timeout=30,
     )  # fmt: skip
     assert done.returncode == 2
     assert (
