@@ -15,7 +15,7 @@ _BINARY: dict[type, Callable[[float, float], float]] = {
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
+    ast.Pow: lambda base, exponent: _power(base, int(exponent)),
 }
 _COMPARISONS: dict[type, Callable[[float, float], bool]] = {
     ast.Lt: operator.lt,
@@ -77,6 +77,14 @@ class Expression:
                 return False
             left = right
         return True
+
+
+def _power(base: float, exponent: int) -> float:
+    """Multiply from left to right, which is the same on every machine."""
+    result = 1.0
+    for _ in range(abs(exponent)):
+        result = result * base
+    return 1.0 / result if exponent < 0 else result
 
 
 def _minus(node: ast.UnaryOp) -> bool:

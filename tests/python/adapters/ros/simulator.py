@@ -3,10 +3,11 @@
 Its types are written here, from the published definitions, and share nothing with those of Swarmwright.
 Robots are points that drive on a plane; each publishes where it is and where its goal is, once in a step.
 
-    python3 simulator.py [--robots 2] [--publish-on-reset] [--fault FAULT]
+    python3 simulator.py [--robots 2] [--publish-on-reset] [--realtime SPEED] [--log FILE] [--fault FAULT]
 
 Without --robots there are none until they are spawned. Faults: `dies`, `reset_fails`, `step_fails`,
-`step_hangs`, `silent`, `nan`, `wrong_type`, each in the fifth step, where that has a meaning.
+`step_hangs`, `silent`, `nan`, `wrong_type`, each in the fifth step, where that has a meaning; `clock_stops`.
+With --realtime it is not stepped, and publishes /clock.
 """
 
 # mypy: ignore-errors
@@ -19,6 +20,7 @@ import re
 import sys
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
@@ -53,6 +55,11 @@ class Time(IdlStruct, **message("builtin_interfaces/Time")):
 class Header(IdlStruct, **message("std_msgs/Header")):
     stamp: Time = field(default_factory=Time)
     frame_id: str = ""
+
+
+@dataclass
+class Clock(IdlStruct, **message("rosgraph_msgs/Clock")):
+    clock: Time = field(default_factory=Time)
 
 
 @dataclass
@@ -330,6 +337,7 @@ class Robot:
         for command in self._commands.take(100):
             if isinstance(command, Twist):
                 self.command = command
+                self._simulator.log(self.name, command)
 
     def move(self, seconds: float) -> None:
         speed = self.command.linear.x * self._simulator.parameters["gain"]
@@ -415,9 +423,27 @@ class Simulator:
                 condition.__del__()
             end.__del__()
 
+    def log(self, name: str, command: Twist) -> None:
+        """Note what a robot was told."""
+        if given.log:
+            with Path(given.log).open("a", encoding="utf-8") as file:
+                file.write(f"{name} {command.linear.x} {command.angular.z}\n")
+
     def run(self) -> None:
+        clock = self.writer("rt/clock", Clock) if given.realtime else None
+        due, seconds = time.monotonic(), 0.0
         while True:
-            self._waiting.wait(10**9)
+            if clock is None:
+                self._waiting.wait(10**9)
+            else:
+                due += 0.02 / given.realtime
+                self._waiting.wait(max(0, int((due - time.monotonic()) * 1e9)))
+                if not self.paused and not (self.fault == "clock_stops" and seconds > 1.5):
+                    seconds += 0.02
+                    clock.write(Clock(Time(int(seconds), round(seconds % 1 * 1e9))))
+                for robot in self.robots.values():
+                    robot.move(0.02)
+                self.publish()
             for robot in self.robots.values():
                 robot.listen()
             for requests, responses, kind, answered, handler in self._services:
@@ -517,6 +543,8 @@ if __name__ == "__main__":
     parser.add_argument("--robots", type=int, default=0)
     parser.add_argument("--fault", default="")
     parser.add_argument("--publish-on-reset", action="store_true")
+    parser.add_argument("--realtime", type=float, default=0.0, help="so many times as fast")
+    parser.add_argument("--log", help="file for the commands that come")
     parser.add_argument("--note", help="for who looks at processes")
     given = parser.parse_args()
     Simulator(given.fault, given.robots, given.publish_on_reset).run()
