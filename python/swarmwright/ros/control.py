@@ -32,8 +32,8 @@ class Control:
     """A controller on a robot.
 
     In every cycle it publishes a command: what the controller says, or zeros while a sensor is silent. It
-    also publishes the sensors and actuators of each step on `~/steps` for those who listen, and offers
-    `~/reset`.
+    also publishes the sensors and actuators of each step on `~/steps` for those who listen, and begins an
+    episode when the service `~/reset` is called or a message comes on the topic `~/reset`.
 
     Args:
         node: in the robot's namespace.
@@ -50,7 +50,9 @@ class Control:
         self._inputs = Inputs(node, mapping.sensors)
         self._outputs = Outputs(node, mapping.actuators)
         self._steps = node.publisher("~/steps", "std_msgs/Float32MultiArray", _STEPS_DEPTH)
-        node.service("~/reset", "std_srvs/Empty", self._reset)
+        node.service("~/reset", "std_srvs/Empty", lambda _, __: self._reset())
+        # Services of one implementation of DDS are not found by others, topics are.
+        node.subscribe("~/reset", "std_msgs/Empty", lambda _: self._reset())
         self._stopped, self._begun = True, False
         self._said = self._looked = float("-inf")
         self._last = self._next = float("-inf")
@@ -138,7 +140,7 @@ class Control:
         step.data = [*sensors, *actuators]
         self._steps.publish(step)
 
-    def _reset(self, _: Any, __: Any) -> None:
+    def _reset(self) -> None:
         self._controller.reset()
         self._node.say("info", "the controller was reset")
 

@@ -16,6 +16,7 @@
 #include "ros/ros.h"
 #include "sensor_msgs/LaserScan.h"
 #include "sensor_msgs/Range.h"
+#include "std_msgs/Empty.h"
 #include "std_msgs/Float32.h"
 #include "std_msgs/Float32MultiArray.h"
 #include "std_msgs/Float64.h"
@@ -29,6 +30,7 @@ using geometry_msgs::TwistStamped;
 using nav_msgs::Odometry;
 using sensor_msgs::LaserScan;
 using sensor_msgs::Range;
+using std_msgs::Empty;
 using std_msgs::Float32;
 using std_msgs::Float32MultiArray;
 using std_msgs::Float64;

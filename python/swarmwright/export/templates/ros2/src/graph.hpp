@@ -19,6 +19,7 @@
 #include "rclcpp/rclcpp.hpp"
 #include "sensor_msgs/msg/laser_scan.hpp"
 #include "sensor_msgs/msg/range.hpp"
+#include "std_msgs/msg/empty.hpp"
 #include "std_msgs/msg/float32.hpp"
 #include "std_msgs/msg/float32_multi_array.hpp"
 #include "std_msgs/msg/float64.hpp"
@@ -33,6 +34,7 @@ using geometry_msgs::msg::TwistStamped;
 using nav_msgs::msg::Odometry;
 using sensor_msgs::msg::LaserScan;
 using sensor_msgs::msg::Range;
+using std_msgs::msg::Empty;
 using std_msgs::msg::Float32;
 using std_msgs::msg::Float32MultiArray;
 using std_msgs::msg::Float64;
