@@ -27,6 +27,7 @@ __all__ = [
     "Broker",
     "Cma",
     "Controller",
+    "Digests",
     "EngineError",
     "Episode",
     "Evaluator",
@@ -514,20 +515,36 @@ class Producer:
             NDArray[np.float64],
             tuple[float, float, float, float, float],
             tuple[int, int],
-            list[bytes],
+            Digests,
         ]
         | None
     ):
         """Wait for the next generation; None when there is no further one.
 
         Genomes (n, genes), results (n, episodes), metrics (n, episodes, metrics), fitness (n,), that of the method's population
-        (k,), the figures of the latter, see `figures`, the outcome of the fitness, see `outcome`, and the SHA-256 of fitness, results,
-        metrics and genomes, little-endian. on_progress: called ten times a second while it takes longer. Raises
+        (k,), the figures of the latter, see `figures`, the outcome of the fitness, see `outcome`, and the digests of all. on_progress: called ten times a second while it takes longer. Raises
         what has kept the thread from going on.
         """
 
     def close(self) -> None:
         """End the thread; what has not been taken is lost."""
+
+@final
+class Digests:
+    """SHA-256 of the columns of a generation, little-endian; begun in another thread, with one NaN and one zero in `fitness`.
+
+    fitness: (n,). episodes: (n, episodes). metrics: (n, episodes, metrics). genomes: (n, genes).
+    """
+
+    def __new__(
+        cls,
+        fitness: NDArray[np.float64],
+        episodes: NDArray[np.float64],
+        metrics: NDArray[np.float64],
+        genomes: NDArray[np.float32],
+    ) -> Digests: ...
+    def columns(self) -> list[bytes]:
+        """Wait for them: of fitness, episodes, metrics and genomes."""
 
 def aggregates(results: NDArray[np.float64], aggregate: str, level: float) -> NDArray[np.float64]:
     """Return (n,): what each row of (n, episodes) results comes to, the same bits on every machine.

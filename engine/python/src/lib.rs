@@ -3,6 +3,7 @@
 mod broker;
 mod cma;
 mod controller;
+mod digests;
 mod errors;
 mod evolution;
 mod genomes;
@@ -58,6 +59,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<cma::PyCma>()?;
     module.add_class::<methods::PySearch>()?;
     module.add_class::<producer::PyProducer>()?;
+    module.add_class::<digests::PyDigests>()?;
     module.add_function(wrap_pyfunction!(statistics::aggregates, module)?)?;
     module.add_function(wrap_pyfunction!(statistics::figures, module)?)?;
     module.add_function(wrap_pyfunction!(statistics::outcome, module)?)?;

@@ -8,10 +8,9 @@ use std::time::Duration;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
-use sha2::{Digest, Sha256};
 use swarmwright_evolution::{Aggregate, Figures, Outcome};
 
+use crate::digests::{Columns, PyDigests, columns};
 use crate::errors::{engine, input};
 use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
 use crate::methods::{Conversation, PySearch};
@@ -42,20 +41,15 @@ struct Produced {
     population: Option<Vec<f64>>,
     figures: Figures,
     outcome: Outcome,
-    /// See `digested`.
-    digests: Option<[[u8; 32]; 4]>,
+    /// Those of its columns, where they are known.
+    digests: Option<Columns>,
 }
 
 impl Produced {
-    /// SHA-256 of fitness, episodes, metrics and genomes, as the store has them.
-    fn digested(&mut self) -> [[u8; 32]; 4] {
+    /// The digests of its columns.
+    fn digested(&mut self) -> Columns {
         *self.digests.get_or_insert_with(|| {
-            [
-                digest(&self.fitness),
-                digest(&self.episodes),
-                digest(&self.metrics),
-                digest(&self.genomes),
-            ]
+            columns(&self.fitness, &self.episodes, &self.metrics, &self.genomes)
         })
     }
 
@@ -212,39 +206,6 @@ impl Work {
     }
 }
 
-/// SHA-256 of numbers, little-endian.
-fn digest<T: Number>(numbers: &[T]) -> [u8; 32] {
-    let mut total = Sha256::new();
-    let mut bytes = Vec::with_capacity(AT_A_TIME * size_of::<T>());
-    for part in numbers.chunks(AT_A_TIME) {
-        bytes.clear();
-        for number in part {
-            number.append_to(&mut bytes);
-        }
-        total.update(&bytes);
-    }
-    total.finalize().into()
-}
-
-/// Numbers whose bytes are put in order together.
-const AT_A_TIME: usize = 1 << 10;
-
-trait Number: Copy {
-    fn append_to(self, bytes: &mut Vec<u8>);
-}
-
-impl Number for f32 {
-    fn append_to(self, bytes: &mut Vec<u8>) {
-        bytes.extend_from_slice(&self.to_le_bytes());
-    }
-}
-
-impl Number for f64 {
-    fn append_to(self, bytes: &mut Vec<u8>) {
-        bytes.extend_from_slice(&self.to_le_bytes());
-    }
-}
-
 /// Says that nothing more comes, also when the thread panics.
 struct End<'a>(&'a Shared, Option<PyErr>);
 
@@ -263,7 +224,7 @@ type Generation<'py> = (
     Numbers<'py>,
     (f64, f64, f64, f64, f64),
     (usize, usize),
-    [Bound<'py, PyBytes>; 4],
+    PyDigests,
 );
 
 #[pymethods]
@@ -376,7 +337,7 @@ impl PyProducer {
             one.upper_quartile,
         );
         let outcome = (produced.outcome.leader, produced.outcome.failed);
-        let digests = digests.map(|digest| PyBytes::new(py, &digest));
+        let digests = PyDigests::known(digests);
         Ok((
             genomes, episodes, metrics, fitness, population, figures, outcome, digests,
         ))

@@ -3,7 +3,6 @@
 The record is that of the ordinary loop to the byte. What was computed beyond the end of a run is thrown away.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 from swarmwright import _engine
@@ -31,13 +30,18 @@ class Produced(NamedTuple):
     """Its best candidate."""
     failed: int
     """Candidates whose evaluation failed."""
-    digests: Sequence[bytes] | None = None
-    """Of its columns in the store, where they are known."""
+    digests: _engine.Digests | None = None
+    """Of its columns in the store, where somebody has begun to compute them."""
 
     @classmethod
     def of(cls, genomes: Genomes, results: Results, fitness: Fitness, population: Fitness) -> Self:
         """Return what has come out; population: fitness of the method's population."""
         return cls(genomes, results, fitness, figures_of(population), *_engine.outcome(fitness))
+
+    def digested(self) -> Self:
+        """Begin to compute the digests, in another thread."""
+        digests = _engine.Digests(self.fitness, self.results.fitness, self.results.metrics, self.genomes)
+        return self._replace(digests=digests)
 
 
 class Ahead:

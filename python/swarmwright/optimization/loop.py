@@ -244,7 +244,8 @@ class Loop:
             )
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
-                self._unstored = self._tell(genomes, seeds, results)
+                told = self._tell(genomes, seeds, results)
+            self._unstored = told._replace(found=told.found.digested())
             if on_generation is not None and not self._report_last(on_generation):
                 return True
         return False

@@ -337,8 +337,8 @@ def prolonged(
 
 
 def _finished(folder: Path) -> Run:
-    run = Run.open(folder)
-    if run.history:
+    run = Run.written(folder)
+    if run.generations:
         picture.draw_later(folder)
     return run
 

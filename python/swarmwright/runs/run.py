@@ -55,6 +55,9 @@ class Run:
     that were finished when it was opened.
     """
 
+    _finished: int | None = None
+    """Generations, where the history is read later."""
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.store = StoreReader(path)
@@ -79,6 +82,15 @@ class Run:
             trust_code(run)
         return run
 
+    @classmethod
+    def written(cls, path: Path) -> Self:
+        """Open the folder of a run that this process has written: what is in it is read when it is needed."""
+        run = cls(path)
+        last = run.store.last()
+        run._finished = 0 if last is None else last.generation + 1
+        _ = run.experiment
+        return run
+
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
@@ -97,12 +109,12 @@ class Run:
     @cached_property
     def history(self) -> list[Summary]:
         """The figures of each finished generation."""
-        return self.store.history()
+        return self.store.history()[: self._finished]
 
     @property
     def generations(self) -> int:
         """Finished generations."""
-        return len(self.history)
+        return len(self.history) if self._finished is None else self._finished
 
     @property
     def evaluations(self) -> int:

@@ -71,7 +71,7 @@ class EvaluationsDigest:
         for total, column in zip(self._sums, block[3:], strict=True):
             total.update(column)
 
-    def digests(self) -> list[bytes]:
+    def columns(self) -> list[bytes]:
         """Return the digest of each column, of all that was taken in."""
         return [total.digest() for total in self._sums]
 
@@ -86,10 +86,9 @@ def of_columns(digests: Sequence[bytes], first: int, generation: int, evaluation
 
 def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
     """Yield the blocks of a generation; `first` is the number of its first evaluation."""
-    fitness = evaluated.fitness
-    if evaluated.digests is None:
-        # One representation of each value: NaN has many, and zero has two.
-        fitness = fitness + 0.0
+    # One representation of each value: NaN has many, and zero has two.
+    fitness = evaluated.fitness + 0.0
+    if evaluated.summary.failed:
         fitness[np.isnan(fitness)] = np.nan
     columns = [
         np.ascontiguousarray(column, dtype=kind)

@@ -156,7 +156,7 @@ class Generations:
         missing = row.summary.evaluations - next_
         if missing:
             raise self.damaged(f"{missing} evaluations are missing", row.generation)
-        if of_columns(total.digests(), row.first, row.generation, row.count) != row.evaluations_digest:
+        if of_columns(total.columns(), row.first, row.generation, row.count) != row.evaluations_digest:
             raise self.damaged(_DISAGREE, row.generation)
 
     def checked_evaluations(self, row: Row) -> Iterator[Record]:

@@ -1,6 +1,6 @@
 """The rows of a store's tables."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from types import UnionType
 from typing import Any, NamedTuple, Self
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.statistics import Summary
 from swarmwright.typing import Fitness, Genomes
@@ -32,11 +33,8 @@ class Evaluated:
     """Figures of the population after this generation."""
     leader: int
     """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
-    digests: Sequence[bytes] | None = None
-    """SHA-256 of fitness, episodes, metrics and genomes as the store has them, where they are known.
-
-    Then fitness has a single NaN and a single zero already.
-    """
+    digests: _engine.Digests | None = None
+    """Of its columns in the store, where somebody has begun to compute them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,6 +54,18 @@ class _Finished(NamedTuple):
     """Since the session began."""
 
 
+class _Seeds:
+    """The last seeds as JSON: those of many generations are the same."""
+
+    def __init__(self) -> None:
+        self._last: tuple[list[int], str] = ([], "[]")
+
+    def text(self, seeds: list[int]) -> str:
+        if seeds != self._last[0]:
+            self._last = seeds, json.dumps(seeds)
+        return self._last[1]
+
+
 class StoreWriter:
     """Writes a run folder's store. A context manager around one session.
 
@@ -71,6 +83,7 @@ class StoreWriter:
         self._started = self._written = time.monotonic()
         self._outcome: str | None = None
         self._finished: list[_Finished] = []
+        self._seeds = _Seeds()
 
     @classmethod
     def create(
@@ -263,17 +276,21 @@ class StoreWriter:
         """Write a generation; return its digest, which goes on from the previous one's."""
         summary, number = evaluated.summary, evaluated.generation
         first = summary.evaluations - len(evaluated.genomes)
-        seeds, total = json.dumps(evaluated.seeds), EvaluationsDigest()
-        self._note(number, journal)
+        seeds = self._seeds.text(evaluated.seeds)
+        if journal.attempts or journal.warnings:
+            self._note(number, journal)
+        connection = self._store.connection
+        total = EvaluationsDigest() if evaluated.digests is None else None
         for block in encoded(evaluated, first):
-            if evaluated.digests is None:
+            if total is not None:
                 total.add(block)
-            self._store.connection.execute(_BLOCK, block)
-        digests = total.digests() if evaluated.digests is None else evaluated.digests
-        digest = of_columns(digests, first, number, len(evaluated.genomes))
+            connection.execute(_BLOCK, block)
+        known = evaluated.digests or total
+        assert known is not None
+        digest = of_columns(known.columns(), first, number, len(evaluated.genomes))
         row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
         after = row.digest_after(previous)
-        self._store.connection.execute(
+        connection.execute(
             _GENERATION,
             (
                 number,
@@ -319,8 +336,7 @@ class StoreWriter:
 
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
-        if journal.attempts:
-            self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
+        self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
         for text, candidate, _ in journal.warnings:
             whose = "" if candidate is None else f"candidate {candidate}, "
             self._store.connection.execute(_EVENT, (*place, timestamp(), "warning", whose + text))

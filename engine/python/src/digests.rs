@@ -1,0 +1,103 @@
+//! SHA-256 of the columns of a generation, computed by another thread.
+
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, channel};
+
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use sha2::{Digest, Sha256};
+
+use crate::errors::engine;
+use crate::local::lock;
+
+/// Of fitness, episodes, metrics and genomes.
+pub type Columns = [[u8; 32]; 4];
+
+/// Digests of columns, perhaps still under way.
+#[pyclass(name = "Digests", module = "swarmwright._engine", frozen)]
+pub struct PyDigests(Mutex<State>);
+
+enum State {
+    Known(Columns),
+    Coming(Receiver<Columns>),
+}
+
+impl PyDigests {
+    /// Digests that are known.
+    pub fn known(columns: Columns) -> Self {
+        Self(Mutex::new(State::Known(columns)))
+    }
+}
+
+#[pymethods]
+impl PyDigests {
+    #[new]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn new(
+        fitness: PyReadonlyArray1<'_, f64>,
+        episodes: PyReadonlyArray2<'_, f64>,
+        metrics: PyReadonlyArray3<'_, f64>,
+        genomes: PyReadonlyArray2<'_, f32>,
+    ) -> Self {
+        // One representation of each value: NaN has many, and zero has two.
+        let one = |value: &f64| {
+            if value.is_nan() {
+                f64::NAN
+            } else {
+                value + 0.0
+            }
+        };
+        let fitness: Vec<f64> = fitness.as_array().iter().map(one).collect();
+        let episodes: Vec<f64> = episodes.as_array().iter().copied().collect();
+        let metrics: Vec<f64> = metrics.as_array().iter().copied().collect();
+        let genomes: Vec<f32> = genomes.as_array().iter().copied().collect();
+        let (send, receive) = channel();
+        rayon::spawn(move || {
+            // Nobody waits for it where the run has ended meanwhile.
+            let _ = send.send(columns(&fitness, &episodes, &metrics, &genomes));
+        });
+        Self(Mutex::new(State::Coming(receive)))
+    }
+
+    fn columns<'py>(&self, py: Python<'py>) -> PyResult<[Bound<'py, PyBytes>; 4]> {
+        let found = py.detach(|| {
+            let mut state = lock(&self.0);
+            let columns = match &*state {
+                State::Known(columns) => *columns,
+                State::Coming(receiver) => receiver.recv().map_err(engine)?,
+            };
+            *state = State::Known(columns);
+            Ok::<Columns, PyErr>(columns)
+        })?;
+        Ok(found.map(|digest| PyBytes::new(py, &digest)))
+    }
+}
+
+/// SHA-256 of columns, little-endian, as the store has them.
+pub fn columns(fitness: &[f64], episodes: &[f64], metrics: &[f64], genomes: &[f32]) -> Columns {
+    let of_doubles = |numbers| digest(numbers, f64::to_le_bytes);
+    [
+        of_doubles(fitness),
+        of_doubles(episodes),
+        of_doubles(metrics),
+        digest(genomes, f32::to_le_bytes),
+    ]
+}
+
+/// Numbers whose bytes are put in order together.
+const AT_A_TIME: usize = 1 << 10;
+
+fn digest<T: Copy, const N: usize>(numbers: &[T], bytes: impl Fn(T) -> [u8; N]) -> [u8; 32] {
+    let mut total = Sha256::new();
+    let mut part = Vec::with_capacity(AT_A_TIME * N);
+    for numbers in numbers.chunks(AT_A_TIME) {
+        part.clear();
+        part.extend(numbers.iter().flat_map(|number| bytes(*number)));
+        total.update(&part);
+    }
+    total.finalize().into()
+}
