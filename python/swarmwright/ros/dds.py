@@ -417,7 +417,8 @@ def _domain() -> int:
 def _configure(domain: int) -> None:
     """Have Cyclone DDS look for others where the environment of ROS 2 says, if it says anything."""
     reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").strip().upper()
-    if os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1":
+    loopback = os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1"
+    if loopback:
         reach = "LOCALHOST"
     peers = [one.strip() for one in os.environ.get("ROS_STATIC_PEERS", "").split(";") if one.strip()]
     if domain in _domains or not (reach in ("LOCALHOST", "OFF") or peers):
@@ -425,6 +426,9 @@ def _configure(domain: int) -> None:
     if reach == "LOCALHOST":
         peers = ["localhost", *peers]
     general = "" if reach not in ("LOCALHOST", "OFF") else "<AllowMulticast>false</AllowMulticast>"
+    given = os.environ.get("CYCLONEDDS_URI", "").strip()
+    if loopback and "<NetworkInterface" not in given:  # nodes of Humble use no other one, and reach no other
+        general += "<Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
     if reach == "OFF":
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:
@@ -434,6 +438,5 @@ def _configure(domain: int) -> None:
             f"<Peers>{listed}</Peers>"
         )
     ours = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
-    given = os.environ.get("CYCLONEDDS_URI", "").strip()
     text = f"<CycloneDDS><Domain>{ours}</Domain></CycloneDDS>"
     _domains[domain] = Domain(domain, f"{text},{given}" if given else text)

@@ -190,6 +190,23 @@ def test_a_node_can_be_closed_and_made_again(around: dict[str, str]) -> None:
     ids=lambda changes: "-".join(changes.values()),
 )
 def test_the_environment_of_ros_2(changes: dict[str, str]) -> None:
+    assert _found(changes, changes) == ("OFF" not in changes.values())
+
+
+@pytest.mark.parametrize(
+    "uri", ["", "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"]
+)
+def test_localhost_only_beside_humble(uri: str) -> None:
+    """rmw_cyclonedds of Humble uses the loopback interface then, and nothing else."""
+    loopback = (
+        "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
+        "<Discovery><ParticipantIndex>auto</ParticipantIndex></Discovery>"
+    )
+    assert _found({"CYCLONEDDS_URI": loopback}, {"ROS_LOCALHOST_ONLY": "1", "CYCLONEDDS_URI": uri})
+
+
+def _found(others: dict[str, str], ours: dict[str, str]) -> bool:
+    """Whether a service is found, in environments with these variables."""
     # Each domain is configured once in a process: these have processes of their own.
     given = environment()
     del given["CYCLONEDDS_URI"]
@@ -199,17 +216,19 @@ from swarmwright.ros.dds import Dds
 node = Dds("asks", {name!r})
 client = node.client("quick", "std_srvs/Trigger")
 try:
-    client.call(client.request(), {2 if "OFF" in changes.values() else 10})
+    client.call(client.request(), {2 if "OFF" in ours.values() else 10})
     print("found")
 except TimeoutError:
     print("alone")
 """
-    around = {**given, **changes}
-    process = subprocess.Popen([sys.executable, "-c", OTHER, name], env=around, start_new_session=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", OTHER, name], env={**given, **others}, start_new_session=True
+    )
     try:
         done = subprocess.run(
-            [sys.executable, "-c", asks], env=around, capture_output=True, text=True, check=True, timeout=30,
+            [sys.executable, "-c", asks], env={**given, **ours}, capture_output=True, text=True, check=True,
+            timeout=30,
         )  # fmt: skip
     finally:
         end(process)
-    assert done.stdout.strip() == ("alone" if "OFF" in changes.values() else "found")
+    return done.stdout.strip() == "found"
