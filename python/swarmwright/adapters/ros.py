@@ -1,17 +1,23 @@
 """Robots of a ROS system, driven by a program that connects to it."""
 
+import contextlib
+import fcntl
+import hashlib
 import json
+import os
+import weakref
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
-from swarmwright.commands.folders import Instance
+from swarmwright.commands.folders import Instance, default_place
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import found
 from swarmwright.commands.ros_definition import DOMAINS, RosOptions
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.errors import EpisodeError
+from swarmwright.core.errors import EpisodeError, InputError
 from swarmwright.core.simulation_names import SimulationName
 
 ATTACHMENT = "attachment.json"
@@ -26,6 +32,7 @@ class RosSimulation(CommandSimulation):
 
     def __init__(self) -> None:
         self._definition = RosOptions.of(self.adapted)
+        self._has_robots = False
         self.metrics = list(self._definition.metrics)
         super().__init__()
         self.sensor_names = [one.sensor for one in self._definition.sensors]
@@ -45,9 +52,34 @@ class RosSimulation(CommandSimulation):
 
     def _start(self) -> Start:
         start = super()._start()
+        if self._definition.is_shared and not self._has_robots:
+            self._lock(start.environment)
         text = json.dumps(self._attachment())
         (self.folder / ATTACHMENT).write_text(text, "utf-8")
         return start
+
+    def _lock(self, environment: Mapping[str, str]) -> None:
+        """Have the robots for this object. Raises InputError when another one on this machine has them."""
+        known = {**os.environ, **environment}
+        where = [known.get(name, "") for name in ("ROS_MASTER_URI", "ROS_DOMAIN_ID")]
+        names = list(self._definition.robots)
+        if self._definition.step.is_called:
+            names.append("the simulation")  # a step is one of all robots
+        with contextlib.ExitStack() as locks:
+            for name in names:
+                text = "\n".join([str(self._definition.ros), *where, name])
+                path = default_place() / f"ros-{hashlib.sha256(text.encode()).hexdigest()[:16]}.lock"
+                lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+                locks.callback(os.close, lock)
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except OSError:
+                    raise InputError(
+                        f"simulation: another server on this machine drives {name}; have one server only "
+                        "(servers: 1), or let each start a simulator of its own (simulation.start)"
+                    ) from None
+            weakref.finalize(self, locks.pop_all().close)
+        self._has_robots = True
 
     def _attachment(self) -> dict[str, Any]:
         """Return what the program reads: the definition, with what only this instance knows."""

@@ -414,6 +414,13 @@ class RosOptions(Definition):
         return self.middleware or ("rospy" if self.ros == 1 else "dds")
 
     @property
+    def is_shared(self) -> bool:
+        """Whether all servers would drive the same robots: none has a system of its own."""
+        own = ("{instance}", "{port}", "{domain}")
+        texts = [text for name, text in self.environment.items() if name.startswith("ROS_")]
+        return self.start is None and not any(place in text for text in texts for place in own)
+
+    @property
     def interpreter(self) -> str:
         """The Python that runs the program."""
         return sys.executable if self.connection == "dds" else self.python or "/usr/bin/python3"

@@ -169,8 +169,17 @@ def _check_metrics(options: RosOptions, note: Report) -> None:
                     note(("metrics",), f"{key} uses {name!r}, which is none of them{there}")
 
 
-def _check_ros(options: RosOptions, checked: Mapping[str, Any], report: Report) -> None:
+def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> None:
     """Check that parameters get somewhere, and the names in braces."""
+    if options.is_shared and checked.get("broker") is None:
+        if checked["servers"] == "auto":
+            checked["servers"] = 1
+        elif checked["servers"] not in {1, "in-process"}:
+            report(
+                ("servers",),
+                "only one server can drive the robots: write servers: 1, or simulation.start, a command with "
+                "which each server starts a simulator of its own",
+            )
     controller = checked.get("controller")
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
     parameters = [*checked["parameters"], *evolved]

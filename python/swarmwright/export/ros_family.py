@@ -1,7 +1,9 @@
 """What the forms ROS 1 and ROS 2 have in common: the sources of the node, and the mapping to be filled in."""
 
+import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.export._base import Files, facts
@@ -60,14 +62,20 @@ def sources(subject: Subject, prefix: str, values: dict[str, str]) -> Files:
 
 
 def mapping(subject: Subject) -> str:
-    """Return a mapping with an entry for each sensor and actuator, to be filled in."""
+    """Return a mapping with an entry for each sensor and actuator, to be filled in.
+
+    Of a controller that was evolved on robots of a ROS system it has their topics.
+    """
+    rate = subject.topics.get("rate", 10)
     return render(
         "ros/mapping.template.yaml",
         {
             "mark": MARK,
             "facts": facts(subject, "#   "),
-            "sensors": _entries("sensor", subject.sensors),
-            "actuators": _entries("actuator", subject.actuators),
+            "begin": _begin(subject),
+            "rate": f"{rate:g}".ljust(24),
+            "sensors": _entries("sensor", subject.sensors, subject.topics.get("sensors", ())),
+            "actuators": _entries("actuator", subject.actuators, subject.topics.get("actuators", ())),
         },
     )
 
@@ -85,10 +93,22 @@ def _names(channels: Sequence[Channel]) -> str:
     return "\n".join(f'    "{name}",' for name in unique_names(channels))
 
 
-def _entries(kind: str, channels: Sequence[Channel]) -> str:
+def _begin(subject: Subject) -> str:
+    if subject.topics:
+        return "Copy this to mapping.yaml and check it. Topics are those on which the controller was evolved."
+    return "Copy this to mapping.yaml and fill it in."
+
+
+def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str, Any]]) -> str:
+    """Return entries; what is known of a sensor or actuator of a name is filled in."""
+    by_name = {entry[kind]: entry for entry in known}
     lines = []
     for name, channel in zip(unique_names(channels), channels, strict=True):
         begin = f'  - {kind}: "{name}"'
         unit = f"{channel.unit}, " if channel.unit else ""
-        lines += [f"{begin:<30}# {unit}{channel.limits}", '    topic: ""', '    type: ""', '    field: ""']
+        values = {"topic": "", "type": "", "field": "", **by_name.get(name, {})}
+        lines.append(f"{begin:<30}# {unit}{channel.limits}")
+        for key, value in values.items():
+            if key != kind and not (key == "field" and value == "" and name in by_name):
+                lines.append(f"    {key}: {json.dumps(value)}")
     return "\n".join(lines)

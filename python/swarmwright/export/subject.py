@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.export.sequences import Sequences, random_sequences
 from swarmwright.export.text import plain
 from swarmwright.representations.controller import controller_words
@@ -54,6 +56,8 @@ class Subject:
     episode_count: int = 0
     reason: str = ""
     """Why there are no episodes."""
+    topics: Mapping[str, Any] = field(default_factory=dict)
+    """Of robots of a ROS system: sensors and actuators as in a mapping, and the rate where it is known."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """Of a parameter set, by name."""
     ranges: Mapping[str, str] = field(default_factory=dict)
@@ -148,11 +152,29 @@ def subject_of(run: "Run", generation: int | None = None, candidate: int | None 
     if not catalogue.is_here(run.experiment.simulation):
         reason = f"the simulation {run.experiment.label!r} is not available in this process"
         return Subject(chosen.specification, facts, reason=reason)
+    topics, real_time = _of_ros(run.experiment.simulation)
+    if real_time:
+        names = catalogue.description(run.experiment.simulation)
+        reason = "its robots move in real time, and are not driven for that"
+        return Subject(chosen.specification, facts, names, reason=reason, topics=topics)
     try:
         description, episodes, count = _recorded(run, chosen)
     except SwarmwrightError as error:
-        return Subject(chosen.specification, facts, _described(run), reason=str(error))
-    return Subject(chosen.specification, facts, description, episodes, count)
+        return Subject(chosen.specification, facts, _described(run), reason=str(error), topics=topics)
+    return Subject(chosen.specification, facts, description, episodes, count, topics=topics)
+
+
+def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
+    """Return the topics of robots of a ROS system, and whether they move by themselves, maybe real ones."""
+    if SimulationName.parse(simulation).prefix != SimulationName.ROS:
+        return {}, False
+    definition = RosOptions.of(simulation)
+    topics: dict[str, Any] = dict(definition.topics)
+    if any("{robot}" in entry["topic"] for entry in [*topics["sensors"], *topics["actuators"]]):
+        topics = {}  # a mapping has no such names
+    elif definition.step.duration is not None:
+        topics["rate"] = 1 / definition.step.duration
+    return topics, definition.step.duration is not None
 
 
 def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:

@@ -123,6 +123,16 @@ def test_parameters_need_a_way_to_the_simulation() -> None:
     assert Experiment.from_mapping(values).parameters["width"] == 5
 
 
+def test_robots_that_are_there_have_one_server() -> None:
+    assert Experiment.from_mapping(with_()).servers == 1
+    for servers in (2, "local"):
+        with pytest.raises(InputError, match="servers: only one server can drive the robots: write"):
+            Experiment.from_mapping({**with_(), "servers": servers})
+    assert Experiment.from_mapping({**with_(start="./simulator"), "servers": 2}).servers == 2
+    own = {"ROS_MASTER_URI": "http://localhost:1131{instance}"}
+    assert Experiment.from_mapping({**with_(environment=own), "servers": 2}).servers == 2
+
+
 def test_a_definition_survives_its_name_and_the_experiment_file(tmp_path: Path) -> None:
     first = Experiment.from_mapping(with_())
     first.save(tmp_path / "saved.yaml")

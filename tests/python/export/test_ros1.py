@@ -1,5 +1,6 @@
 """The package for ROS 1 without ROS; `tests/ros1` builds and runs it."""
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -63,3 +64,16 @@ def test_it_is_written_again_beside_an_own_mapping(tmp_path: Path) -> None:
     own.write_text("rate: 5\n", encoding="utf-8")
     write(files, tmp_path)
     assert own.read_text(encoding="utf-8") == "rate: 5\n"
+
+
+def test_topics_on_which_a_controller_was_evolved_are_in_the_mapping() -> None:
+    entries = [
+        {"sensor": "goal x", "topic": "goal", "type": "geometry_msgs/Twist", "field": "linear.x"},
+        {"sensor": "goal 1", "topic": "light", "type": "std_msgs/Float32", "scale": 0.5},
+    ]
+    known = {"sensors": entries, "actuators": [], "rate": 20.0}
+    subject = replace(SUBJECT, topics=known)
+    mapping = yaml.safe_load(str(Ros1().files(subject, "rover")["config/mapping.template.yaml"]))
+    assert mapping["rate"] == 20
+    assert mapping["sensors"][:2] == entries
+    assert mapping["sensors"][2] == {"sensor": "goal 2", "topic": "", "type": "", "field": ""}

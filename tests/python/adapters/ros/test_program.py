@@ -1,5 +1,6 @@
 """The program that drives robots, over standard input and output, against a simulator over DDS."""
 
+import gc
 import json
 import os
 import random
@@ -12,10 +13,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from swarmwright import InputError, Simulation
 from swarmwright.commands.ros_definition import PROGRAM, RosOptions
 from swarmwright.core.yaml import dump
+from swarmwright.simulations.loading import load
 
 pytestmark = pytest.mark.timeout(60)
 SIMULATOR = Path(__file__).with_name("simulator.py")
@@ -163,6 +167,43 @@ def test_seconds_of_a_simulator_that_is_faster(tmp_path: Path) -> None:
         assert answer["done"]
         # 2 s of the simulator, a fifth of that on a real clock, and more on a busy machine.
         assert took < 1.8
+
+
+def simulation(name: str) -> type[Simulation]:
+    kind = load(name)
+    assert issubclass(kind, Simulation)
+    return kind
+
+
+def test_robots_are_driven_by_one_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    domain = str(random.SystemRandom().randrange(102, 160))
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    values = {
+        "ros": 2,
+        "robots": ["robot_1", "robot_2"],
+        "sensors": [{"sensor": "ahead", "topic": "goal", "type": TWIST, "field": "linear.x"}],
+        "actuators": [{"actuator": "speed", "topic": "cmd_vel", "type": TWIST, "field": "linear.x"}],
+        "step": 0.1,
+        "metrics": {"ahead": {"sensor": "ahead"}},
+        "fitness": "ahead",
+    }
+    both, second = (
+        simulation(RosOptions.model_validate({**values, "robots": robots}).name)
+        for robots in (values["robots"], ["robot_2"])
+    )
+    with subprocess.Popen([sys.executable, str(SIMULATOR), "--robots", "2", "--realtime", "1"]) as simulator:
+        try:
+            one, other = both(), second()
+            assert np.shape(one.reset({}, 0)) == (2, 1)
+            for _ in range(2):
+                with pytest.raises(InputError, match="another server on this machine drives robot_2"):
+                    other.reset({}, 0)
+            del one
+            gc.collect()
+            assert np.shape(second().reset({}, 0)) == (1, 1)
+        finally:
+            simulator.kill()
 
 
 @pytest.mark.parametrize("group", [True, False], ids=["group", "process"])

@@ -169,3 +169,18 @@ def test_robots_that_are_there_are_reset_and_their_node_gets_parameters(tmp_path
         swarmwright.optimize(
             experiment(tmp_path, *arguments, top=top, **changes), servers=1, out=tmp_path / "wrong"
         )
+
+
+def test_a_run_is_exported_with_its_topics_and_real_robots_are_not_driven_for_that(tmp_path: Path) -> None:
+    sensors = [{"sensor": "goal x", "topic": "goal", "type": TWIST, "field": "linear.x", "scale": 0.2}]
+    metrics = {"ahead": {"sensor": "goal x"}}
+    real = {"step": 0.1, "steps": 3, "spawn": None, "robots": 2, "reset": None, "sensors": sensors}
+    arguments = ("--robots", "2", "--realtime", "1", "--log", str(tmp_path / "commands"))
+    attached = experiment(tmp_path, *arguments, top={**SMALL, "fitness": "ahead"}, metrics=metrics, **real)
+    run = swarmwright.optimize(attached, servers=1, out=tmp_path / "run")
+    driven_until = (tmp_path / "commands").stat().st_size
+    swarmwright.export_controller(run, to="ros2", output=tmp_path / "package", prefix="rover")
+    assert (tmp_path / "commands").stat().st_size == driven_until
+    mapping = (tmp_path / "package" / "config" / "mapping.template.yaml").read_text("utf-8")
+    assert 'topic: "goal"' in mapping
+    assert "\nrate: 10 " in mapping
