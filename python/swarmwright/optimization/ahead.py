@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import engine_errors
-from swarmwright.core.statistics import Figures, figures_of
+from swarmwright.core.statistics import Figures
 from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
 from swarmwright.methods._search import SearchMethod
@@ -24,19 +24,21 @@ class Produced(NamedTuple):
     genomes: Genomes
     results: Results
     fitness: Fitness
-    figures: Figures
-    """Of the method's population."""
+    population: Fitness
+    """Fitness of the method's population."""
     leader: int
     """Its best candidate."""
     failed: int
     """Candidates whose evaluation failed."""
+    figures: Figures | None = None
+    """Of the population, where they are known."""
     digests: _engine.Digests | None = None
     """Of its columns in the store, where somebody has begun to compute them."""
 
     @classmethod
     def of(cls, genomes: Genomes, results: Results, fitness: Fitness, population: Fitness) -> Self:
         """Return what has come out; population: fitness of the method's population."""
-        return cls(genomes, results, fitness, figures_of(population), *_engine.outcome(fitness))
+        return cls(genomes, results, fitness, population, *_engine.outcome(fitness))
 
     def digested(self) -> Self:
         """Begin to compute the digests, in another thread."""
@@ -98,9 +100,9 @@ class Ahead:
             with engine_errors():
                 found = self._producer.next(self._on_progress)
             assert found is not None, "the method is done when no generation is left"
-            genomes, episodes, metrics, fitness, _, figures, outcome, digests = found
+            genomes, episodes, metrics, fitness, population, figures, outcome, digests = found
             results = Results(episodes, metrics, Journal())
-            self._next = Produced(genomes, results, fitness, figures, *outcome, digests)
+            self._next = Produced(genomes, results, fitness, population, *outcome, figures, digests)
         return self._next
 
     def take(self) -> Produced:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.statistics import Summary, summarize
+from swarmwright.core.statistics import Summary, figures_of, summarize
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
@@ -75,7 +75,7 @@ class Told(NamedTuple):
         """Return what is to be stored."""
         found = self.found
         summary = summarize(
-            found.figures,
+            found.figures or figures_of(found.population),
             generation=self.generation,
             evaluations=self.evaluations,
             best_so_far=self.best_so_far,

@@ -90,16 +90,16 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
     fitness = evaluated.fitness + 0.0
     if evaluated.summary.failed:
         fitness[np.isnan(fitness)] = np.nan
-    columns = [
-        np.ascontiguousarray(column, dtype=kind)
-        for column, kind in zip(
-            (fitness, evaluated.episodes, evaluated.metrics, evaluated.genomes), _KINDS, strict=True
-        )
+    columns: list[NDArray[Any]] = [
+        np.ascontiguousarray(fitness, dtype=_KINDS[0]),
+        np.ascontiguousarray(evaluated.episodes, dtype=_KINDS[1]),
+        np.ascontiguousarray(evaluated.metrics, dtype=_KINDS[2]),
+        np.ascontiguousarray(evaluated.genomes, dtype=_KINDS[3]),
     ]
     count = len(fitness)
-    size = max(1, _BLOCK * count // max(sum(column.nbytes for column in columns), 1))
+    size = max(1, _BLOCK * count // max(sum([column.nbytes for column in columns]), 1))
     for start in range(0, count, size):
-        parts = [column[start : start + size] for column in columns]
+        parts = columns if size >= count else [column[start : start + size] for column in columns]
         yield (
             *(first + start, evaluated.generation, len(parts[0])),
             *(_column(parts[0]), _column(parts[1]), _column(parts[2]), _column(parts[3])),
