@@ -577,6 +577,8 @@ class RosOptions(Definition):
             if not _TOPIC.fullmatch(one.topic):
                 yield (*path, "topic"), f"{one.topic!r} is no topic; expected such as scan or /robot_1/scan"
                 continue
+            if "{robot}" in one.topic and "/" in self.robots:
+                yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
             other, where = types.setdefault(one.topic, (one.type, dotted_path(path)))
             if other != one.type:
                 yield (*path, "type"), f"{one.topic} has the type {other} at {where}; a topic has one type"

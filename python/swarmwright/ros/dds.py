@@ -103,7 +103,8 @@ class Dds:
         full, (request, response) = self.resolve(service), _service(kind)
         identity = secrets.randbits(63)
         qos = _qos(_SERVICE_DEPTH, _RELIABLE, f"clientid={identity:x};")
-        made = _Client(self, full, request, identity, self._writer(f"rq{full}Request", request, qos))
+        writer = self._writer(f"rq{full}Request", request, qos)
+        made = _Client(self, full, short_type(kind), request, identity, writer)
         made.replies = self._receive(full, f"rr{full}Reply", response, qos, made.receive, _SERVICE_DEPTH)
         return made
 
@@ -128,7 +129,15 @@ class Dds:
 
     def types(self, topic: str) -> Sequence[str]:
         """Return the types with which other nodes use a topic, as far as they have been discovered."""
-        name, own = f"rt{self.resolve(topic)}", self._participant.guid
+        return self._types(f"rt{self.resolve(topic)}")
+
+    def service_types(self, service: str) -> Sequence[str]:
+        """Return the types with which other nodes offer a service, as far as they have been discovered."""
+        requests = self._types(f"rq{self.resolve(service)}Request")
+        return [one[: -len("_Request")] for one in requests if one.endswith("_Request")]
+
+    def _types(self, name: str) -> list[str]:
+        own = self._participant.guid
         found = [
             _ros_type(one.type_name)
             for reader in self._known
@@ -279,8 +288,8 @@ class _Client:
 
     replies: _Receiver
 
-    def __init__(self, node: Dds, name: str, request: Any, identity: int, writer: Any) -> None:
-        self._node, self._name, self._type = node, name, request
+    def __init__(self, node: Dds, name: str, kind: str, request: Any, identity: int, writer: Any) -> None:
+        self._node, self._name, self._kind, self._type = node, name, kind, request
         self._identity, self._writer = identity, writer
         self._sequence = 0
         self._responses: list[Any] = []
@@ -303,7 +312,7 @@ class _Client:
         deadline = time.monotonic() + timeout
         while not self.available():
             if time.monotonic() > deadline:
-                raise TimeoutError(f"{self._name}: nobody offers this service; {_SERVICES_OF}")
+                raise TimeoutError(f"{self._name}: {self._absence()}")
             self._node.spin_once(min(0.01, timeout))
         self._sequence += 1
         self._responses.clear()
@@ -317,6 +326,12 @@ class _Client:
                 raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
             self._node.spin_once(left)
         return self._responses[0]
+
+    def _absence(self) -> str:
+        others = [one for one in self._node.service_types(self._name) if one != self._kind]
+        if others:
+            return f"the service has the type {others[0]}, not {self._kind}"
+        return f"nobody offers this service; {_SERVICES_OF}"
 
 
 _SERVICES_OF = (

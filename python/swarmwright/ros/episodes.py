@@ -141,6 +141,14 @@ class Robots:
                 made.sources.append(_scaled(self._feeds.add(value), 1.0, 0.0))
         return made
 
+    def _await_services(self) -> None:
+        """Wait until services are there; one that is not is reported by the call that needs it."""
+        deadline = time.monotonic() + self._startup
+        clients = [*self._triggers.values(), *self._simulation.needed]
+        while not all(client.available() for client in clients) and time.monotonic() < deadline:
+            self._ended()
+            self._node.spin_once(0.05)
+
     def _await_connections(self) -> None:
         """Wait until everything is there that the definition names."""
         deadline = time.monotonic() + self._startup
@@ -182,6 +190,8 @@ class Robots:
         self.stop()
         self._feeds.forget()
         self._set_parameters(parameters, seed)
+        if not self._connected:
+            self._await_services()
         if self._definition["spawn"] is None:
             self._await_connections()
         self._reset_once(parameters, seed)
@@ -253,7 +263,7 @@ class Robots:
 
     def _reset_once(self, parameters: Mapping[str, Any], seed: int) -> None:
         reset = self._reset
-        wait = self._patience if self._connected else self._startup
+        wait = self._patience
         if not self.moves_alone:
             self._feeds.begin()  # what is published by the reset counts
         if "reset" in self._triggers:

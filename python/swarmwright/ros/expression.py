@@ -59,8 +59,7 @@ class Expression:
             value = of(node.operand)
             return float(not value) if isinstance(node.op, ast.Not) else -value if _minus(node) else value
         if isinstance(node, ast.BoolOp):
-            true = all if isinstance(node.op, ast.And) else any
-            return float(true(of(one) for one in node.values))
+            return self._connected(node, values)
         if isinstance(node, ast.Compare):
             return float(self._compared(node, values))
         if isinstance(node, ast.IfExp):
@@ -68,6 +67,15 @@ class Expression:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS:
             return float(_FUNCTIONS[node.func.id](*map(of, node.args)))
         raise ValueError(f"{self.text!r} is not an expression over {', '.join(values)}")
+
+    def _connected(self, node: ast.BoolOp, values: Mapping[str, float]) -> float:
+        """Return the value that decides, as Python does."""
+        value = 0.0
+        for one in node.values:
+            value = self._value(one, values)
+            if bool(value) != isinstance(node.op, ast.And):
+                break
+        return value
 
     def _compared(self, node: ast.Compare, values: Mapping[str, float]) -> bool:
         left = self._value(node.left, values)

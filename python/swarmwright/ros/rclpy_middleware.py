@@ -52,7 +52,7 @@ class Rclpy:
     def client(self, service: str, kind: str) -> _Client:
         """Return what calls a service. Raises MiddlewareError for an unknown type."""
         full, made = self.resolve(service), _found("srv", kind)
-        return _Client(self, full, made, self._node.create_client(made, full))
+        return _Client(self, full, short_type(kind), made, self._node.create_client(made, full))
 
     def service(self, name: str, kind: str, handler: Callable[[Any, Any], None]) -> None:
         """Offer a service; the handler fills in the response. Raises MiddlewareError for an unknown type."""
@@ -77,6 +77,11 @@ class Rclpy:
         ]
         others = {one.topic_type for one in found if (one.node_name, one.node_namespace) != own}
         return sorted(map(short_type, others))
+
+    def service_types(self, service: str) -> Sequence[str]:
+        """Return the types with which other nodes offer a service, as far as they have been discovered."""
+        known = dict(self._node.get_service_names_and_types())
+        return sorted(map(short_type, known.get(self.resolve(service), ())))
 
     def spin_once(self, timeout: float) -> None:
         """Run the callback of something that has come; where nothing has, wait for it, for 0.1 s at most."""
@@ -155,8 +160,8 @@ class _Publisher:
 class _Client:
     """A service of another node."""
 
-    def __init__(self, node: Rclpy, name: str, kind: Any, made: Any) -> None:
-        self._node, self._name, self._type, self._made = node, name, kind, made
+    def __init__(self, node: Rclpy, name: str, kind: str, made_of: Any, made: Any) -> None:
+        self._node, self._name, self._kind, self._type, self._made = node, name, kind, made_of, made
 
     def available(self) -> bool:
         """Return whether somebody offers it."""
@@ -171,7 +176,7 @@ class _Client:
         deadline = time.monotonic() + timeout
         while not self.available():
             if time.monotonic() > deadline:
-                raise TimeoutError(f"{self._name}: nobody offers this service")
+                raise TimeoutError(f"{self._name}: {self._absence()}")
             self._node.spin_once(min(0.01, timeout))
         future = self._made.call_async(request)
         while not future.done():
@@ -183,6 +188,14 @@ class _Client:
         if future.exception() is not None:
             raise MiddlewareError(f"{self._name}: {future.exception()}")
         return future.result()
+
+    def _absence(self) -> str:
+        others = [one for one in self._node.service_types(self._name) if one != self._kind]
+        return (
+            f"the service has the type {others[0]}, not {self._kind}"
+            if others
+            else "nobody offers this service"
+        )
 
 
 def _qos(depth: int, reliability: Any) -> Any:

@@ -95,6 +95,11 @@ class Simulation:
         """By service, the states of entities after the last step."""
         self._step = self._standard(definition["step"])
         self._reset = self._standard(definition["reset"])
+        needed = {self._step: "StepSimulation", self._reset: "ResetSimulation"}
+        if definition["spawn"] is not None:
+            needed[definition["spawn"]["service"]] = "SpawnEntity"
+        self.needed = [self._client(service, kind) for service, kind in needed.items() if service]
+        """What calls the services without which there is no episode."""
 
     def step(self, steps: int, wait: float) -> None:
         """Make steps of the simulation, which is paused."""

@@ -65,6 +65,10 @@ def with_(**changes: Any) -> dict[str, Any]:
             "actuators[0].type: scan has the type sensor_msgs/LaserScan at sensors[0]; a topic has one type",
         ),
         ({"actuators__0__topic": "cmd vel"}, "actuators[0].topic: 'cmd vel' is no topic; expected such as"),
+        (
+            {"robots": ["/"], "sensors__0__topic": "/model/{robot}/scan"},
+            "simulation.sensors[0].topic: {robot} needs robots with names; write robots: [NAME, ..]",
+        ),
         ({"actuators": None}, "simulation.actuators: is missing: controllers need sensors and actuators"),
         ({"step": None}, "simulation.step: is missing"),
         ({"step": {}}, "simulation.step.duration: give either the duration of a step or a service that"),

@@ -3,6 +3,7 @@
 import math
 import random
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -141,6 +142,19 @@ def test_no_simulator(tmp_path: Path) -> None:
     said = failure(tmp_path, start=None, startup=1.0, environment={"ROS_DOMAIN_ID": "{domain}"})
     assert "/reset_simulation: nobody offers this service" in said
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in said
+
+
+def test_a_service_of_another_type(tmp_path: Path) -> None:
+    changes: dict[str, Any] = {"startup": 3.0, "reset": {"service": "/reset_simulation"}, "spawn": None}
+    said = failure(tmp_path, "--robots", "3", **changes)
+    assert "/reset_simulation: the service has the type simulation_interfaces/ResetSimulation" in said
+
+
+def test_a_simulator_that_does_not_start_is_noticed_at_once(tmp_path: Path) -> None:
+    began = time.monotonic()
+    said = failure(tmp_path, start=["sh", "-c", "echo no licence >&2; exit 3"], startup=60.0)
+    assert "simulation.start: sh has ended (status 3); its last output: no licence" in said
+    assert time.monotonic() - began < 30
 
 
 def test_robots_that_are_there_are_reset_and_their_node_gets_parameters(tmp_path: Path) -> None:
