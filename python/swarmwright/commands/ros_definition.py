@@ -2,38 +2,35 @@
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
+from swarmwright.commands import ros_checks
 from swarmwright.commands.definition import Command, CommandOptions, Definition
-from swarmwright.core.options import Options
+from swarmwright.commands.ros_sections import (
+    GET_ENTITIES_STATES,
+    SCOPES,
+    STEP_SIMULATION,
+    Actuator,
+    Metric,
+    Reset,
+    Sensor,
+    Spawn,
+    Step,
+)
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_, dotted_path
-from swarmwright.ros.fields import READERS, STATES, WRITERS, reader, writers
+from swarmwright.core.yaml import Path_
 from swarmwright.ros.mapping import Mapping as TopicMapping
-from swarmwright.ros.mapping import MappingError, choice, read_mapping, short_type
-from swarmwright.ros.reductions import FUNCTIONS
+from swarmwright.ros.mapping import read_mapping
 
 _METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _NAMESPACE = re.compile(r"/|/?[A-Za-z]\w*(/[A-Za-z_]\w*)*")
-_TOPIC = re.compile(r"/?(?:[A-Za-z_]|\{robot\})(?:\w|\{robot\})*(?:/(?:\w|\{robot\})+)*")
-_INTERVAL = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-Interval = Annotated[list[float], Field(min_length=2, max_length=2), WithJsonSchema(_INTERVAL)]
-Reduce = Literal["last", "first", "mean", "sum", "min", "max", "std", "count"]
-assert set(FUNCTIONS) == set(Reduce.__args__)  # type: ignore[attr-defined] # of a Literal
-
-STEP_SIMULATION = "simulation_interfaces/StepSimulation"
-RESET_SIMULATION = "simulation_interfaces/ResetSimulation"
-SPAWN_ENTITY = "simulation_interfaces/SpawnEntity"
-GET_ENTITIES_STATES = "simulation_interfaces/GetEntitiesStates"
 _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")
-SCOPES = {"default": 0, "time": 1, "state": 2, "spawned": 4, "all": 255}
-"""Of ResetSimulation: its bits by name."""
+"""Types of services by default: of a step, of a reset."""
 DOMAINS = 100
 """DDS domains that instances get; beyond about 100 their ports may be taken by other programs on Linux."""
 PROGRAM = Path(__file__).parents[1] / "ros"
@@ -48,243 +45,6 @@ def _number_of_robots(value: Any) -> Any:  # noqa: ANN401 - whatever the file sa
 
 def _seconds(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     return {"duration": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-def _listed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-    return [value] if isinstance(value, str) else value
-
-
-class Place(Options):
-    """A field of the messages of a topic."""
-
-    topic: str = Field(min_length=1)
-    """Relative ones are in the robot's namespace: scan is /robot_1/scan. {robot} stands for the robot's name:
-    /model/{robot}/scan."""
-    type: str = Field(min_length=1)
-    """Of its messages, such as sensor_msgs/LaserScan."""
-    field: str | None = Field(default=None, min_length=1)
-    """Such as pose.pose.position.x; types with one field need none."""
-    scale: float = 1.0
-    """Factor."""
-    offset: float = 0.0
-    """Added after the scale."""
-
-
-class Sensor(Place):
-    """A sensor: value * scale + offset, limited to `clip`."""
-
-    sensor: str = Field(min_length=1)
-    """Its name."""
-    clip: Interval | None = None
-    """Limits, [low, high]."""
-    timeout: float | None = Field(default=None, gt=0)
-    """Where steps have a duration, seconds for which a message counts, for sensors that are slower than
-    steps. Default: one has to come in each step."""
-    sector: Interval | None = None
-    """Of a scan, [FROM, TO] in degrees, counter-clockwise from straight ahead. Default: all of it."""
-    reduce: Literal["min", "mean"] | None = None
-    """What counts of the ranges of a scan. Default: min."""
-    infinite: float | None = None
-    """The value of ranges where nothing is. Default: the sensor's largest range."""
-
-
-class Actuator(Place):
-    """An actuator: what is sent is actuator * scale + offset, limited to `limits`."""
-
-    actuator: str = Field(min_length=1)
-    """Its name."""
-    limits: Interval | None = None
-    """Of what is sent, [low, high]."""
-
-
-class Step(Options):
-    """How the robots go on by one step: time passes, or a service of the simulator is called."""
-
-    duration: float | None = Field(default=None, gt=0)
-    """Seconds. `step: 0.1` is short for {duration: 0.1}."""
-    clock: Literal["wall", "ros"] = "wall"
-    """Whose seconds these are; ros: those of /clock, of a simulator that may be faster or slower."""
-    service: str | None = Field(default=None, min_length=1)
-    """The simulator's service that makes a step and answers when it is done. Default for StepSimulation:
-    /step_simulation; Gazebo has /gzserver/step_simulation."""
-    type: Literal["std_srvs/Trigger", "std_srvs/Empty", "simulation_interfaces/StepSimulation"] | None = None
-    """Of the service. Default: std_srvs/Trigger."""
-    steps: int = Field(default=1, ge=1, le=2**53)
-    """StepSimulation: steps of the simulator that are one step of the controller."""
-    delay: float = Field(default=0.0, ge=0, le=60)
-    """Seconds between sending commands and calling the service, for simulators in which commands arrive
-    later than calls: topics and services have no common order in ROS."""
-    messages: int = Field(default=1, ge=1, le=1_000_000)
-    """Messages from each sensor that a call brings; the last one counts."""
-
-    @model_validator(mode="after")
-    def _fits(self) -> "Step":
-        if (self.duration is None) == (self.service is None and self.type is None):
-            raise ValueError("duration: give either the duration of a step or a service that makes one")
-        if self.steps != 1 and self.type != STEP_SIMULATION:
-            raise ValueError(f"steps: only {STEP_SIMULATION} has it; write type: {STEP_SIMULATION}")
-        return self
-
-    @property
-    def is_called(self) -> bool:
-        """Whether a service makes steps."""
-        return self.duration is None
-
-
-class Reset(Options):
-    """How the simulator goes back to the start of an episode: by a service or by a command.
-
-    Without either, the next episode begins where the last one ended.
-    """
-
-    service: str | None = Field(default=None, min_length=1)
-    """Such as /gazebo/reset_world. Default for ResetSimulation: /reset_simulation; Gazebo has
-    /gzserver/reset_simulation."""
-    type: Literal["std_srvs/Empty", "std_srvs/Trigger", "simulation_interfaces/ResetSimulation"] | None = None
-    """Of the service. Default: std_srvs/Empty."""
-    scope: Annotated[
-        Any,
-        BeforeValidator(_listed),
-        WithJsonSchema(
-            {"anyOf": [{"enum": list(SCOPES)}, {"type": "array", "items": {"enum": list(SCOPES)}}]}
-        ),
-    ] = Field(default=["default"])
-    """ResetSimulation: what is reset: time, state (poses and velocities), spawned (what was spawned is
-    removed), a list of these, or all. default: as the simulator's all."""
-    command: Command | None = None
-    """A command that resets, beside a service or in its place; its words may hold {seed} and the names of
-    the experiment's parameters in braces."""
-    parameters: str | None = Field(default=None, min_length=1)
-    """A node, such as /simulator. Before a reset its ROS parameters are set to the experiment's parameters
-    and to the episode's seed as `seed`, 0 to 2**31 - 1. In ROS 1, the namespace on the parameter server."""
-    settle: int | None = Field(default=None, ge=0, le=1_000_000)
-    """Steps after a reset in which the robots stand, before the first sensors count, for simulators that
-    publish nothing while they are paused. Default: 1 where StepSimulation makes steps, else 0."""
-
-    @field_validator("scope")
-    @classmethod
-    def _scope(cls, value: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
-        if not isinstance(value, list) or not value or not all(one in SCOPES for one in value):
-            raise ValueError(f"must be one of {', '.join(SCOPES)}, or a list of these, not {shown(value)}")
-        return value
-
-    @property
-    def despawns(self) -> bool:
-        """Whether robots that were spawned are removed."""
-        return self.type == RESET_SIMULATION and bool({"default", "all", "spawned"} & set(self.scope))
-
-
-class Pose(Options):
-    """Position in metres, and yaw in radians."""
-
-    x: float = 0.0
-    """Metres."""
-    y: float = 0.0
-    """Metres."""
-    z: float = 0.0
-    """Metres."""
-    yaw: float = 0.0
-    """Radians, counter-clockwise."""
-
-
-class Area(Options):
-    """Where robots are put at random, by the episode's seed."""
-
-    x: Interval
-    """Metres, [low, high]."""
-    y: Interval
-    """Metres, [low, high]."""
-    z: float = 0.0
-    """Metres."""
-    yaw: Interval = Field(default=[-3.141592653589793, 3.141592653589793])
-    """Radians, [low, high]."""
-
-
-class Spawn(Options):
-    """How robots come into a simulator that has SpawnEntity: after each reset that removes them."""
-
-    service: str = Field(default="/spawn_entity", min_length=1)
-    """Gazebo has /gzserver/spawn_entity."""
-    uri: str | None = Field(default=None, min_length=1)
-    """What the simulator calls the robot: file:///models/rover.sdf, or one of its own models."""
-    file: str | None = Field(default=None, min_length=1)
-    """Or a file in a format that it reads, whose text is sent, relative to the experiment file. {robot} in
-    the text stands for the robot's name."""
-    poses: list[Pose] = Field(default=[])
-    """Of each robot, such as [{x: 0, y: 0}, {x: 1, y: 0, yaw: 1.57}]."""
-    area: Area | None = None
-    """Or where they are put at random, by the episode's seed."""
-
-    @model_validator(mode="after")
-    def _fits(self) -> "Spawn":
-        if (self.uri is None) == (self.file is None):
-            raise ValueError("uri: give either uri, the simulator's name of the model, or file")
-        if bool(self.poses) == (self.area is not None):
-            raise ValueError("poses: give either poses, one of each robot, or area")
-        return self
-
-
-class Metric(Options):
-    """A number of an episode: read from a topic, a sensor or the simulator after each step, and reduced."""
-
-    topic: str | None = Field(default=None, min_length=1)
-    """As of a sensor. Absolute ones without {robot} are one value for all robots."""
-    type: str | None = Field(default=None, min_length=1)
-    """Of its messages; or simulation_interfaces/GetEntitiesStates, the simulator's own knowledge of where
-    robots are."""
-    field: str | None = Field(default=None, min_length=1)
-    """As of a sensor. Of GetEntitiesStates: pose.position.x, yaw, twist.linear.x, .."""
-    sensor: str | None = Field(default=None, min_length=1)
-    """Or the name of a sensor, whose values are those that controllers get."""
-    service: str | None = Field(default=None, min_length=1)
-    """Of GetEntitiesStates. Default: /get_entities_states; Gazebo has /gzserver/get_entities_states."""
-    entity: str | None = Field(default=None, min_length=1)
-    """What the simulator calls a robot, with {robot} for its name; or another thing that it knows, one for
-    all robots. Default: {robot}."""
-    scale: float = 1.0
-    """Factor."""
-    offset: float = 0.0
-    """Added after the scale."""
-    otherwise: float | None = None
-    """The value as long as nothing has come on the topic. With it the topic need not send something in every
-    step, as one that is sent only when something happens; the last one counts."""
-    sector: Interval | None = None
-    """As of a sensor."""
-    reduce: Literal["min", "mean"] | None = None
-    """As of a sensor."""
-    infinite: float | None = None
-    """As of a sensor."""
-    time: Reduce = "last"
-    """What is made of the values of an episode, before the first step and after each one."""
-    robots: Reduce = "mean"
-    """What is made of the values of all robots, in their order."""
-
-    @model_validator(mode="after")
-    def _fits(self) -> "Metric":
-        states = self.type == GET_ENTITIES_STATES
-        if sum((self.topic is not None, self.sensor is not None, states)) != 1:
-            raise ValueError(f"topic: give a topic, a sensor, or type: {GET_ENTITIES_STATES}")
-        if self.topic is not None and self.type is None:
-            raise ValueError("type: is missing: that of the topic's messages")
-        if states and self.field is None:
-            raise ValueError("field: is missing, such as pose.position.x")
-        given = self.model_dump(exclude_defaults=True)
-        of_a_sensor = ("type", "field", "service", "entity", "sector", "reduce", "infinite", "otherwise")
-        useless = {"sensor": of_a_sensor, "topic": ("service", "entity")}
-        for key, others in useless.items():
-            for other in others:
-                if key in given and other in given:
-                    raise ValueError(f"{other}: has no meaning with {key}; leave it out")
-        return self
-
-    @property
-    def place(self) -> dict[str, Any]:
-        """Return what a sensor with these values says."""
-        given = self.model_dump(exclude_defaults=True)
-        return {key: value for key, value in given.items() if key not in _OF_METRICS}
-
-
-_OF_METRICS = {"time", "robots", "service", "entity", "otherwise"}
 
 
 class RosOptions(Definition):
@@ -535,88 +295,8 @@ class RosOptions(Definition):
         return {**values, "place": metric.place}
 
     def problems(self) -> list[tuple[Path_, str]]:
-        """Return what is wrong beyond each key's own form, with the keys."""
-        return [*self._of_topics(), *self._of_metrics(), *self._of_others()]
-
-    def _of_topics(self) -> Iterator[tuple[Path_, str]]:
-        for key, entries, name in (
-            ("sensors", self.sensors, "sensor"),
-            ("actuators", self.actuators, "actuator"),
-        ):
-            names: list[str] = []
-            for index, entry in enumerate(entries):
-                path: Path_ = (key, index)
-                own: str = getattr(entry, name)
-                if own in names:
-                    yield (*path, name), f"{own} is there twice; each needs a name of its own"
-                names.append(own)
-                yield from _problem(entry.model_dump(exclude_defaults=True), key, path)
-        if bool(self.sensors) != bool(self.actuators):
-            missing = "sensors" if self.actuators else "actuators"
-            yield (missing,), "is missing: controllers need sensors and actuators"
-        yield from self._types()
-        try:
-            mapping = self.mapping
-            topics = list(dict.fromkeys(one.place.topic for one in mapping.actuators))
-            for topic in topics:
-                writers([one for one in mapping.actuators if one.place.topic == topic])
-        except MappingError as error:
-            path, message = _placed(str(error))
-            if "writes the same field" in message:
-                yield path, message
-
-    def _types(self) -> Iterator[tuple[Path_, str]]:
-        """A topic has one type."""
-        types: dict[str, tuple[str, str]] = {}
-        places: list[tuple[Path_, Any]] = [
-            (("sensors", index), one) for index, one in enumerate(self.sensors)
-        ]
-        places += [(("actuators", index), one) for index, one in enumerate(self.actuators)]
-        places += [(("metrics", name), one) for name, one in self.metrics.items() if one.topic]
-        for path, one in places:
-            if not _TOPIC.fullmatch(one.topic):
-                yield (*path, "topic"), f"{one.topic!r} is no topic; expected such as scan or /robot_1/scan"
-                continue
-            if "{robot}" in one.topic and "/" in self.robots:
-                yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
-            other, where = types.setdefault(one.topic, (one.type, dotted_path(path)))
-            if other != one.type:
-                yield (*path, "type"), f"{one.topic} has the type {other} at {where}; a topic has one type"
-
-    def _of_metrics(self) -> Iterator[tuple[Path_, str]]:
-        sensors = [one.sensor for one in self.sensors]
-        for name, metric in self.metrics.items():
-            path: Path_ = ("metrics", name)
-            if metric.sensor is not None:
-                if metric.sensor not in sensors:
-                    there = f"; there is: {', '.join(sensors) or 'none'}"
-                    hint = did_you_mean(metric.sensor, sensors) or there
-                    yield (*path, "sensor"), f"there is no sensor {metric.sensor!r}{hint}"
-            elif metric.type == GET_ENTITIES_STATES:
-                if self.ros == 1:
-                    yield (*path, "type"), "simulation_interfaces are of ROS 2"
-                if metric.field not in STATES:
-                    hint = did_you_mean(metric.field or "", STATES) or f"; there is: {', '.join(STATES)}"
-                    yield (*path, "field"), f"{metric.field!r} is no field of an entity's state{hint}"
-            else:
-                yield from _problem({**metric.place, "sensor": name}, "sensors", path)
-
-    def _of_others(self) -> Iterator[tuple[Path_, str]]:
-        for key, of in (("step", self.step), ("reset", self.reset)):
-            if self.ros == 1 and (of.type or "").startswith("simulation_interfaces"):
-                yield (key, "type"), f"{of.type} is of ROS 2"
-        if self.reset.type != RESET_SIMULATION and self.reset.scope != ["default"]:
-            yield ("reset", "scope"), f"only {RESET_SIMULATION} has it; write type: {RESET_SIMULATION}"
-        if self.spawn is not None:
-            if self.ros == 1:
-                yield ("spawn",), f"{SPAWN_ENTITY} is of ROS 2"
-            if self.spawn.poses and len(self.spawn.poses) != len(self.robots):
-                yield (
-                    ("spawn", "poses"),
-                    f"must have a pose of each of the {len(self.robots)} robots, not {len(self.spawn.poses)}",
-                )
-            if self.spawn.file is not None and not (Path(self.folder) / self.spawn.file).is_file():
-                yield ("spawn", "file"), f"{self.spawn.file}: there is no such file"
+        """See `Definition`."""
+        return ros_checks.problems(self)
 
 
 def _bits(scope: Sequence[str]) -> int:
@@ -624,35 +304,3 @@ def _bits(scope: Sequence[str]) -> int:
     for one in scope:
         bits |= SCOPES[one]
     return bits
-
-
-def _problem(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[Path_, str]]:
-    """Check one entry as the program reads it."""
-    name = "sensor" if key == "sensors" else "actuator"
-    known = READERS if key == "sensors" else WRITERS
-    if short_type(entry["type"]) not in known:
-        yield (*path, "type"), f"{entry['type']!r} is not known here; expected {choice(list(known))}"
-        return
-    other = {"sensors": "actuators", "actuators": "sensors"}[key]
-    try:
-        mapping = read_mapping({"rate": 1, key: [dict(entry)], other: []},
-                               [entry[name]] if name == "sensor" else [],
-                               [entry[name]] if name == "actuator" else [])  # fmt: skip
-        if key == "sensors":
-            reader(mapping.sensors[0])
-        else:
-            writers(mapping.actuators)
-    except MappingError as error:
-        _, message = _placed(str(error))
-        for field in ("type", "field", "sector", "clip", "limits", "reduce", "infinite"):
-            if message.startswith((f"{field}:", f"{field} ", f"the {field} ")):
-                path = (*path, field)
-                message = message.removeprefix(f"{field}:").removeprefix(f"{field} ").strip()
-                break
-        yield path, message
-
-
-def _placed(message: str) -> tuple[Path_, str]:
-    """Return the place that a mistake in a mapping names, and the rest."""
-    match = re.fullmatch(r"(sensors|actuators)\[(\d+)\](?: \(.*?\))?: (.*)", message, re.DOTALL)
-    return ((match[1], int(match[2])), match[3]) if match else ((), message)
