@@ -70,6 +70,13 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
     assert Experiment.load(longer.path / "experiment.yaml") == whole.experiment
 
 
+def test_a_run_that_was_returned_stays_as_long_as_it_was(whole: Run, tmp_path: Path) -> None:
+    part = optimize(whole.experiment, until(4), out=tmp_path / "run")
+    assert resume(part).generations == 12
+    assert part.generations == len(part.history) == 4
+    assert part.history == whole.history[:4]
+
+
 @pytest.mark.parametrize("at", [1, 6])
 @pytest.mark.parametrize("kind", ["nnga", "cea2d", "random_search"])
 def test_steady_state_goes_on_as_if_nothing_had_happened(kind: str, at: int, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Damage to a store is noticed: no record is read that is not the one that was written."""
 
+import hashlib
 import json
 import random
 import shutil
@@ -7,9 +8,10 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from swarmwright import InputError, Run, optimize, resume
+from swarmwright import InputError, Run, _engine, optimize, resume
 from swarmwright.cli import run as program
 from swarmwright.store import FILE
 from tests.python.records import (
@@ -223,3 +225,21 @@ def test_verify_takes_several_runs_and_leaves_files_out(
     assert "left out" in said.err
     assert program(["runs", "verify", str(copy.parent)]) == 2
     assert "is not a run folder" in capsys.readouterr().err
+
+
+def test_digests_of_columns_are_those_of_their_bytes() -> None:
+    random_numbers = np.random.default_rng(1)
+    odd = np.array([0x7FF8_0000_0000_0001, 0xFFF8_0000_0000_0000], dtype=np.uint64).view(np.float64)
+    fitness = np.concatenate([random_numbers.normal(size=1500), odd, [-0.0]])
+    columns = (
+        random_numbers.normal(size=(len(fitness), 3)),
+        random_numbers.normal(size=(len(fitness), 3, 2)),
+        random_numbers.normal(size=(len(fitness), 7)).astype(np.float32),
+    )
+    digests = _engine.Digests(fitness, *columns)
+    plain = np.concatenate([fitness[:1500], [np.nan, np.nan, 0.0]])  # one NaN and one zero
+    expected = [hashlib.sha256(column.tobytes()).digest() for column in (plain, *columns)]
+    assert digests.columns() == expected
+    assert digests.columns() == expected, "also a second time"
+    none = _engine.Digests(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 0)), np.zeros((0, 7), np.float32))
+    assert none.columns() == [hashlib.sha256(b"").digest()] * 4
