@@ -367,6 +367,10 @@ class Cma:
         """(genes, genes): covariance matrix in units, without the step size; None if separable."""
 
 @final
+class Sample:
+    """What the candidates of a generation are made from, for servers that make them themselves."""
+
+@final
 class Search:
     """A method: it asks for whole generations and learns from what came out.
 
@@ -472,6 +476,12 @@ class Search:
     def members(self) -> tuple[NDArray[np.float32], NDArray[np.float64]] | None:
         """Genomes, (k, genes), and fitness, (k,), of members that stay; None where none do."""
 
+    @property
+    def sample(self) -> Sample | None:
+        """What all genomes asked for last were made from, until their fitness is told.
+
+        None where that is not all of a normal distribution with a deviation for each gene.
+        """
     @property
     def stopped(self) -> list[str]:
         """By which criterion each start has ended, where it says that."""
@@ -820,8 +830,12 @@ class Pool:
         seeds: Sequence[int],
         on_progress: Callable[[int, int, str], None] | None = None,
         meanwhile: Callable[[], None] | None = None,
+        sample: Sample | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
+
+        sample: what all genomes were made from; servers that can make them get it instead. Raises InputError if it has
+        another number of candidates or genes.
 
         Returns fitness (candidates, episodes) and metrics (candidates, episodes, metrics) float64, NaN where the
         evaluation failed (a metric that is missing or not finite is a failure), attempts at blocks of evaluations, and warnings.

@@ -26,6 +26,7 @@ ANNOUNCED: Json = {
     "version": 1,
     "modes": ["stepwise", "offloaded"],
     "controllers": ["layered"],
+    "distributions": ["gaussian"],
     "sensors": 4,
     "actuators": 1,
     "metrics": ["steps"],
@@ -50,6 +51,17 @@ REQUEST: Json = {
 ANSWER: Json = {"version": 1, "request": 7, "server": 3}
 SEEDS = struct.pack("<2Q", 1, 2)
 FAILURE: Json = {"candidate": 0, "episode": 1, "reason": "the wheel came off", "stack": "wheel.py:3"}
+ROW = struct.pack("<2d", 0.5, 1)
+SAMPLE: Json = {
+    "distribution": "gaussian",
+    "seed": 1,
+    "purpose": "openai_es.direction",
+    "generation": 3,
+    "first": 10,
+    "count": 20,
+    "mirrored": True,
+    **dict.fromkeys(("center", "deviation", "middle", "reach", "lower", "upper"), ROW),
+}
 ERROR: Json = {"kind": "invalid", "reason": "no such metric"}
 
 MESSAGES: dict[str, Json] = {
@@ -110,12 +122,13 @@ MESSAGES: dict[str, Json] = {
         "kind": "evaluate",
         **REQUEST,
         "controller": {"kind": "layered", "version": 1},
-        "genomes": struct.pack("<2f", 0.5, -1),
+        "genomes": b"",
         "seeds": SEEDS,
         "metrics": ["steps"],
         "attempt": 1,
         "lease": 60.5,
         "instance": "a1",
+        "sample": SAMPLE,
     },
     "batch_start": {"kind": "start", **REQUEST, "seeds": SEEDS, "metrics": ["steps"], "instance": "a1"},
     "batch_actuators": {

@@ -78,6 +78,7 @@ def check(message: Json) -> None:
     if "seeds" in arrays:
         demand(arrays["seeds"].size, "seeds: none")
     demand(math.isfinite(message.get("lease", 0)), "lease: no number")
+    demand(not (message.get("sample") and message["genomes"]), "genomes and a sample")
     if message["kind"] == "evaluated":
         bad = int((~np.isfinite(arrays["fitness"])).sum())
         demand(bad == len(message["failed"]), "failed does not say what has no fitness")

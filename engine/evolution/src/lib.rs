@@ -27,6 +27,7 @@ mod normal;
 mod philox;
 mod polynomial;
 mod ranking;
+mod sample;
 mod sampling;
 mod search;
 mod shaping;
@@ -47,12 +48,13 @@ pub use network::{Mutation, NodeNetwork};
 pub use normal::normal_at;
 pub use philox::philox;
 pub use ranking::{Ranks, survivors, triangular};
+pub use sample::GaussianSample;
 pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
 pub use search::{
     Bounded, Challenger, CmaSearch, CmaSettings, Gaussian, Learning, Members, Nes, NesSettings,
     NoStart, Restart, Restarts, Search, Shape, Space, Starts, SwarmSettings, Swarming,
 };
 pub use shaping::{centered_ranks, utilities};
-pub use stream::{Stream, purpose_key, rows};
+pub use stream::{Stream, normal_rows, purpose_key, rows};
 pub use swarm::{Flight, Swarm, spread};
 pub use torus::{Torus, Way, Ways};

@@ -9,6 +9,8 @@ use crate::philox::words;
 const WORDS: usize = 4;
 /// Numbers that are made in little more time than another thread takes to begin.
 const FEW: usize = 1 << 14;
+/// Numbers of rows that are computed together: they fit into the nearest cache.
+const TOGETHER: usize = 2048;
 /// 2^-53, the distance of two neighbouring units.
 const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
 
@@ -169,6 +171,29 @@ impl Stream {
     #[inline]
     fn at(&self, block: u64) -> [u64; WORDS] {
         words([block, self.candidate, self.generation, 0], self.key)
+    }
+}
+
+/// Rows of `length` normal numbers, each from the stream of its own candidate: `first`, `first + 1`, ...
+///
+/// As [`Stream::normals`] for each, and faster, as short rows are computed together.
+pub fn normal_rows(
+    seed: u64,
+    purpose: u64,
+    generation: u64,
+    first: u64,
+    length: usize,
+    numbers: &mut [f64],
+) {
+    let length = length.max(1);
+    let together = (TOGETHER / length).max(1) * length;
+    let mut candidate = first;
+    for part in numbers.chunks_mut(together) {
+        for row in part.chunks_mut(length) {
+            Stream::new(seed, purpose, generation, candidate).units(row);
+            candidate = candidate.wrapping_add(1);
+        }
+        of_units(part);
     }
 }
 

@@ -1,9 +1,11 @@
 //! What is asked of the pool.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use serde_json::{Map, Value};
 use swarmwright_controllers::{Architecture, Controller, ControllerError, SpecificationError};
+use swarmwright_protocol::Sample;
 
 /// Many controllers of one architecture, each to be run in the same episodes.
 #[derive(Debug, Clone)]
@@ -14,6 +16,8 @@ pub struct Work {
     genomes: Vec<f32>,
     forgotten: usize,
     seeds: Vec<u64>,
+    /// What all genomes were made from, if servers can make them from it, too.
+    sample: Option<Box<Sample>>,
 }
 
 /// Work that cannot be done.
@@ -40,11 +44,16 @@ pub enum WorkError {
         /// Which of its weights.
         weight: usize,
     },
+    /// A sample that cannot be made, or that has not as many candidates and genes as the genomes.
+    #[error("sample: {0}")]
+    Sample(String),
     /// No episode at all.
     #[error("seeds: must hold the seed of at least one episode")]
     NoEpisode,
 }
 
+/// Candidates whose genomes take more room than the distribution that they are from: six rows of binary64.
+const MIN_SAMPLE: usize = 16;
 /// Numbers that are looked at together: a loop without a way out is one that the compiler can do in vectors.
 const TOGETHER: usize = 1024;
 
@@ -117,7 +126,47 @@ impl Work {
             genomes,
             forgotten: 0,
             seeds,
+            sample: None,
         })
+    }
+
+    /// The genomes are those of this sample: servers that can make them get it instead.
+    ///
+    /// # Errors
+    /// A sample that cannot be made, or of other candidates or controllers.
+    pub fn sampled(mut self, sample: Sample) -> Result<Self, WorkError> {
+        let (candidates, weights) = (self.candidates(), self.architecture.weight_count());
+        let (count, genes) = (sample.count, sample.center.0.len());
+        if count != candidates as u64 || genes != weights {
+            return Err(WorkError::Sample(format!(
+                "{count} candidates of {genes} genes, but there are {candidates} of {weights}"
+            )));
+        }
+        if let Some(problem) = sample.problem() {
+            return Err(WorkError::Sample(problem));
+        }
+        self.sample = Some(Box::new(sample));
+        Ok(self)
+    }
+
+    /// Whether the genomes are those of a sample.
+    #[must_use]
+    pub fn is_sampled(&self) -> bool {
+        self.sample.is_some()
+    }
+
+    /// The part of the sample that is some candidates; none if there is no sample, or the genomes are not longer.
+    #[must_use]
+    pub fn sample_of(&self, candidates: &Range<usize>) -> Option<Box<Sample>> {
+        let whole = self
+            .sample
+            .as_deref()
+            .filter(|_| candidates.len() >= MIN_SAMPLE)?;
+        Some(Box::new(Sample {
+            first: whole.first + candidates.start as u64,
+            count: candidates.len() as u64,
+            ..whole.clone()
+        }))
     }
 
     /// What all controllers have in common.
@@ -146,7 +195,7 @@ impl Work {
 
     /// The genomes of some candidates that are not forgotten.
     #[must_use]
-    pub fn genomes_of(&self, candidates: std::ops::Range<usize>) -> &[f32] {
+    pub fn genomes_of(&self, candidates: Range<usize>) -> &[f32] {
         let weights = self.architecture.weight_count();
         let (start, end) = (
             candidates.start - self.forgotten,
@@ -168,6 +217,7 @@ impl Work {
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
         check_genomes(&self.architecture, genomes)?;
         self.genomes.extend_from_slice(genomes);
+        self.sample = None;
         Ok(())
     }
 

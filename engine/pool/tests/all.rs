@@ -11,6 +11,7 @@ mod layers;
 mod narrow;
 mod parameter_sets;
 mod retries;
+mod samples;
 mod shares;
 mod turns;
 mod twins;

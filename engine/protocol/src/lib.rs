@@ -14,8 +14,8 @@ mod values;
 
 pub use extension::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Envelope, Evaluate, Evaluated,
-    F32s, F64s, Failed, Failure, MAX_BLOCK, MEDIA_TYPE, MOST_REASON, MOST_STACK, Refusal,
-    RefusalKind, ToServer, ToTool, U32s, U64s, shortened,
+    F32s, F64s, Failed, Failure, GAUSSIAN, MAX_BLOCK, MEDIA_TYPE, MOST_REASON, MOST_STACK, Refusal,
+    RefusalKind, Sample, ToServer, ToTool, U32s, U64s, shortened,
 };
 pub use hash::EpisodeHasher;
 pub use messages::{

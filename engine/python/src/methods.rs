@@ -15,8 +15,14 @@ use swarmwright_evolution::{
     NesSettings, NoStart, Restart, Restarts, Search, Space, Starts, SwarmSettings, Swarming,
 };
 
+use swarmwright_protocol::{F64s, GAUSSIAN, Sample};
+
 use crate::errors::{engine, input};
 use crate::local::lock;
+
+/// What the candidates of a generation are made from, for servers that make them themselves.
+#[pyclass(name = "Sample", module = "swarmwright._engine", frozen)]
+pub struct PySample(pub Sample);
 
 type Row<'py> = PyReadonlyArray1<'py, f64>;
 
@@ -323,6 +329,33 @@ impl PySearch {
     #[getter]
     fn stopped(&mut self) -> PyResult<Vec<&'static str>> {
         Ok(self.here()?.search.stopped().to_vec())
+    }
+
+    /// What all genomes asked for last were made from, where servers can make them from it, too.
+    #[getter]
+    fn sample(&mut self) -> PyResult<Option<PySample>> {
+        let here = self.here()?;
+        let asked = here.asked.as_ref().map_or(0, Vec::len) / here.genes.max(1);
+        let Some(drawn) = here.search.drawn().filter(|_| asked > 0) else {
+            return Ok(None);
+        };
+        let row = |row: &[f64]| F64s(row.to_vec());
+        let sample = Sample {
+            distribution: GAUSSIAN.to_owned(),
+            seed: drawn.seed,
+            purpose: drawn.purpose.to_owned(),
+            generation: drawn.generation,
+            first: 0,
+            count: asked as u64,
+            mirrored: drawn.mirrored,
+            center: row(drawn.center),
+            deviation: row(drawn.deviation),
+            middle: row(drawn.scale.middle),
+            reach: row(drawn.scale.reach),
+            lower: row(drawn.scale.lower),
+            upper: row(drawn.scale.upper),
+        };
+        Ok(sample.problem().is_none().then_some(PySample(sample)))
     }
 
     fn state<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {

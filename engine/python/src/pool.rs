@@ -9,6 +9,7 @@ use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, unconnected};
 use crate::genomes::work;
+use crate::methods::PySample;
 use crate::results::{Fitness, Metrics, arrays};
 use crate::supervision::PySupervision;
 use crate::values::{object, section, to_python};
@@ -180,9 +181,10 @@ impl PyPool {
         Ok(self.pool()?.metrics())
     }
 
-    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None, meanwhile=None))]
+    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None, meanwhile=None, sample=None))]
     #[expect(
         clippy::needless_pass_by_value,
+        clippy::too_many_arguments,
         reason = "pyo3 hands arguments over by value"
     )]
     fn evaluate<'py>(
@@ -193,10 +195,14 @@ impl PyPool {
         seeds: Vec<u64>,
         on_progress: Option<Py<PyAny>>,
         meanwhile: Option<Py<PyAny>>,
+        sample: Option<PyRef<'_, PySample>>,
     ) -> PyResult<Evaluated<'py>> {
         let needed = self.metrics;
         let pool = self.pool()?;
-        let work = work(architecture, &genomes, seeds)?;
+        let mut work = work(architecture, &genomes, seeds)?;
+        if let Some(sample) = sample {
+            work = work.sampled(sample.0.clone()).map_err(input)?;
+        }
         let shape = [work.candidates(), work.episodes(), needed];
         let total = work.len();
         // Each of the two callbacks may raise.

@@ -64,6 +64,7 @@ fn request(candidates: usize) -> Vec<u8> {
         attempt: 1,
         lease: 60.0,
         instance: None,
+        sample: None,
     })
     .encode()
 }

@@ -1,7 +1,7 @@
 //! Who a server is: its id, and what tells it from another one with the same id.
 
 use swarmwright_controllers::KINDS;
-use swarmwright_protocol::{Announcement, Capabilities};
+use swarmwright_protocol::{Announcement, Capabilities, GAUSSIAN};
 use swarmwright_worlds::Description;
 
 /// A server's id and the process behind it.
@@ -47,6 +47,7 @@ impl Identity {
                 controllers: texts(KINDS),
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
+                distributions: texts(&[GAUSSIAN]),
                 sensors: Some(simulation.sensors),
                 actuators: Some(simulation.actuators),
                 metrics: simulation

@@ -12,6 +12,7 @@ use swarmwright_worlds::{
     rollout_until,
 };
 
+use crate::genomes::Genomes;
 use crate::guard::{all_finite, guarded};
 use crate::progress::Progress;
 
@@ -50,7 +51,7 @@ pub(crate) struct Request {
     pub number: u64,
     pub reply: String,
     pub setup: Arc<Setup>,
-    pub genomes: Vec<f32>,
+    pub genomes: Genomes,
     pub seeds: Vec<u64>,
     /// Bytes that its setup takes, where no request before shares it.
     pub held: usize,
@@ -61,12 +62,13 @@ pub(crate) struct Request {
 impl Request {
     /// Number of candidates.
     pub fn candidates(&self) -> usize {
-        self.genomes.len() / self.setup.architecture.weight_count()
+        self.genomes
+            .candidates(self.setup.architecture.weight_count())
     }
 
     /// Bytes held.
     pub fn size(&self) -> usize {
-        self.genomes.len() * 4 + self.seeds.len() * 8 + self.held
+        self.genomes.bytes() + self.seeds.len() * 8 + self.held
     }
 }
 
@@ -168,7 +170,8 @@ fn evaluate(
         metrics: vec![Vec::new(); setup.metrics.len()],
         ..Evaluation::default()
     };
-    let mut rest = &request.genomes[..];
+    let all = request.candidates();
+    let mut made = Vec::new();
     // Fewer would take as long.
     let least = simulation
         .lanes()
@@ -176,11 +179,13 @@ fn evaluate(
         .max(1);
     let mut part = FIRST_PART.max(least);
     let mut first = 0;
-    while !rest.is_empty() && !abort.load(Ordering::Relaxed) {
+    while first < all && !abort.load(Ordering::Relaxed) {
         let start = Instant::now();
-        let candidates = part.min(rest.len() / weights);
-        let genomes;
-        (genomes, rest) = rest.split_at(candidates * weights);
+        let candidates = part.min(all - first);
+        let genomes =
+            request
+                .genomes
+                .of(first..first + candidates, weights, means.threads, &mut made);
         let block = Block {
             architecture: &setup.architecture,
             genomes,

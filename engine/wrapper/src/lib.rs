@@ -12,6 +12,7 @@
 
 mod batch;
 mod evaluator;
+mod genomes;
 mod group;
 mod guard;
 mod identity;

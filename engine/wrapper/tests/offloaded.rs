@@ -9,8 +9,10 @@ use std::time::Duration;
 use common::{Server, Walk, architecture, batch, bits, network, object, request};
 use serde_json::{Value, json};
 use swarmwright_controllers::Controller;
+use swarmwright_evolution::{GaussianSample, Scale};
 use swarmwright_protocol::{
-    Evaluate, F32s, Message, RefusalKind, State, ToServer, ToTool, Topic, Topics, U64s,
+    Evaluate, F32s, F64s, GAUSSIAN, Message, RefusalKind, Sample, State, ToServer, ToTool, Topic,
+    Topics, U64s,
 };
 use swarmwright_worlds::{Minisim, rollout};
 
@@ -454,5 +456,139 @@ fn presence_waits_for_the_connection_to_come_back() {
         presence.state,
         State::Ready,
         "in the place of the last will"
+    );
+}
+
+/// A sample of 300 candidates for the walk's network.
+fn sample() -> Sample {
+    let row = |value: f64| F64s(vec![value; 3]);
+    Sample {
+        distribution: GAUSSIAN.to_owned(),
+        seed: u64::MAX,
+        purpose: "test.direction".to_owned(),
+        generation: 3,
+        first: 5,
+        count: 300,
+        mirrored: true,
+        center: F64s(vec![0.1, -0.5, 0.0]),
+        deviation: F64s(vec![0.5, 0.25, 1.0]),
+        middle: row(0.0),
+        reach: row(1.0),
+        lower: row(-2.0),
+        upper: row(2.0),
+    }
+}
+
+fn sampled(number: u64, sample: Sample) -> Evaluate {
+    Evaluate {
+        genomes: F32s::default(),
+        sample: Some(Box::new(sample)),
+        ..request(number)
+    }
+}
+
+#[test]
+fn the_genomes_of_a_sample_are_made_by_the_server() {
+    let sample = sample();
+    let gaussian = GaussianSample {
+        seed: sample.seed,
+        purpose: &sample.purpose,
+        generation: sample.generation,
+        mirrored: sample.mirrored,
+        center: &sample.center.0,
+        deviation: &sample.deviation.0,
+        scale: Scale {
+            middle: &sample.middle.0,
+            reach: &sample.reach.0,
+            lower: &sample.lower.0,
+            upper: &sample.upper.0,
+        },
+    };
+    let mut genomes = vec![0.0; 300 * 3];
+    gaussian.genomes(sample.first, &mut genomes);
+    let by_weights = Evaluate {
+        genomes: F32s(genomes),
+        ..request(2)
+    };
+    let mut server = Server::of_walks();
+    server.evaluate(sampled(1, sample));
+    server.evaluate(by_weights.clone());
+    server.compute();
+    let results = server.results();
+    assert_eq!(results.len(), 2);
+    let expected = expected(&by_weights);
+    assert!(expected.iter().any(|fitness| *fitness != expected[0]));
+    for result in results {
+        assert_eq!(bits(&result.fitness.0), bits(&expected));
+        assert!(result.failed.is_empty() && result.error.is_none());
+    }
+}
+
+#[test]
+fn a_sample_that_cannot_be_made_is_refused() {
+    type Change = fn(&mut Sample);
+    let changes: [(Change, &str); 8] = [
+        (
+            |sample| sample.distribution = "cauchy".to_owned(),
+            "sample.distribution: \"cauchy\" is unknown here, only gaussian",
+        ),
+        (
+            |sample| {
+                *sample = Sample {
+                    center: F64s(vec![0.0; 2]),
+                    deviation: F64s(vec![0.0; 2]),
+                    middle: F64s(vec![0.0; 2]),
+                    reach: F64s(vec![0.0; 2]),
+                    lower: F64s(vec![0.0; 2]),
+                    upper: F64s(vec![0.0; 2]),
+                    ..sample.clone()
+                }
+            },
+            "sample.center: 2 numbers, but the controller has 3 weights",
+        ),
+        (
+            |sample| sample.deviation.0.truncate(2),
+            "\"sample.deviation\" has 2 numbers",
+        ),
+        (
+            |sample| sample.center.0[1] = f64::INFINITY,
+            "\"sample.center\"[1] is inf",
+        ),
+        (
+            |sample| sample.lower.0[2] = -1e39,
+            "\"sample.lower\"[2] is -1",
+        ),
+        (
+            |sample| sample.count = 1 << 40,
+            "\"sample.count\" is 1099511627776: more genomes than",
+        ),
+        (|sample| sample.count = 5_000_000, "too many for one answer"),
+        (
+            |sample| sample.first = u64::MAX,
+            "\"sample.first\" is too large",
+        ),
+    ];
+    for (change, expected) in changes {
+        let mut server = Server::of_walks();
+        let mut sample = sample();
+        change(&mut sample);
+        server.evaluate(sampled(1, sample));
+        server.compute();
+        let results = server.results();
+        let error = results[0].error.as_ref().unwrap();
+        assert_eq!(error.kind, RefusalKind::Invalid);
+        assert!(error.reason.contains(expected), "{}", error.reason);
+    }
+    let mut server = Server::of_walks();
+    server.evaluate(Evaluate {
+        sample: Some(Box::new(sample())),
+        ..request(1)
+    });
+    let results = server.results();
+    let error = results[0].error.as_ref().unwrap();
+    assert!(
+        error.reason.contains("there is a \"sample\""),
+        "{}",
+        error.reason
     );
 }

@@ -33,12 +33,19 @@ class Controllers:
     """A specification; its weights do not count."""
     weights: NDArray[np.float32]
     """(candidates, weights)"""
+    sample: _engine.Sample | None = None
+    """What all weights were made from; servers that can make them get it instead."""
 
     @classmethod
-    def of(cls, representation: Representation, genomes: Genomes) -> Self:
-        """Return the controllers that genomes stand for."""
+    def of(
+        cls, representation: Representation, genomes: Genomes, sample: _engine.Sample | None = None
+    ) -> Self:
+        """Return the controllers that genomes stand for, which are those of the sample if there is one."""
         architecture = dict(representation.architecture())
-        return cls(architecture, np.ascontiguousarray(representation.weights(genomes), dtype=np.float32))
+        weights = representation.weights(genomes)
+        if weights is not genomes:  # computed from the genes
+            sample = None
+        return cls(architecture, np.ascontiguousarray(weights, dtype=np.float32), sample)
 
 
 @dataclass(frozen=True)

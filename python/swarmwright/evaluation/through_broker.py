@@ -115,7 +115,12 @@ class BrokerBackend:
 
         with engine_errors():
             fitness, metrics, attempts, warnings = self._pool.evaluate(
-                controllers.architecture, controllers.weights, list(seeds), progress, meanwhile
+                controllers.architecture,
+                controllers.weights,
+                list(seeds),
+                progress,
+                meanwhile,
+                controllers.sample,
             )
         self._check_servers()
         results = Results(fitness, metrics, Journal.of(attempts, warnings))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
@@ -194,6 +195,11 @@ class Method(SteadyState):
         self._check_not_done()
         self._asked = self._ask()
         return self._asked.copy()
+
+    @property
+    def sample(self) -> _engine.Sample | None:
+        """What all genomes asked for last were made from, where servers can make them from it, too."""
+        return None
 
     def kept(self) -> Genomes:
         """Return the members that stay, (k, genome_size), after `ask`; none with most methods.

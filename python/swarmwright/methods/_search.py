@@ -48,6 +48,11 @@ class SearchMethod(Method):
         """Fitness of the last sample."""
         return np.empty(0) if self._fitness is None else self._fitness
 
+    @property
+    def sample(self) -> _engine.Sample | None:
+        """What the search made the genomes from that were asked for last; None if a subclass makes them."""
+        return self.search.sample if self.ahead else None
+
     def _ask(self) -> Genomes:
         return self.search.ask()
 

@@ -237,7 +237,7 @@ class Loop:
             self._announce(backend, number)
             self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
             results = backend.evaluate(
-                Controllers.of(self._representation, genomes),
+                Controllers.of(self._representation, genomes, self._method.sample),
                 seeds,
                 watched,
                 self._store_last,

@@ -3,10 +3,15 @@
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
 
-use crate::stream::{Stream, rows};
+use rayon::prelude::*;
+
+use crate::stream::normal_rows;
 
 /// Numbers, 64 MiB: larger samples are not drawn ahead.
 const MOST: usize = 1 << 23;
+
+/// Numbers that are made in little more time than another thread takes to begin.
+const FEW: usize = 1 << 14;
 
 /// See the module.
 #[derive(Debug)]
@@ -53,12 +58,20 @@ impl Ahead {
 
 impl Address {
     fn drawn(self, generation: u64) -> Vec<f64> {
-        let stream = |row| Stream::new(self.seed, self.purpose, generation, row);
-        let mut streams: Vec<_> = (0..self.rows).map(stream).collect();
-        let mut drawn = vec![0.0; streams.len() * self.length];
-        rows(&mut streams, &mut drawn, self.length, |_, stream, row| {
-            stream.normals(row);
-        });
+        let length = self.length.max(1);
+        let count = usize::try_from(self.rows).unwrap_or(0);
+        let mut drawn = vec![0.0; count * self.length];
+        let rows = FEW.div_ceil(length);
+        let draw = |(part, numbers): (usize, &mut [f64])| {
+            let first = (part * rows) as u64;
+            normal_rows(self.seed, self.purpose, generation, first, length, numbers);
+        };
+        if drawn.len() < 2 * FEW {
+            draw((0, &mut drawn));
+        } else {
+            let parts = drawn.par_chunks_mut(rows * length);
+            parts.enumerate().for_each(draw);
+        }
         drawn
     }
 }

@@ -3,6 +3,7 @@
 use super::adam::Adam;
 use super::ahead::{Address, Ahead};
 use super::{NoStart, Search};
+use crate::sample::GaussianSample;
 use crate::sampling::{Scale, add_weighted, samples};
 use crate::shaping::centered_ranks;
 use crate::stream::purpose_key;
@@ -71,7 +72,7 @@ pub(super) struct Sample {
     mirrored: bool,
     generation: u64,
     seed: u64,
-    purpose: u64,
+    purpose: String,
     normals: Ahead,
 }
 
@@ -84,7 +85,7 @@ impl Sample {
         population: usize,
         mirrored: bool,
     ) -> Self {
-        let purpose = purpose_key(&format!("{kind}.direction"));
+        let purpose = format!("{kind}.direction");
         let center = match start {
             Some(genes) => space.point(genes),
             None => vec![0.0; space.genes()],
@@ -96,13 +97,13 @@ impl Sample {
             mirrored,
             generation: 0,
             seed,
-            purpose,
             normals: Ahead::new(Address {
                 seed,
-                purpose,
+                purpose: purpose_key(&purpose),
                 rows: 0,
                 length: 0,
             }),
+            purpose,
             space,
         };
         made.resize(population);
@@ -119,7 +120,7 @@ impl Sample {
         };
         self.normals = Ahead::new(Address {
             seed: self.seed,
-            purpose: self.purpose,
+            purpose: purpose_key(&self.purpose),
             rows: rows as u64,
             length: self.space.genes(),
         });
@@ -149,6 +150,19 @@ impl Sample {
             &mut genomes,
         );
         genomes
+    }
+
+    /// What the genomes asked for last were made from, with these standard deviations.
+    pub(super) fn drawn<'a>(&'a self, deviation: &'a [f64]) -> GaussianSample<'a> {
+        GaussianSample {
+            seed: self.seed,
+            purpose: &self.purpose,
+            generation: self.generation(),
+            mirrored: self.mirrored,
+            center: &self.center,
+            deviation,
+            scale: self.space.scale(),
+        }
     }
 
     /// The sum of the directions times their weights.
@@ -293,6 +307,10 @@ impl Search for Gaussian {
             self.learn(fitness);
         }
         Ok(())
+    }
+
+    fn drawn(&self) -> Option<GaussianSample<'_>> {
+        Some(self.sample.drawn(&self.deviation))
     }
 
     fn state(&self, name: &str) -> Option<Vec<f64>> {

@@ -14,6 +14,8 @@ pub use nes::{Nes, NesSettings, Restart, Shape};
 pub use restarts::{CmaSearch, CmaSettings, Restarts};
 pub use swarm::{SwarmSettings, Swarming};
 
+use crate::sample::GaussianSample;
+
 /// Why there is no place to start from; whoever was asked for it knows more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoStart;
@@ -50,6 +52,12 @@ pub trait Search: Send + Sync {
     /// Why each of its starts has ended, where it begins anew.
     fn stopped(&self) -> &[&'static str] {
         &[]
+    }
+
+    /// What the genomes asked for last were made from, until their fitness is told; none where that is not all of a normal
+    /// distribution with a deviation for each gene.
+    fn drawn(&self) -> Option<GaussianSample<'_>> {
+        None
     }
 
     /// A part of the state, by its name.

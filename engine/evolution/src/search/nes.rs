@@ -4,6 +4,7 @@ use super::gaussian::{Sample, Space, count, limited};
 use super::{NoStart, Search, Starts};
 use crate::exact::exact_sum;
 use crate::matrix::{exponential, product};
+use crate::sample::GaussianSample;
 use crate::sampling::add_weighted_products;
 use crate::shaping::utilities;
 
@@ -193,6 +194,13 @@ impl Search for Nes {
             return self.begin_anew();
         }
         Ok(())
+    }
+
+    fn drawn(&self) -> Option<GaussianSample<'_>> {
+        match &self.shape {
+            Shape::Separable(deviation) => Some(self.sample.drawn(deviation)),
+            Shape::Full(..) => None,
+        }
     }
 
     fn state(&self, name: &str) -> Option<Vec<f64>> {

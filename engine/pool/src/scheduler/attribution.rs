@@ -16,7 +16,7 @@ const ABSENCE_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Scheduler {
     /// A server has succeeded with something: it is sound, and what it said of other evaluations before counts.
-    pub(super) fn server_succeeded(&mut self, server: u64) {
+    pub(super) fn server_succeeded(&mut self, server: u64, times: u32) {
         self.fleet.succeeded(server);
         self.outlook.some_work();
         let processes = &self.processes;
@@ -25,7 +25,7 @@ impl Scheduler {
         let alike = |other: u64| supervised && processes.are_watched(other);
         let instance = self.fleet.instance(server);
         let attribution = self.ledger.attribution_mut();
-        attribution.succeeded(server, instance.as_ref(), alike);
+        attribution.succeeded(server, times, instance.as_ref(), alike);
     }
 
     /// Gives what succeeded before to servers that are to show that they are sound, and have nothing else to do.

@@ -11,7 +11,18 @@ use crate::scheduler::queue::results::Found;
 impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
     pub(super) fn settle(&mut self, piece: &Piece, evaluation: usize, found: Found, now: Instant) {
-        self.server_succeeded(found.server);
+        self.server_succeeded(found.server, 1);
+        self.settle_proven(piece, evaluation, found, now);
+    }
+
+    /// As [`settle`](Self::settle), where it is known that the server succeeded.
+    pub(super) fn settle_proven(
+        &mut self,
+        piece: &Piece,
+        evaluation: usize,
+        found: Found,
+        now: Instant,
+    ) {
         if piece.purpose == Purpose::Probe {
             return;
         }

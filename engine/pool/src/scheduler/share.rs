@@ -17,6 +17,8 @@ const MIN_SHARED_SECONDS: f64 = 0.004;
 /// Numbers in a message, at most: with half a MiB all who copy it on its way do so in their caches (measured: 1.6 times
 /// the speed of 4 MiB and more).
 const MAX_NUMBERS: usize = 1 << 17;
+/// Numbers that a server makes for one message, at most.
+const MAX_MADE: usize = 8 * MAX_NUMBERS;
 /// Bytes of a packet beside its payload, and of a message beside what is counted, at most.
 const OVERHEAD_BYTES: usize = 512;
 /// Numbers that take the room of a seed.
@@ -86,6 +88,13 @@ impl View<'_> {
         let fitting = if numbers < MAX_NUMBERS && numbers < weights.saturating_add(seeds) {
             (numbers.saturating_sub(weights) / NUMBERS_PER_SEED).max(1)
         } else {
+            // Servers that make the genomes get few numbers.
+            let sampled = work.is_sampled() && slot.makes_samples();
+            let numbers = if sampled && self.is_wide() {
+                MAX_MADE
+            } else {
+                numbers
+            };
             ((numbers - seeds) / weights)
                 .max(1)
                 .saturating_mul(episodes)
@@ -104,6 +113,11 @@ impl View<'_> {
         }
         let room = packet.saturating_sub(OVERHEAD_BYTES + self.limits.beside());
         (room / size_of::<f32>()).clamp(1, MAX_NUMBERS)
+    }
+
+    /// Whether the broker takes the largest block of a sample also as genomes, as another server may get it.
+    fn is_wide(&self) -> bool {
+        self.limits.room() >= 2 * size_of::<f32>() * MAX_MADE
     }
 
     /// How many of its share a server computes in about the time of one.

@@ -96,6 +96,22 @@ impl ToServer {
                         "\"seeds\" is empty or \"lease\" is no number".to_owned(),
                     ));
                 }
+                if let Some(sample) = &m.sample {
+                    if !m.genomes.0.is_empty() {
+                        return Err(DecodeError::value(
+                            "\"genomes\" are not empty, and there is a \"sample\"".to_owned(),
+                        ));
+                    }
+                    if !sample.fits() {
+                        return Err(DecodeError::value(format!(
+                            "\"sample.count\" is {}: more genomes than the {MAX_BLOCK} bytes of a message",
+                            sample.count
+                        )));
+                    }
+                    if let Some(problem) = sample.problem() {
+                        return Err(DecodeError::value(problem));
+                    }
+                }
             }
             Self::Start(m) => {
                 check(m.version)?;

@@ -41,7 +41,7 @@ pub struct Evaluate {
     /// Controller specification without its weights (protocol/schemas/controller.schema.json).
     #[serde(deserialize_with = "bounded")]
     pub controller: Map<String, Value>,
-    /// (candidates, weights), row-major.
+    /// (candidates, weights), row-major; none where the server is to make them itself, see `sample`.
     pub genomes: F32s,
     /// One seed per episode, at least one.
     pub seeds: U64s,
@@ -55,6 +55,98 @@ pub struct Evaluate {
     /// Which start of the server is meant, as it announced it: another one with its id is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
+    /// In place of genomes: what the server makes them from, if it announces the distribution.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample: Option<Box<Sample>>,
+}
+
+/// The distribution that every server with [`Sample`] makes genomes from.
+pub const GAUSSIAN: &str = "gaussian";
+
+/// Candidates of a generation by their numbers (protocol/schemas/sample.schema.json).
+///
+/// Of numbers for each gene there are as many as a controller has weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Sample {
+    /// [`GAUSSIAN`].
+    pub distribution: String,
+    /// Of the run.
+    pub seed: u64,
+    /// What the random numbers are for.
+    pub purpose: String,
+    /// The generation.
+    pub generation: u64,
+    /// Number of the first candidate.
+    pub first: u64,
+    /// Number of candidates.
+    pub count: u64,
+    /// Whether candidates 2 i and 2 i + 1 lie on opposite sides of the center.
+    pub mirrored: bool,
+    /// Point that the candidates are around.
+    pub center: F64s,
+    /// Standard deviation for each gene.
+    pub deviation: F64s,
+    /// Value of each gene where a point is 0.
+    pub middle: F64s,
+    /// By how much each gene changes where a point changes by 1.
+    pub reach: F64s,
+    /// Least value of each gene, within the range of binary32.
+    pub lower: F64s,
+    /// Largest value of each gene, within the range of binary32.
+    pub upper: F64s,
+}
+
+impl Sample {
+    /// The rows of numbers for each gene, by name.
+    #[must_use]
+    pub fn rows(&self) -> [(&'static str, &[f64]); 6] {
+        [
+            ("center", &self.center.0),
+            ("deviation", &self.deviation.0),
+            ("middle", &self.middle.0),
+            ("reach", &self.reach.0),
+            ("lower", &self.lower.0),
+            ("upper", &self.upper.0),
+        ]
+    }
+
+    /// Whether its genomes would fit into a message.
+    #[must_use]
+    pub fn fits(&self) -> bool {
+        let genomes = (self.center.0.len() as u64).saturating_mul(self.count);
+        genomes.saturating_mul(size_of::<f32>() as u64) <= MAX_BLOCK as u64
+    }
+
+    /// What is wrong with it, whatever the controller; none if nothing is.
+    #[must_use]
+    pub fn problem(&self) -> Option<String> {
+        let genes = self.center.0.len();
+        for (name, row) in self.rows() {
+            if row.len() != genes {
+                let found = row.len();
+                return Some(format!(
+                    "\"sample.{name}\" has {found} numbers, \"sample.center\" {genes}"
+                ));
+            }
+            let most = match name {
+                "lower" | "upper" => f64::from(f32::MAX),
+                _ => f64::MAX,
+            };
+            if let Some(index) = row
+                .iter()
+                .position(|number| number.is_nan() || number.abs() > most)
+            {
+                return Some(format!(
+                    "\"sample.{name}\"[{index}] is {}, expected a number of at most {most:e} in size",
+                    row[index]
+                ));
+            }
+        }
+        if self.first.checked_add(self.count).is_none() {
+            return Some("\"sample.first\" is too large".to_owned());
+        }
+        None
+    }
 }
 
 /// Reply to [`Evaluate`].

@@ -201,6 +201,7 @@ impl Announcement {
             controllers: keys.lenient("controllers").unwrap_or_default(),
             batch: keys.lenient("batch").filter(|most| *most > 0),
             lanes: keys.lenient("lanes").filter(|lanes| *lanes > 0),
+            distributions: keys.lenient("distributions").unwrap_or_default(),
             sensors: keys.lenient("sensors"),
             actuators: keys.lenient("actuators"),
             metrics: keys.lenient("metrics").unwrap_or_default(),
@@ -220,6 +221,8 @@ impl Announcement {
         insert(&mut object, "controllers", controllers);
         insert(&mut object, "batch", self.batch);
         insert(&mut object, "lanes", self.lanes);
+        let distributions = Some(self.distributions.clone()).filter(|names| !names.is_empty());
+        insert(&mut object, "distributions", distributions);
         insert(&mut object, "sensors", self.sensors);
         insert(&mut object, "actuators", self.actuators);
         let metrics = Some(self.metrics.clone()).filter(|names| !names.is_empty());

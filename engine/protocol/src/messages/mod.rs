@@ -71,6 +71,8 @@ pub struct Announcement {
     pub batch: Option<usize>,
     /// Episodes that are computed in about the time of one, when offloaded; none if it does not say.
     pub lanes: Option<usize>,
+    /// Distributions from which the server makes genomes itself, when offloaded; none if it does not say.
+    pub distributions: Vec<String>,
     /// Numbers in a sensor message.
     pub sensors: Option<usize>,
     /// Numbers in an actuator message.

@@ -7,7 +7,8 @@ use serde_json::{Map, Value, json};
 use swarmwright_protocol::{
     Actuator, BatchActuators, BatchSensors, BatchStart, Capabilities, Control, Discovery, Evaluate,
     Evaluated, F32s, F64s, Failed, Failure, Fitness, Message, ParametersMessage, Presence, Refusal,
-    RefusalKind, Requirements, Sensor, ServerMessage, State, ToServer, ToTool, Topic, U32s, U64s,
+    RefusalKind, Requirements, Sample, Sensor, ServerMessage, State, ToServer, ToTool, Topic, U32s,
+    U64s,
 };
 
 fn text() -> impl Strategy<Value = String> {
@@ -188,6 +189,52 @@ fn conversation() -> impl Strategy<Value = Message> {
     ]
 }
 
+fn sample() -> impl Strategy<Value = Sample> {
+    let row = |genes| prop::collection::vec(real(), genes).prop_map(F64s);
+    let limit = |genes| prop::collection::vec(-1e30..1e30, genes).prop_map(F64s);
+    let numbers = || {
+        (
+            any::<u64>(),
+            text(),
+            any::<u64>(),
+            any::<u32>(),
+            0..1000_u64,
+        )
+    };
+    (1..6_usize).prop_flat_map(move |genes| {
+        (
+            numbers(),
+            any::<bool>(),
+            (row(genes), row(genes), row(genes), row(genes)),
+            (limit(genes), limit(genes)),
+            text(),
+        )
+            .prop_map(
+                |(
+                    (seed, purpose, generation, first, count),
+                    mirrored,
+                    (center, deviation, middle, reach),
+                    (lower, upper),
+                    distribution,
+                )| Sample {
+                    distribution,
+                    seed,
+                    purpose,
+                    generation,
+                    first: first.into(),
+                    count,
+                    mirrored,
+                    center,
+                    deviation,
+                    middle,
+                    reach,
+                    lower,
+                    upper,
+                },
+            )
+    })
+}
+
 fn block() -> impl Strategy<Value = Message> {
     let singles = || prop::collection::vec(single(), 0..9).prop_map(F32s);
     let seeds = || prop::collection::vec(any::<u64>(), 1..5).prop_map(U64s);
@@ -204,7 +251,13 @@ fn block() -> impl Strategy<Value = Message> {
             any::<u32>(),
             real()
         )
-            .prop_flat_map(|all| (Just(all), prop::option::of(text())))
+            .prop_flat_map(|all| {
+                (
+                    Just(all),
+                    prop::option::of(text()),
+                    prop::option::of(sample()),
+                )
+            })
             .prop_map(
                 |(
                     (
@@ -218,7 +271,13 @@ fn block() -> impl Strategy<Value = Message> {
                         lease,
                     ),
                     instance,
+                    sample,
                 )| {
+                    let genomes = if sample.is_some() {
+                        F32s::default()
+                    } else {
+                        genomes
+                    };
                     Message::ToServer(ToServer::Evaluate(Evaluate {
                         version: 1,
                         request,
@@ -233,6 +292,7 @@ fn block() -> impl Strategy<Value = Message> {
                         attempt,
                         lease,
                         instance,
+                        sample: sample.map(Box::new),
                     }))
                 }
             ),

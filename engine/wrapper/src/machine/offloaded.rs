@@ -14,6 +14,7 @@ use swarmwright_protocol::{
 
 use super::{Action, Machine, State};
 use crate::batch::answer;
+use crate::genomes::Genomes;
 use crate::job::{Done, Evaluation, Job, Request, Setup, invalid, metrics_wanted};
 
 /// Requests that may wait, and the bytes that they may hold.
@@ -178,16 +179,11 @@ impl Machine {
         let setup = self.setup(&mut message)?;
         let shared = before.is_some_and(|before| Arc::ptr_eq(&before, &setup));
         let weights = setup.architecture.weight_count();
-        let (numbers, episodes) = (message.genomes.0.len(), message.seeds.0.len());
-        if !numbers.is_multiple_of(weights) {
+        let genomes = Genomes::new(message.genomes.0, message.sample, weights).map_err(invalid)?;
+        let (candidates, episodes) = (genomes.candidates(weights), message.seeds.0.len());
+        if candidates.saturating_mul(episodes) > MOST_NUMBERS / (2 + setup.wanted.len()) {
             return Err(invalid(format!(
-                "genomes: {numbers} numbers are not a whole number of candidates; the controller has {weights} weights"
-            )));
-        }
-        if (numbers / weights).saturating_mul(episodes) > MOST_NUMBERS / (2 + setup.wanted.len()) {
-            return Err(invalid(format!(
-                "genomes: {} candidates in {episodes} episodes are too many for one answer; send fewer at once",
-                numbers / weights
+                "genomes: {candidates} candidates in {episodes} episodes are too many for one answer; send fewer at once"
             )));
         }
         let held = if shared { 0 } else { setup.bytes() };
@@ -195,7 +191,7 @@ impl Machine {
             number: message.request,
             reply: message.reply,
             setup,
-            genomes: message.genomes.0,
+            genomes,
             seeds: message.seeds.0,
             held,
             expires: (message.lease > 0.0 && message.lease < LONGEST_LEASE)

@@ -48,6 +48,7 @@ pub fn request(number: u64) -> Evaluate {
         attempt: 1,
         lease: 60.0,
         instance: None,
+        sample: None,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::Capabilities;
+use swarmwright_protocol::{Capabilities, GAUSSIAN};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::lag::Answers;
@@ -48,6 +48,12 @@ impl Slot {
     /// Whether it may get work.
     pub fn usable(&self) -> bool {
         self.backs_off_until.is_none() && !self.silent && !self.suspended
+    }
+
+    /// Whether it makes samples of normal distributions itself.
+    pub fn makes_samples(&self) -> bool {
+        let announced = self.capabilities.swarmwright.as_ref();
+        announced.is_some_and(|announced| announced.distributions.iter().any(|one| one == GAUSSIAN))
     }
 
     /// Learns from `episodes` that took `seconds`.

@@ -6,6 +6,7 @@ use swarmwright_protocol::{EXTENSION_VERSION, Evaluate, Evaluated, F32s, ToServe
 
 use crate::metrics::needed;
 use crate::scheduler::Scheduler;
+use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
@@ -33,6 +34,7 @@ impl Scheduler {
             attempt: u32::MAX,
             lease: 0.5,
             instance: None,
+            sample: None,
         };
         ToServer::Evaluate(nothing).encode().len()
     }
@@ -51,6 +53,12 @@ impl Scheduler {
         // A server may have become slower than it was when it was measured.
         let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
         let lease = self.config.timeouts.step.as_secs_f64().max(expected) * more;
+        let makes_samples = self.fleet.slot(server).is_some_and(Slot::makes_samples);
+        let sample = work.sample_of(&candidates).filter(|_| makes_samples);
+        let genomes = match sample {
+            Some(_) => Vec::new(),
+            None => work.genomes_of(candidates).to_vec(),
+        };
         let message = ToServer::Evaluate(Evaluate {
             version: EXTENSION_VERSION,
             request: self.in_flight.next_request(),
@@ -59,7 +67,8 @@ impl Scheduler {
             simulation: self.config.demand.simulation.clone(),
             parameters: self.config.parameters.clone(),
             controller: work.specification().clone(),
-            genomes: F32s(work.genomes_of(candidates).to_vec()),
+            genomes: F32s(genomes),
+            sample,
             seeds: U64s(work.seeds()[episodes].to_vec()),
             metrics: self.config.demand.metrics.clone(),
             attempt: piece.tries + 1,
@@ -101,7 +110,8 @@ impl Scheduler {
             since.as_secs_f64()
         };
         // How fast a server fails tells nothing of how fast it is.
-        if message.failed.len() < count {
+        let failed = message.failed.len();
+        if failed < count {
             self.fleet.did_well(request.server, count, seconds);
         }
         if let Some(slot) = self.fleet.slot(request.server) {
@@ -122,10 +132,22 @@ impl Scheduler {
             let offset = offset.unwrap_or(usize::MAX);
             self.fail_one(&request, offset, failure.reason, failure.stack, now);
         }
-        for (offset, &fitness) in message.fitness.0.iter().enumerate() {
-            if !fitness.is_finite() {
-                continue;
+        let finite = message.fitness.0.iter().enumerate();
+        let finite = finite.filter(|(_, fitness)| fitness.is_finite());
+        if metrics.is_empty() {
+            // Thousands of evaluations: what all have in common is noted once.
+            let times = u32::try_from(count - failed).unwrap_or(u32::MAX);
+            if times > 0 {
+                self.server_succeeded(request.server, times);
             }
+            for (offset, &fitness) in finite {
+                let evaluation = request.piece.first() + offset;
+                let found = Found::new(request.server, fitness, Vec::new());
+                self.settle_proven(&request.piece, evaluation, found, now);
+            }
+            return;
+        }
+        for (offset, &fitness) in finite {
             let value = |name: &str| message.metrics.get(name)?.0.get(offset).copied();
             match needed(&metrics, value) {
                 Ok(values) => {

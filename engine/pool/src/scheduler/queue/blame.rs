@@ -236,10 +236,12 @@ impl Attribution {
     pub fn succeeded(
         &mut self,
         server: u64,
+        times: u32,
         instance: Option<&String>,
         same_installation: impl Fn(u64) -> bool,
     ) {
-        *self.proven.entry(server).or_default() += 1;
+        let proven = self.proven.entry(server).or_default();
+        *proven = proven.saturating_add(times);
         for record in self.by_evaluation.values_mut() {
             // What another start said, perhaps on another machine, this one cannot confirm.
             record.failures.retain(|(failure, confirmed)| {

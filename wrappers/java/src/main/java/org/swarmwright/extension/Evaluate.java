@@ -29,6 +29,9 @@ public final class Evaluate extends Request {
   /** Seconds after which the tool gives the work to another server; 0 or less for never. */
   public final double lease;
 
+  /** Whether the genomes are to be made from a sample, which this wrapper does not announce. */
+  public final boolean isSample;
+
   Evaluate(MapReader map) {
     super(map);
     parameters = map.object("parameters");
@@ -38,5 +41,6 @@ public final class Evaluate extends Request {
     metrics = map.texts("metrics");
     attempt = map.count("attempt", 0xFFFFFFFFL);
     lease = map.number("lease");
+    isSample = map.hasMap("sample");
   }
 }

@@ -157,6 +157,14 @@ public final class MapReader {
     return json(key, get(key), 1).getAsJsonObject();
   }
 
+  /** Whether there is a map under a key; its content is not looked at. */
+  public boolean hasMap(String key) {
+    if (fields.containsKey(key) && !get(key).isMapValue()) {
+      throw wrong(key, "a map");
+    }
+    return fields.containsKey(key);
+  }
+
   private ByteBuffer numbers(String key, int size) {
     if (!get(key).isBinaryValue()) {
       throw wrong(key, "binary");

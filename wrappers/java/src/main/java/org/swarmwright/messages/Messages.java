@@ -176,6 +176,7 @@ public final class Messages {
         .withControllers(fields.lenient(() -> fields.optionalTexts("controllers")))
         .withBatch(count(fields, "batch"))
         .withLanes(count(fields, "lanes"))
+        .withDistributions(fields.lenient(() -> fields.optionalTexts("distributions")))
         .withSensors(count(fields, "sensors"))
         .withActuators(count(fields, "actuators"))
         .withMetrics(fields.lenient(() -> fields.optionalTexts("metrics")))

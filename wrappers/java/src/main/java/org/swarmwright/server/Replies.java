@@ -93,6 +93,9 @@ final class Replies {
     checkMetrics(request.metrics);
     Architecture wanted = architecture(request.controller);
     long weights = wanted.weightCount();
+    if (request.isSample) {
+      throw invalid("sample: this server makes no genomes; send them");
+    }
     int numbers = request.genomes.length;
     if (numbers % weights != 0) {
       throw invalid(

@@ -1,0 +1,98 @@
+//! The genomes of a request: sent as they are, or made here from what was sent.
+
+use std::ops::Range;
+
+use swarmwright_evolution::{GaussianSample, Scale};
+use swarmwright_protocol::{GAUSSIAN, Sample};
+
+/// The genomes of a request.
+#[derive(Debug)]
+pub(crate) enum Genomes {
+    /// (candidates, weights), row-major.
+    Sent(Vec<f32>),
+    /// Made when they are needed.
+    Sample(Box<Sample>),
+}
+
+impl Genomes {
+    /// What a sound message has for a controller of so many weights.
+    ///
+    /// # Errors
+    /// Why it is not for this controller or this server.
+    pub fn new(
+        sent: Vec<f32>,
+        sample: Option<Box<Sample>>,
+        weights: usize,
+    ) -> Result<Self, String> {
+        let numbers = sent.len();
+        match sample {
+            None if numbers.is_multiple_of(weights) => Ok(Self::Sent(sent)),
+            None => Err(format!(
+                "genomes: {numbers} numbers are not a whole number of candidates; the controller has {weights} weights"
+            )),
+            Some(sample) if sample.distribution != GAUSSIAN => Err(format!(
+                "sample.distribution: {:?} is unknown here, only {GAUSSIAN}",
+                sample.distribution
+            )),
+            Some(sample) if sample.center.0.len() != weights => Err(format!(
+                "sample.center: {} numbers, but the controller has {weights} weights",
+                sample.center.0.len()
+            )),
+            Some(sample) => Ok(Self::Sample(sample)),
+        }
+    }
+
+    /// Number of candidates.
+    pub fn candidates(&self, weights: usize) -> usize {
+        match self {
+            Self::Sent(numbers) => numbers.len() / weights,
+            Self::Sample(sample) => usize::try_from(sample.count).unwrap_or(usize::MAX),
+        }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Sent(numbers) => size_of_val(&numbers[..]),
+            Self::Sample(sample) => sample.rows().iter().map(|(_, row)| size_of_val(*row)).sum(),
+        }
+    }
+
+    /// The genomes of some of the candidates, in `made` where they have to be made: in this thread alone if `threads` is 1.
+    pub fn of<'a>(
+        &'a self,
+        candidates: Range<usize>,
+        weights: usize,
+        threads: usize,
+        made: &'a mut Vec<f32>,
+    ) -> &'a [f32] {
+        let sample = match self {
+            Self::Sent(numbers) => {
+                return &numbers[candidates.start * weights..candidates.end * weights];
+            }
+            Self::Sample(sample) => sample,
+        };
+        let gaussian = GaussianSample {
+            seed: sample.seed,
+            purpose: &sample.purpose,
+            generation: sample.generation,
+            mirrored: sample.mirrored,
+            center: &sample.center.0,
+            deviation: &sample.deviation.0,
+            scale: Scale {
+                middle: &sample.middle.0,
+                reach: &sample.reach.0,
+                lower: &sample.lower.0,
+                upper: &sample.upper.0,
+            },
+        };
+        made.resize(candidates.len() * weights, 0.0);
+        let first = sample.first + candidates.start as u64;
+        if threads == 1 {
+            gaussian.genomes(first, made);
+        } else {
+            gaussian.genomes_parallel(first, made);
+        }
+        made
+    }
+}
