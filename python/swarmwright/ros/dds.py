@@ -432,7 +432,7 @@ def _domain() -> int:
 def _configure(domain: int) -> None:
     """Have Cyclone DDS look for others where the environment of ROS 2 says, if it says anything."""
     reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").strip().upper()
-    loopback = os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1"
+    loopback = not reach and os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1"
     if loopback:
         reach = "LOCALHOST"
     peers = [one.strip() for one in os.environ.get("ROS_STATIC_PEERS", "").split(";") if one.strip()]
@@ -440,9 +440,11 @@ def _configure(domain: int) -> None:
         return
     if reach == "LOCALHOST":
         peers = ["localhost", *peers]
-    general = "" if reach not in ("LOCALHOST", "OFF") else "<AllowMulticast>false</AllowMulticast>"
+    # ROS_LOCALHOST_ONLY is that of Humble, whose nodes use the loopback interface alone, and multicast on it.
+    unicast = reach in ("LOCALHOST", "OFF") and not loopback
+    general = "<AllowMulticast>false</AllowMulticast>" if unicast else ""
     given = os.environ.get("CYCLONEDDS_URI", "").strip()
-    if loopback and "<NetworkInterface" not in given:  # nodes of Humble use no other one, and reach no other
+    if loopback and "<NetworkInterface" not in given:
         general += "<Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
     if reach == "OFF":
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
@@ -450,7 +452,8 @@ def _configure(domain: int) -> None:
         listed = "".join(f"<Peer address={quoteattr(one)}/>" for one in peers)
         discovery = (
             "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
-            f"<Peers>{listed}</Peers>"
+            # Nodes that begin later are told soon, not after half a minute.
+            f"<Peers>{listed}</Peers><SPDPInterval>1s</SPDPInterval>"
         )
     ours = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
     text = f"<CycloneDDS><Domain>{ours}</Domain></CycloneDDS>"

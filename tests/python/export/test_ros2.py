@@ -99,6 +99,21 @@ def test_python_in_the_package_is_that_of_ros() -> None:
             ast.parse(content, feature_version=(3, 9))
 
 
+def test_modules_import_nothing_that_the_package_lacks() -> None:
+    files = texts()
+    modules = {Path(name).stem: text for name, text in files.items() if Path(name).parent.name == "rover"}
+    installed = {"cyclonedds", "rclpy", "yaml"}
+    for text in modules.values():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                assert node.module in modules
+            elif isinstance(node, ast.ImportFrom):
+                assert str(node.module).split(".")[0] in {*installed, *sys.stdlib_module_names}
+            elif isinstance(node, ast.Import):
+                named = {one.name.split(".")[0] for one in node.names}
+                assert named <= {*installed, *sys.stdlib_module_names}
+
+
 def test_the_controller_in_the_package_has_the_same_bits() -> None:
     files = Ros2().files(SUBJECT, "rover")
     found = verify(Ros2(), SUBJECT, "rover", files)
