@@ -15,6 +15,7 @@ NAME = "swarmwright_controller"
 _SAY_EVERY_S = 10.0
 _LOOK_EVERY_S = 1.0
 _STEPS_DEPTH = 1000
+_EVENTS_DEPTH = 10
 _DEEPEST = 10
 
 
@@ -51,8 +52,9 @@ class Control:
         self._outputs = Outputs(node, mapping.actuators)
         self._steps = node.publisher("~/steps", "std_msgs/Float32MultiArray", _STEPS_DEPTH)
         node.service("~/reset", "std_srvs/Empty", lambda _, __: self._reset())
-        # Services of one implementation of DDS are not found by others, topics are.
-        node.subscribe("~/reset", "std_msgs/Empty", lambda _: self._reset())
+        # Services of one implementation of DDS are not found by others, topics are. `ros2 topic pub --once`
+        # sends as soon as it knows of a subscription, which may not know of it yet: reliable ones get that.
+        node.subscribe("~/reset", "std_msgs/Empty", lambda _: self._reset(), _EVENTS_DEPTH, reliable=True)
         self._stopped, self._begun = True, False
         self._said = self._looked = float("-inf")
         self._last = self._next = float("-inf")

@@ -87,10 +87,18 @@ class Dds:
         """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
         return resolve(name, self.namespace, self.name)
 
-    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], depth: int = 1) -> _Receiver:
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        callback: Callable[[Any], None],
+        depth: int = 1,
+        *,
+        reliable: bool = False,
+    ) -> _Receiver:
         """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
         full = self.resolve(topic)
-        qos = _qos(depth, Policy.Reliability.BestEffort)
+        qos = _qos(depth, _RELIABLE if reliable else Policy.Reliability.BestEffort)
         return self._receive(full, f"rt{full}", _message(kind), qos, callback, depth)
 
     def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:

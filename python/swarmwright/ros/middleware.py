@@ -5,8 +5,8 @@ and handlers run in the thread that calls `spin_once` or `Client.call`, and in n
 called from within a callback. A subscription has room for the latest message alone unless a greater depth is
 asked for: a node that is late reads what is true now.
 
-In ROS 2, subscriptions are best effort and volatile, which every publisher can serve, and publishers are
-reliable and volatile, which every such subscription takes.
+In ROS 2, subscriptions are best effort and volatile, which every publisher can serve, unless they are asked
+to be reliable, and publishers are reliable and volatile, which every such subscription takes.
 """
 
 from __future__ import annotations
@@ -68,9 +68,21 @@ class Middleware(Protocol):
         """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
 
     def subscribe(
-        self, topic: str, kind: str, callback: Callable[[Any], None], depth: int = 1
+        self,
+        topic: str,
+        kind: str,
+        callback: Callable[[Any], None],
+        depth: int = 1,
+        *,
+        reliable: bool = False,
     ) -> Subscription:
-        """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
+        """Have messages of a topic passed to a function.
+
+        reliable: none is lost, as it must be where each of them asks for something, also from a publisher
+            that has just come; publishers that are best effort are not heard then.
+
+        Raises MiddlewareError for an unknown type.
+        """
 
     def publisher(self, topic: str, kind: str, depth: int = 1) -> Publisher:
         """Advertise a topic.

@@ -35,11 +35,17 @@ class Rclpy:
         return resolve(name, self._node.get_namespace(), self._node.get_name())
 
     def subscribe(
-        self, topic: str, kind: str, callback: Callable[[Any], None], depth: int = 1
+        self,
+        topic: str,
+        kind: str,
+        callback: Callable[[Any], None],
+        depth: int = 1,
+        *,
+        reliable: bool = False,
     ) -> _Subscription:
         """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
         full = self.resolve(topic)
-        qos = _qos(depth, ReliabilityPolicy.BEST_EFFORT)
+        qos = _qos(depth, ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT)
         made = self._node.create_subscription(_found("msg", kind), full, callback, qos)
         return _Subscription(self._node, full, made)
 

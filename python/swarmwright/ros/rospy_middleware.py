@@ -57,9 +57,16 @@ class Rospy:
         return str(rosgraph.names.canonicalize_name(f"/{self._namespace}/{name}"))
 
     def subscribe(
-        self, topic: str, kind: str, callback: Callable[[Any], None], depth: int = 1
+        self,
+        topic: str,
+        kind: str,
+        callback: Callable[[Any], None],
+        depth: int = 1,
+        *,
+        reliable: bool = False,
     ) -> _Subscription:
         """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
+        del reliable  # TCP is
         full = self.resolve(topic)
         made = _Subscription(rospy.Subscriber, full, _message(kind, full), self._come, callback, depth)
         self._ends.append(made.end)

@@ -40,7 +40,7 @@ Control::Control(Graph& graph, Mapping mapping)
       steps_(graph_.advertise<messages::Float32MultiArray>(graph_.resolve("~/steps"), 1000)),
       actuators_(mapping_.actuators.size()) {
   // Beside the service: where ROS 2 has another implementation of DDS, topics are found, services are not.
-  graph_.subscribe<messages::Empty>(graph_.resolve("~/reset"), [this](const messages::Empty&) { reset(); });
+  graph_.receive_all<messages::Empty>(graph_.resolve("~/reset"), [this](const messages::Empty&) { reset(); });
   exported_reset();
 }
 

@@ -69,9 +69,13 @@ class Graph {
   // Of the messages that have come, the latest is read.
   template <typename Message>
   void subscribe(const std::string& topic, std::function<void(const Message&)> read) {
-    const boost::function<void(const boost::shared_ptr<Message const>&)> received =
-        [read = std::move(read)](const auto& message) { read(*message); };
-    subscribers_.push_back(node_.subscribe<Message>(topic, 1, received));
+    subscribe<Message>(topic, std::move(read), 1);
+  }
+
+  // Every message that has come is read.
+  template <typename Message>
+  void receive_all(const std::string& topic, std::function<void(const Message&)> read) {
+    subscribe<Message>(topic, std::move(read), 10);
   }
 
   template <typename Message>
@@ -88,6 +92,13 @@ class Graph {
   void warn(const std::string& text) const { ROS_WARN("%s", text.c_str()); }
 
  private:
+  template <typename Message>
+  void subscribe(const std::string& topic, std::function<void(const Message&)> read, unsigned depth) {
+    const boost::function<void(const boost::shared_ptr<Message const>&)> received =
+        [read = std::move(read)](const auto& message) { read(*message); };
+    subscribers_.push_back(node_.subscribe<Message>(topic, depth, received));
+  }
+
   ros::NodeHandle node_;
   std::vector<ros::Subscriber> subscribers_;
 };

@@ -84,8 +84,14 @@ class Graph {
   // Of the messages that have come, the latest is read. Every publisher can serve it: reliable or not.
   template <typename Message>
   void subscribe(const std::string& topic, std::function<void(const Message&)> read) {
-    subscriptions_.push_back(node_->create_subscription<Message>(
-        topic, rclcpp::QoS(1).best_effort(), [read = std::move(read)](const Message& message) { read(message); }));
+    subscribe<Message>(topic, std::move(read), rclcpp::QoS(1).best_effort());
+  }
+
+  // Every message is read, also that of a publisher which sends it as soon as it knows of the subscription, as
+  // `ros2 topic pub --once` does.
+  template <typename Message>
+  void receive_all(const std::string& topic, std::function<void(const Message&)> read) {
+    subscribe<Message>(topic, std::move(read), rclcpp::QoS(10).reliable());
   }
 
   // Every subscription can be served.
@@ -106,6 +112,12 @@ class Graph {
   void warn(const std::string& text) const { RCLCPP_WARN(node_->get_logger(), "%s", text.c_str()); }
 
  private:
+  template <typename Message>
+  void subscribe(const std::string& topic, std::function<void(const Message&)> read, const rclcpp::QoS& qos) {
+    subscriptions_.push_back(node_->create_subscription<Message>(
+        topic, qos, [read = std::move(read)](const Message& message) { read(message); }));
+  }
+
   rclcpp::Node::SharedPtr node_;
   bool simulated_;
   std::vector<rclcpp::SubscriptionBase::SharedPtr> subscriptions_;
