@@ -119,6 +119,12 @@ def _busy(_scale: Scale) -> Suite:
     return BusySuite()
 
 
+def _servers(_scale: Scale) -> Suite:
+    from benchmarks.on_servers import ServersSuite
+
+    return ServersSuite()
+
+
 def _frevo(_scale: Scale) -> Suite:
     from benchmarks.whole import WholeSuite
 
@@ -138,6 +144,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "wrappers": _wrappers,
     "commands": _commands,
     "busy": _busy,
+    "servers": _servers,
     "frevo": _frevo,
     "program": _program,
 }
