@@ -44,6 +44,8 @@ def _number_of_robots(value: Any) -> Any:  # noqa: ANN401 - whatever the file sa
 
 
 def _seconds(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if isinstance(value, str):
+        raise ValueError(f"must be seconds, such as 0.1, or {{service: /step}}, not {shown(value)}")
     return {"duration": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 

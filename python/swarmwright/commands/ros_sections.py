@@ -171,6 +171,13 @@ class Area(Options):
     yaw: Interval = Field(default=[-3.141592653589793, 3.141592653589793])
     """Radians, [low, high]."""
 
+    @field_validator("x", "y", "yaw")
+    @classmethod
+    def _ordered(cls, value: list[float]) -> list[float]:
+        if value[0] > value[1]:
+            raise ValueError(f"must be [low, high], not {shown(value)}")
+        return value
+
 
 class Spawn(Options):
     """How robots come into a simulator that has SpawnEntity: after each reset that removes them."""

@@ -154,9 +154,8 @@ def subject_of(run: "Run", generation: int | None = None, candidate: int | None 
         return Subject(chosen.specification, facts, reason=reason)
     topics, real_time = _of_ros(run.experiment.simulation)
     if real_time:
-        names = catalogue.description(run.experiment.simulation)
         reason = "its robots move in real time, and are not driven for that"
-        return Subject(chosen.specification, facts, names, reason=reason, topics=topics)
+        return Subject(chosen.specification, facts, _described(run), reason=reason, topics=topics)
     try:
         description, episodes, count = _recorded(run, chosen)
     except SwarmwrightError as error:
@@ -207,9 +206,13 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
 
 
 def _described(run: "Run") -> Mapping[str, Any]:
-    """Return the description of a built-in simulation; of no other, since that may execute code."""
+    """Return the description of a built-in simulation, or of robots with ROS.
+
+    Of no other: that may execute code.
+    """
     simulation = run.experiment.simulation
-    return catalogue.description(simulation) if simulation in catalogue.titles() else {}
+    is_ros = SimulationName.parse(simulation).prefix == SimulationName.ROS
+    return catalogue.description(simulation) if is_ros or simulation in catalogue.titles() else {}
 
 
 def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequences, int]:

@@ -77,6 +77,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"ros": 1}, "simulation.step.type: simulation_interfaces/StepSimulation is of ROS 2"),
         ({"reset__scope": "pose"}, "simulation.reset.scope: must be one of default, time, state, spawned"),
         ({"robots": ["a", "a"]}, "simulation.robots: a is there twice"),
+        ({"step": "fast"}, "simulation.step: must be seconds, such as 0.1, or {service: /step}, not 'fast'"),
         ({"robots": 0}, "simulation.robots: must be a number, or a list of namespaces, not 0"),
         ({"middleware": "rospy"}, "simulation.middleware: rospy is not for ROS 2; dds or rclpy is"),
         ({"metrics__near__sensor": "lift"}, "metrics.near.sensor: there is no sensor 'lift'; did you mean"),

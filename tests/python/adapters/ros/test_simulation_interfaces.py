@@ -198,3 +198,22 @@ def test_a_run_is_exported_with_its_topics_and_real_robots_are_not_driven_for_th
     mapping = (tmp_path / "package" / "config" / "mapping.template.yaml").read_text("utf-8")
     assert 'topic: "goal"' in mapping
     assert "\nrate: 10 " in mapping
+
+
+def test_names_and_topics_are_exported_where_the_simulator_does_not_start(tmp_path: Path) -> None:
+    """As in a shell in which ROS was not sourced."""
+    start = f'test ! -e "{tmp_path}/gone" && exec "{sys.executable}" "{SIMULATOR}" --note "{tmp_path}"'
+    sensors = [{"sensor": "goal x", "topic": "goal", "type": TWIST, "field": "linear.x", "scale": 0.2}]
+    attached = experiment(
+        tmp_path,
+        top={**SMALL, "fitness": "ahead"},
+        start=["sh", "-c", start],
+        sensors=sensors,
+        metrics={"ahead": {"sensor": "goal x"}},
+    )
+    run = swarmwright.optimize(attached, servers=1, out=tmp_path / "run")
+    (tmp_path / "gone").touch()
+    swarmwright.export_controller(run, to="ros2", output=tmp_path / "package", prefix="rover")
+    mapping = (tmp_path / "package" / "config" / "mapping.template.yaml").read_text("utf-8")
+    assert 'sensor: "goal x"' in mapping
+    assert 'topic: "goal"' in mapping
