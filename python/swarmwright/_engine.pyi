@@ -37,6 +37,7 @@ __all__ = [
     "Pool",
     "Producer",
     "Ranks",
+    "Sample",
     "Search",
     "Stream",
     "Streams",
