@@ -4,7 +4,6 @@ import math
 import random
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 
 import swarmwright
 from swarmwright import Controller, Experiment, SwarmwrightError
+from tests.python.commands.processes import running
 from tests.python.records import same_record
 
 pytestmark = pytest.mark.timeout(180)
@@ -99,17 +99,6 @@ def test_steps_of_a_service_have_one_record_and_compute_what_plain_python_does(t
     assert runs[0].history[-1].best > runs[0].history[0].median
 
 
-def processes(word: str) -> list[str]:
-    """Return the command lines of what runs with a word in it."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        with suppress(OSError):
-            line = path.read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
-            if word in line:
-                found.append(line)
-    return found
-
-
 def failure(path: Path, *arguments: str, **changes: Any) -> str:
     failing = experiment(path, *arguments, top=SMALL, **changes)
     with pytest.raises(SwarmwrightError) as caught:
@@ -147,7 +136,7 @@ def test_a_failure_names_what_where_and_for_how_long_and_leaves_nothing(fault: s
     said = failure(tmp_path, "--fault", fault, f"__log:={mark}/log", **changes)
     assert reason in said
     assert "Traceback" not in said
-    assert not processes(mark)
+    assert not running(mark)
 
 
 def test_a_master_that_does_not_answer(tmp_path: Path) -> None:

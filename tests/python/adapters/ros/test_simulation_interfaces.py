@@ -4,7 +4,6 @@ import math
 import random
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 
 import swarmwright
 from swarmwright import Controller, Experiment, SwarmwrightError
+from tests.python.commands.processes import running
 from tests.python.records import same_record
 
 pytestmark = pytest.mark.timeout(120)
@@ -97,18 +97,7 @@ def test_runs_have_one_record_and_compute_what_plain_python_does(tmp_path: Path)
     best = runs[0].best
     assert best.fitness == sum(driven(best.controller, seed) for seed in (0, 1)) / 2
     assert runs[0].history[-1].best > runs[0].history[0].median
-    assert not processes(str(tmp_path))
-
-
-def processes(word: str) -> list[str]:
-    """Return the command lines of what runs with a word in it."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        with suppress(OSError):
-            line = path.read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
-            if word in line:
-                found.append(line)
-    return found
+    assert not running(str(tmp_path))
 
 
 def failure(path: Path, *arguments: str, **changes: Any) -> str:
@@ -135,7 +124,7 @@ def test_a_failure_names_what_where_and_for_how_long_and_leaves_nothing(fault: s
     said = failure(tmp_path, "--fault", fault, startup=8.0)
     assert REASONS[fault] in said
     assert "Traceback" not in said
-    assert not processes(str(tmp_path))
+    assert not running(str(tmp_path))
 
 
 def test_no_simulator(tmp_path: Path) -> None:
