@@ -63,7 +63,9 @@ def test_one_of_two_servers_is_killed(
     assert run.wait() == 0, run.stderr
     assert record(path.parent / "result") == expected
     episodes = attempts(path.parent / "result")
-    (failure,) = [entry for entry in episodes if entry["error"]]
+    failed = [entry for entry in episodes if entry["error"]]
+    assert len(failed) == 1, [entry["error"] for entry in failed]
+    failure = failed[0]
     assert failure["server"] == 2
     assert "server 2 was lost" in failure["error"]
     again = [
