@@ -106,20 +106,13 @@ class _Program:
         with suppress(Exception):
             if self._robots is not None:
                 self._robots.stop()
-        with suppress(ProcessError):
-            if self._simulator is not None:
-                time.sleep(0.05)  # its end may be noticed before it has ended
+        if self._simulator is not None:
+            time.sleep(0.05)  # its end may be noticed before it has ended
+            try:
                 self._simulator.check()
-            return {"error": reason}
-        return {"error": self._end_of_simulator()}
-
-    def _end_of_simulator(self) -> str:
-        try:
-            assert self._simulator is not None
-            self._simulator.check()
-        except ProcessError as error:
-            return str(error)
-        return ""
+            except ProcessError as error:
+                reason = str(error)
+        return {"error": reason}
 
     def _connected(self) -> Robots:
         """Return the robots, connected when they are asked for first."""

@@ -11,7 +11,7 @@ from typing import Any, Callable, Iterator, Mapping, Sequence
 from .expression import Expression
 from .feeds import Feeds, Value
 from .mapping import Place, SensorMapping, read_mapping, resolved
-from .middleware import Middleware, MiddlewareError
+from .middleware import Middleware
 from .names import namespace_of, resolve
 from .reductions import FUNCTIONS
 from .simulation_interfaces import Simulation
@@ -59,11 +59,11 @@ class Robots:
     Args:
         definition: the attachment.
         node: what connects to ROS.
-        ended: called while something is waited for; raises Failure where that is in vain.
+        check: called while something is waited for; what it raises, where waiting is in vain, ends the wait.
     """
 
-    def __init__(self, definition: Mapping[str, Any], node: Middleware, ended: Callable[[], None]) -> None:
-        self._definition, self._node, self._ended = definition, node, ended
+    def __init__(self, definition: Mapping[str, Any], node: Middleware, check: Callable[[], None]) -> None:
+        self._definition, self._node, self._check = definition, node, check
         self._step, self._reset = definition["step"], definition["reset"]
         self._patience, self._startup = float(definition["patience"]), float(definition["startup"])
         self._steps = int(definition["steps"])
@@ -146,18 +146,17 @@ class Robots:
         deadline = time.monotonic() + self._startup
         clients = [*self._triggers.values(), *self._simulation.needed]
         while not all(client.available() for client in clients) and time.monotonic() < deadline:
-            self._ended()
+            self._check()
             self._node.spin_once(0.05)
 
     def _await_connections(self) -> None:
         """Wait until everything is there that the definition names."""
         deadline = time.monotonic() + self._startup
-        missing: Callable[[], str | None] = lambda: next(self._absent(), None)  # noqa: E731
-        while missing() is not None:
+        while (missing := next(self._absent(), None)) is not None:
             self._check_types()
             if time.monotonic() > deadline:
-                raise Failure(f"{missing()} after {self._startup:g} s (simulation.startup)")
-            self._ended()
+                raise Failure(f"{missing} after {self._startup:g} s (simulation.startup)")
+            self._check()
             self._node.spin_once(0.05)
         self._check_types()
         if not self._connected:
@@ -307,7 +306,7 @@ class Robots:
 
     def _trigger(self, name: str, wait: float) -> None:
         client, of = self._triggers[name], self._reset if name == "reset" else self._step
-        response = _called(lambda: client.call(client.request(), wait))
+        response = client.call(client.request(), wait)
         if of["type"] == "std_srvs/Trigger" and not response.success:
             why = response.message or "no reason"
             raise Failure(f"{of['service']} ({of['type']}) reports a failure: {why}")
@@ -328,7 +327,7 @@ class Robots:
                     f"/clock stands still at {now:g} s for {self._patience:g} s; is the simulation paused? "
                     "simulation.step.clock: wall counts real seconds"
                 )
-            self._ended()
+            self._check()
             self._node.spin_once(min(self._due - now, 0.05))
 
     def _await_feeds(self, messages: int | None = None) -> None:
@@ -344,7 +343,7 @@ class Robots:
                 reason = missing[0].lacking(wanted, now, self._patience)
                 more = f" (and {len(missing) - 1} more topics)" if len(missing) > 1 else ""
                 raise Failure(f"{reason}{more}{self._hint()}")
-            self._ended()
+            self._check()
             self._node.spin_once(0.05)
 
     def _hint(self) -> str:
@@ -355,7 +354,7 @@ class Robots:
     def _spin(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
-            self._ended()
+            self._check()
             self._node.spin_once(left)
 
 
@@ -373,13 +372,6 @@ def _entry(name: str, place: Mapping[str, Any]) -> SensorMapping:
     entry = read_mapping({"rate": 1, "sensors": [values], "actuators": []}, [name], []).sensors[0]
     where = Place(f"metrics.{name}", topic, entry.place.type, entry.place.field)
     return SensorMapping(**{**vars(entry), "place": where})
-
-
-def _called(call: Callable[[], Any]) -> Any:
-    try:
-        return call()
-    except (TimeoutError, MiddlewareError) as error:
-        raise Failure(str(error)) from error
 
 
 def _filled(word: str, values: Mapping[str, Any]) -> str:

@@ -6,8 +6,8 @@ import math
 import time
 from typing import Any
 
-from .fields import READERS, binary32, clipped
-from .mapping import SensorMapping, short_type
+from .fields import binary32, number_reader
+from .mapping import SensorMapping
 from .middleware import Middleware
 
 
@@ -38,10 +38,7 @@ class Value:
         """When, on a real clock."""
         self.strange: str | None = None
         """What came in the step and is no finite number."""
-        place = entry.place
-        fields = READERS[place.type]
-        name = place.field or next(iter(fields))
-        self._read = fields[name](entry)
+        self._read = number_reader(entry)
         self._single = single
 
     def begin(self) -> None:
@@ -58,8 +55,6 @@ class Value:
     def take(self, message: Any, now: float) -> None:
         """Read a message."""
         value = self._read(message)
-        if value is not None:
-            value = clipped(value * self.entry.scale + self.entry.offset, self.entry.clip)
         number = value if value is None or not self._single else binary32(value)
         if number is None or not math.isfinite(number):
             self.strange = "no number" if value is None else f"{value:g}"
@@ -81,7 +76,6 @@ class Feed:
         self.values: list[Value] = []
         self.count = 0
         """Messages in the step."""
-        self.depth = depth
         self._subscription = node.subscribe(topic, kind, self._receive, depth)
 
     @property
@@ -107,14 +101,16 @@ class Feed:
 
     def wrong_type(self) -> str | None:
         """Return another type that others use the topic with."""
-        types = [short_type(one) for one in self._node.types(self.topic)]
-        return next((one for one in types if one not in (self.kind, "*")), None)
+        return next((one for one in self._node.types(self.topic) if one != self.kind), None)
 
     def is_complete(self, messages: int, now: float) -> bool:
-        """Return whether all values count, of so many messages where any has to come in the step."""
+        """Return whether all values count.
+
+        messages: as many have to come in the step, unless all values may have come before it.
+        """
         if not all(value.is_there(now) for value in self.values):
             return False
-        return self.count >= messages or any(value.keeps for value in self.values)
+        return self.count >= messages or all(value.keeps for value in self.values)
 
     def lacking(self, messages: int, now: float, seconds: float) -> str:
         """Return why it is not complete."""

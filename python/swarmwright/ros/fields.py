@@ -26,20 +26,36 @@ _POSITION = ("position.x", "position.y", "position.z")
 def reader(sensor: SensorMapping) -> Reader:
     """Return what reads a sensor from a message: a finite number of binary32, or None.
 
+    Raises MappingError as `number_reader`.
+    """
+    read = number_reader(sensor)
+
+    def sensed(message: Any) -> float | None:
+        value = read(message)
+        return None if value is None else binary32(value)
+
+    return sensed
+
+
+def number_reader(sensor: SensorMapping) -> Reader:
+    """Return what reads a number of binary64 from a message, which may be NaN or infinite, or None.
+
     Raises MappingError for a type that is not known, or a field that it does not have.
     """
     place = sensor.place
     if place.type not in READERS:
         raise _unknown_type(place, list(READERS))
-    read = _field(READERS[place.type], place)[1](sensor)
+    return scaled(_field(READERS[place.type], place)[1](sensor), sensor)
 
-    def sensed(message: Any) -> float | None:
+
+def scaled(read: Reader, sensor: SensorMapping) -> Reader:
+    """Return what reads a number with the sensor's scale, offset and clip."""
+
+    def number(message: Any) -> float | None:
         value = read(message)
-        if value is None:
-            return None
-        return binary32(clipped(value * sensor.scale + sensor.offset, sensor.clip))
+        return None if value is None else clipped(value * sensor.scale + sensor.offset, sensor.clip)
 
-    return sensed
+    return number
 
 
 def writers(

@@ -105,7 +105,7 @@ class Middleware(Protocol):
         """Return a message with the defaults of its definition, to be put into others."""
 
     def types(self, topic: str) -> Sequence[str]:
-        """Return the types with which other nodes use a topic, as far as they have been discovered."""
+        """Return the types with which other nodes use a topic, as far as known, in short spelling."""
 
     def spin_once(self, timeout: float) -> None:
         """Run the callbacks of what has come; where nothing has, wait for it.

@@ -215,7 +215,7 @@ def _qos(depth: int, reliability: Any) -> Any:
 
 def _found(group: str, kind: str) -> Any:
     """Return the class of a type. Raises MiddlewareError when it is not installed."""
-    package, name = _split(kind)
+    package, _, name = short_type(kind).partition("/")
     try:
         return getattr(importlib.import_module(f"{package}.{group}"), name)
     except (ImportError, AttributeError) as error:
@@ -223,8 +223,3 @@ def _found(group: str, kind: str) -> Any:
             f"the type '{kind}' is not installed: {error}; "
             f"install ros-$ROS_DISTRO-{package.replace('_', '-')}"
         ) from None
-
-
-def _split(kind: str) -> tuple[str, str]:
-    package, _, name = short_type(kind).partition("/")
-    return package, name

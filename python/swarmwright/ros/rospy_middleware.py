@@ -27,7 +27,6 @@ class Rospy:
 
     Args:
         name: of the node.
-        namespace: that relative names are in.
         use_sim_time: take the time from `/clock`; as in every node of ROS 1, that needs the parameter
             /use_sim_time, too.
         patience: seconds to wait for the master.
@@ -35,10 +34,8 @@ class Rospy:
     Raises MiddlewareError when no master answers.
     """
 
-    def __init__(
-        self, name: str, namespace: str = "/", *, use_sim_time: bool = False, patience: float = 10.0
-    ) -> None:
-        self.name, self._namespace, self._use_sim_time = name, namespace, use_sim_time
+    def __init__(self, name: str, *, use_sim_time: bool = False, patience: float = 10.0) -> None:
+        self.name, self._use_sim_time = name, use_sim_time
         _await_master(patience)
         try:
             rospy.init_node(name, anonymous=True, disable_signals=True)
@@ -46,15 +43,12 @@ class Rospy:
             raise MiddlewareError(f"cannot become a node: {error}; is ROS_IP right?") from error
         self._come: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._master = rosgraph.Master(rospy.get_name())
-        self._ends: list[Any] = []
 
     def resolve(self, name: str) -> str:
         """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
         if not rosgraph.names.is_legal_name(name):
             raise ValueError(f"'{name}' is no name")
-        if name.startswith(("/", "~")):
-            return str(rospy.resolve_name(name))
-        return str(rosgraph.names.canonicalize_name(f"/{self._namespace}/{name}"))
+        return str(rospy.resolve_name(name if name.startswith(("/", "~")) else f"/{name}"))
 
     def subscribe(
         self,
@@ -68,16 +62,12 @@ class Rospy:
         """Have messages of a topic passed to a function. Raises MiddlewareError for an unknown type."""
         del reliable  # TCP is
         full = self.resolve(topic)
-        made = _Subscription(rospy.Subscriber, full, _message(kind, full), self._come, callback, depth)
-        self._ends.append(made.end)
-        return made
+        return _Subscription(rospy.Subscriber, full, _message(kind, full), self._come, callback, depth)
 
     def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:  # noqa: ARG002 - nothing waits
         """Advertise a topic. Raises MiddlewareError for an unknown type."""
         full = self.resolve(topic)
-        made = _Publisher(full, _message(kind, full))
-        self._ends.append(made.end)
-        return made
+        return _Publisher(full, _message(kind, full))
 
     def client(self, service: str, kind: str) -> _Client:
         """Return what calls a service. Raises MiddlewareError for an unknown type."""
@@ -100,7 +90,7 @@ class Rospy:
             done.wait()
             return response
 
-        self._ends.append(rospy.Service(full, made, answer))
+        rospy.Service(full, made, answer)
 
     def new(self, kind: str) -> Any:
         """Return a message with the defaults of its definition. Raises MiddlewareError for no type."""

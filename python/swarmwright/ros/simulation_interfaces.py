@@ -6,9 +6,9 @@ import math
 import random
 from typing import Any, Callable, Mapping, Sequence
 
-from .fields import STATES, clipped
+from .fields import STATES, scaled
 from .mapping import SensorMapping
-from .middleware import Client, Middleware, MiddlewareError
+from .middleware import Client, Middleware
 
 _OK = 1
 _PAUSED = 2
@@ -85,7 +85,8 @@ class Simulation:
         node: calls them.
         definition: the attachment.
 
-    Methods raise SimulationError, and TimeoutError for a service that is not there or does not answer.
+    Methods raise SimulationError, MiddlewareError for a service that failed, and TimeoutError for one that is
+    not there or does not answer.
     """
 
     def __init__(self, node: Middleware, definition: Mapping[str, Any]) -> None:
@@ -151,7 +152,7 @@ class Simulation:
     def state(self, service: str, entity: str, entry: SensorMapping) -> Callable[[], float]:
         """Return what reads a number of an entity's state, as it was when `ask` was called."""
         self._states[service] = {}
-        read = STATES[entry.place.field](entry)
+        read = scaled(STATES[entry.place.field](entry), entry)
 
         def value() -> float:
             known = self._states[service]
@@ -166,7 +167,7 @@ class Simulation:
                 raise SimulationError(
                     f"{service}: {entry.place.field} of {entity} is {number}, expected a finite number"
                 )
-            return float(clipped(number * entry.scale + entry.offset, entry.clip))
+            return number
 
         return value
 
@@ -184,10 +185,7 @@ class Simulation:
         request = client.request()
         for name, value in values.items():
             request.parameters.append(self._parameter(name, value))
-        try:
-            response = client.call(request, wait)
-        except MiddlewareError as error:
-            raise SimulationError(str(error)) from error
+        response = client.call(request, wait)
         for name, result in zip(values, response.results):
             if not result.successful:
                 raise SimulationError(f"{service}: {name} was refused: {result.reason or 'no reason given'}")
@@ -232,10 +230,7 @@ class Simulation:
         what: str = "",
     ) -> Any:
         """Call a service and return its response, whose result is one of those that are fine."""
-        try:
-            response = self._clients[service].call(request, wait)
-        except MiddlewareError as error:
-            raise SimulationError(str(error)) from error
+        response = self._clients[service].call(request, wait)
         code = response.result.result
         if code not in fine:
             meaning = results.get(code) or _RESULTS.get(code, "a result of the simulator's own")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Callable, Sequence, Union
 
 from .fields import Reader, reader, stamped, writers
-from .mapping import ActuatorMapping, MappingError, Place, SensorMapping, short_type
+from .mapping import ActuatorMapping, MappingError, Place, SensorMapping
 from .middleware import Middleware, Publisher
 
 _Entries = Sequence[Union[SensorMapping, ActuatorMapping]]
@@ -129,8 +129,8 @@ def _type_of(node: Middleware, topic: str, entries: _Entries) -> str:
                 "a topic has one type"
             )
     for other in node.types(topic):
-        if short_type(other) not in (first.type, "*"):
+        if other != first.type:
             raise MappingError(
-                f"{first.where}: {topic} has the type {short_type(other)}, but the mapping says {first.type}"
+                f"{first.where}: {topic} has the type {other}, but the mapping says {first.type}"
             )
     return first.type
