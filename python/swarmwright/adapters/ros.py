@@ -15,12 +15,10 @@ from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.folders import Instance, default_place
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import found
-from swarmwright.commands.ros_definition import DOMAINS, RosOptions
+from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, RosOptions
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError, InputError
 from swarmwright.core.simulation_names import SimulationName
-
-ATTACHMENT = "attachment.json"
 
 
 class RosSimulation(CommandSimulation):

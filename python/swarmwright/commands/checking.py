@@ -29,11 +29,6 @@ def definition_of_name(name: str) -> Definition:
     return KINDS[SimulationName.parse(name).prefix].of(name)
 
 
-def command_of_name(name: str) -> CommandOptions:
-    """Return the command that runs a simulation."""
-    return definition_of_name(name).as_command()
-
-
 def read_definition(
     values: Mapping[str, Any], folder: Path
 ) -> tuple[Definition | None, list[tuple[Path_, str]]]:

@@ -17,7 +17,7 @@ from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Path_
 
 _SHELL = frozenset({">", ">>", "<", "|", "||", "&", "&&", ";", "2>&1", "2>"})
-_METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+METRIC_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 STANDARD_OUTPUT = "stdout"
 """The log of a command that prints its results."""
 
@@ -216,7 +216,7 @@ class CommandOptions(Definition):
     @classmethod
     def _metrics(cls, value: dict[str, str]) -> dict[str, str]:
         for name, text in value.items():
-            if not _METRIC.fullmatch(name):
+            if not METRIC_NAME.fullmatch(name):
                 raise ValueError(
                     f"{name!r}: a metric's name has letters, digits and _; write "
                     f"{re.sub(r'[^A-Za-z0-9_]', '_', name)}: last({name})"

@@ -10,11 +10,10 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_, dotted_path
 from swarmwright.ros.fields import READERS, STATES, WRITERS, reader, writers
 from swarmwright.ros.mapping import MappingError, choice, read_mapping, short_type
+from swarmwright.ros.names import resolve
 
 if TYPE_CHECKING:
     from swarmwright.commands.ros_definition import RosOptions
-
-_TOPIC = re.compile(r"/?(?:[A-Za-z_]|\{robot\})(?:\w|\{robot\})*(?:/(?:\w|\{robot\})+)*")
 
 
 def problems(options: "RosOptions") -> list[tuple[Path_, str]]:
@@ -39,11 +38,12 @@ def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
         missing = "sensors" if options.actuators else "actuators"
         yield (missing,), "is missing: controllers need sensors and actuators"
     yield from _types(options)
+    own_names = [one.actuator for one in options.actuators]
+    block = {"rate": 1, "sensors": [], "actuators": options.topics["actuators"]}
     try:
-        mapping = options.mapping
-        topics = list(dict.fromkeys(one.place.topic for one in mapping.actuators))
-        for topic in topics:
-            writers([one for one in mapping.actuators if one.place.topic == topic])
+        actuators = read_mapping(block, [], own_names).actuators
+        for topic in dict.fromkeys(one.place.topic for one in actuators):
+            writers([one for one in actuators if one.place.topic == topic])
     except MappingError as error:
         path, message = _placed(str(error))
         if "writes the same field" in message:
@@ -57,14 +57,29 @@ def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     places += [(("actuators", index), one) for index, one in enumerate(options.actuators)]
     places += [(("metrics", name), one) for name, one in options.metrics.items() if one.topic]
     for path, one in places:
-        if not _TOPIC.fullmatch(one.topic):
-            yield (*path, "topic"), f"{one.topic!r} is no topic; expected such as scan or /robot_1/scan"
+        wrong = _of_topic(one.topic)
+        if wrong is not None:
+            yield (
+                (*path, "topic"),
+                f"{one.topic!r} is no topic: {wrong}; expected such as scan or /robot_1/scan",
+            )
             continue
         if "{robot}" in one.topic and "/" in options.robots:
             yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
         other, where = types.setdefault(one.topic, (short_type(one.type), dotted_path(path)))
         if other != short_type(one.type):
             yield (*path, "type"), f"{one.topic} has the type {other} at {where}; a topic has one type"
+
+
+def _of_topic(topic: str) -> str | None:
+    """Return why a topic is none, which may hold `{robot}`; None for one."""
+    if topic.startswith("~"):
+        return "names that are private to a node are not supported"
+    try:
+        resolve(topic.replace("{robot}", "robot"))
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:

@@ -1,6 +1,5 @@
 """What an experiment says of robots of a ROS system: `simulation: {ros: 2, ..}`."""
 
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.commands import ros_checks
-from swarmwright.commands.definition import Command, CommandOptions, Definition
+from swarmwright.commands.definition import METRIC_NAME, Command, CommandOptions, Definition
 from swarmwright.commands.ros_sections import (
     GET_ENTITIES_STATES,
     SCOPES,
@@ -24,13 +23,12 @@ from swarmwright.commands.ros_sections import (
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Path_
-from swarmwright.ros.mapping import Mapping as TopicMapping
-from swarmwright.ros.mapping import read_mapping
+from swarmwright.ros.names import namespace_of
 
-_METRIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_NAMESPACE = re.compile(r"/|/?[A-Za-z]\w*(/[A-Za-z_]\w*)*")
 _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")
 """Types of services by default: of a step, of a reset."""
+ATTACHMENT = "attachment.json"
+"""What the program reads, in the folder of an instance."""
 DOMAINS = 100
 """DDS domains that instances get; beyond about 100 their ports may be taken by other programs on Linux."""
 PROGRAM = Path(__file__).parents[1] / "ros"
@@ -145,8 +143,12 @@ class RosOptions(Definition):
         if not isinstance(value, list) or not value:
             raise ValueError(f"must be a number, or a list of namespaces, not {shown(value)}")
         for one in value:
-            if not isinstance(one, str) or not _NAMESPACE.fullmatch(one):
+            if not isinstance(one, str) or not one:
                 raise ValueError(f"{shown(one)} is no namespace; expected such as robot_1")
+            try:
+                namespace_of(one)
+            except ValueError as error:
+                raise ValueError(f"{shown(one)} is no namespace: {error}; expected such as robot_1") from None
         twice = next((one for index, one in enumerate(value) if one in value[:index]), None)
         if twice is not None:
             raise ValueError(f"{twice} is there twice")
@@ -156,7 +158,7 @@ class RosOptions(Definition):
     @classmethod
     def _names(cls, value: dict[str, Metric]) -> dict[str, Metric]:
         for name in value:
-            if not _METRIC.fullmatch(name):
+            if not METRIC_NAME.fullmatch(name):
                 raise ValueError(f"{name!r}: a metric's name has letters, digits and _")
         return value
 
@@ -188,15 +190,6 @@ class RosOptions(Definition):
         return sys.executable if self.connection == "dds" else self.python or "/usr/bin/python3"
 
     @property
-    def mapping(self) -> TopicMapping:
-        """Sensors and actuators as the program reads them. Raises MappingError."""
-        return read_mapping(
-            {"rate": 1, "timeout": self.patience, **self.topics},
-            [one.sensor for one in self.sensors],
-            [one.actuator for one in self.actuators],
-        )
-
-    @property
     def topics(self) -> dict[str, Any]:
         """Sensors and actuators as in the mapping of an exported package."""
         return {
@@ -226,7 +219,7 @@ class RosOptions(Definition):
             }
             environment = own[self.ros] | environment
         return CommandOptions(
-            command=[self.interpreter, str(PROGRAM), "{folder}/attachment.json"],
+            command=[self.interpreter, str(PROGRAM), f"{{folder}}/{ATTACHMENT}"],
             title=self.title,
             controller="stepwise",
             sensors=len(self.sensors) or None,

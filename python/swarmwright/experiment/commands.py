@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.commands import bags, logs, process
-from swarmwright.commands.checking import command_of_name, definition_of_name, read_definition
+from swarmwright.commands.checking import definition_of_name, read_definition
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
 from swarmwright.commands.ros_definition import RosOptions
@@ -67,7 +67,8 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
     values: as they stand in the file.
     """
     name = checked["simulation"]
-    definition, options = definition_of_name(name), command_of_name(name)
+    definition = definition_of_name(name)
+    options = definition.as_command()
     _check_controller(options, checked, report)
     if isinstance(definition, RosOptions):
         _check_ros(definition, checked, report)
@@ -93,7 +94,8 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
 
 def missing(name: str) -> str | None:
     """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
-    definition, options = definition_of_name(name), command_of_name(name)
+    definition = definition_of_name(name)
+    options = definition.as_command()
     if isinstance(definition, RosOptions) and definition.connection == "dds":
         if importlib.util.find_spec("cyclonedds") is None:
             return "middleware: dds needs Cyclone DDS: pip install 'swarmwright[ros2]'"

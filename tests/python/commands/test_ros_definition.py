@@ -64,7 +64,22 @@ def with_(**changes: Any) -> dict[str, Any]:
             {"actuators__0__topic": "scan"},
             "actuators[0].type: scan has the type sensor_msgs/LaserScan at sensors[0]; a topic has one type",
         ),
-        ({"actuators__0__topic": "cmd vel"}, "actuators[0].topic: 'cmd vel' is no topic; expected such as"),
+        (
+            {"actuators__0__topic": "cmd vel"},
+            "actuators[0].topic: 'cmd vel' is no topic: 'cmd vel' is no part of a name: expected a",
+        ),
+        ({"actuators__0__topic": "cmd//vel"}, "'cmd//vel' is no topic: two / follow each other, or it"),
+        ({"actuators__0__topic": "~/cmd"}, "'~/cmd' is no topic: names that are private to a node are not"),
+        ({"sensors__0__topic": "/m/{robot}/1"}, "'/m/{robot}/1' is no topic: '1' is no part of a name"),
+        (
+            {
+                "actuators": [
+                    {"actuator": "a", "topic": "cmd_vel", "type": TWIST, "field": "linear.x"},
+                    {"actuator": "b", "topic": "cmd_vel", "type": TWIST, "field": "linear.x"},
+                ],
+            },
+            "simulation.actuators[1]: writes the same field as actuators[0] (a)",
+        ),
         (
             {"robots": ["/"], "sensors__0__topic": "/model/{robot}/scan"},
             "simulation.sensors[0].topic: {robot} needs robots with names; write robots: [NAME, ..]",
@@ -77,6 +92,8 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"ros": 1}, "simulation.step.type: simulation_interfaces/StepSimulation is of ROS 2"),
         ({"reset__scope": "pose"}, "simulation.reset.scope: must be one of default, time, state, spawned"),
         ({"robots": ["a", "a"]}, "simulation.robots: a is there twice"),
+        ({"robots": [""]}, "simulation.robots: '' is no namespace; expected such as robot_1"),
+        ({"robots": ["1st"]}, "simulation.robots: '1st' is no namespace: '1st' is no part"),
         ({"step": "fast"}, "simulation.step: must be seconds, such as 0.1, or {service: /step}, not 'fast'"),
         ({"robots": 0}, "simulation.robots: must be a number, or a list of namespaces, not 0"),
         ({"middleware": "rospy"}, "simulation.middleware: rospy is not for ROS 2; dds or rclpy is"),
@@ -111,6 +128,21 @@ def test_several_mistakes_are_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         Experiment.load(file)
     assert len(str(caught.value).splitlines()) >= 2
+
+
+def test_a_mistake_of_a_sensor_hides_none_of_actuators() -> None:
+    twice = [{"actuator": name, "topic": "c", "type": TWIST, "field": "linear.x"} for name in ("a", "b")]
+    with pytest.raises(InputError) as caught:
+        Experiment.from_mapping(with_(sensors__0__sector=[0, -60], actuators=twice))
+    assert "sensors[0].sector" in str(caught.value)
+    assert "actuators[1]: writes the same field" in str(caught.value)
+
+
+@pytest.mark.parametrize("robots", [["_hidden"], ["a/b"], ["/a"], ["/"], ["a/"]])
+def test_namespaces_are_those_of_ros(robots: list[str]) -> None:
+    definition = definition_of_name(Experiment.from_mapping(with_(robots=robots)).simulation)
+    assert isinstance(definition, RosOptions)
+    assert definition.robots == robots
 
 
 def test_fitness_is_needed() -> None:
