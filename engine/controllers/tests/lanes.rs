@@ -9,6 +9,8 @@ use swarmwright_lanes::{Int, Kernel, Lanes, Level};
 /// Steps every lane's controller through the sensors of its lane, `S` numbers and `B` bits; the outputs lane by
 /// lane.
 struct Steps<'a, const S: usize, const B: usize> {
+    /// As a slice rather than an array.
+    sliced: bool,
     specifications: &'a [Specification],
     /// By step, then lane.
     sensors: &'a [Vec<Vec<f32>>],
@@ -42,7 +44,10 @@ impl<const S: usize, const B: usize> Kernel for Steps<'_, S, B> {
                     bits = bits.or(bit.select(L::Int::splat(0), is_zero));
                 }
                 let order = std::array::from_fn::<u32, B, _>(|bit| bit as u32 + 3);
-                if B == 0 {
+                if self.sliced {
+                    let all: Vec<L> = (0..S + B).map(sensor).collect();
+                    controllers.step_slice(&mut state, &all, &mut actuators);
+                } else if B == 0 {
                     controllers.step(&mut state, numbers, &mut actuators);
                 } else {
                     controllers.step_with_bits(&mut state, numbers, (bits, order), &mut actuators);
@@ -70,6 +75,7 @@ const SENSORS: [(usize, usize); 5] = [(1, 0), (5, 0), (3, 2), (2, 8), (0, 3)];
 /// The outputs in lanes of an instruction set, lane by lane.
 fn outputs(
     (numbers, bits): (usize, usize),
+    sliced: bool,
     level: Level,
     specifications: &[Specification],
     sensors: &[Vec<Vec<f32>>],
@@ -77,7 +83,7 @@ fn outputs(
     macro_rules! run {
         ($($s:literal, $c:literal);*) => {
             match (numbers, bits) {
-                $(($s, $c) => level.run(Steps::<'_, $s, $c> { specifications, sensors }),)*
+                $(($s, $c) => level.run(Steps::<'_, $s, $c> { sliced, specifications, sensors }),)*
                 other => panic!("{other:?} is not among those that were compiled"),
             }
         };
@@ -185,11 +191,13 @@ proptest! {
             })
             .collect();
         for level in Level::available() {
-            let found: Vec<Vec<u32>> = outputs(split, level, &specifications, &sensors)
-                .into_iter()
-                .map(|lane| lane.into_iter().map(f32::to_bits).collect())
-                .collect();
-            prop_assert_eq!(&found, &expected, "{}", level.name());
+            for sliced in [false, true] {
+                let found: Vec<Vec<u32>> = outputs(split, sliced, level, &specifications, &sensors)
+                    .into_iter()
+                    .map(|lane| lane.into_iter().map(f32::to_bits).collect())
+                    .collect();
+                prop_assert_eq!(&found, &expected, "{}, sliced: {}", level.name(), sliced);
+            }
         }
     }
 }

@@ -89,6 +89,16 @@ pub(crate) trait LaneKind: Kind {
         bits: (L::Int, [u32; B]),
         actuators: &mut [L],
     );
+
+    /// The same for a number of sensors that is known only at run time.
+    fn step_slice_in_lanes<L: Lanes>(
+        &self,
+        weights: (&[L], &[&[f32]]),
+        state: &mut [L],
+        scratch: &mut [L],
+        sensors: &[L],
+        actuators: &mut [L],
+    );
 }
 
 /// Makes everything that follows from the list of kinds. `$d` is `$`, for the macro that it makes.

@@ -60,7 +60,19 @@ impl<'a, L: Lanes> LaneController<'a, L> {
         }
     }
 
-    /// The same, where the last sensors are 1 or 0: 1 where a bit of `bits` is not set; `order` says which bits, the
+    /// The same for a number of sensors that is known only at run time, as the specification says it.
+    #[inline(always)]
+    pub fn step_slice(&mut self, state: &mut [L], sensors: &[L], actuators: &mut [L]) {
+        debug_assert_eq!(sensors.len(), self.architecture.sensors());
+        let (weights, scratch) = (self.weights.as_slice(), self.scratch.as_mut_slice());
+        let weights = (weights, self.genomes.as_slice());
+        of_kind!(self.architecture, kind => kind.step_slice_in_lanes(weights, state, scratch, sensors, actuators));
+        for actuator in actuators {
+            *actuator = limited(*actuator);
+        }
+    }
+
+    /// As [`step`](Self::step), where the last sensors are 1 or 0: 1 where a bit of `bits` is not set; `order` says which bits, the
     /// lowest one being 0. That takes half the operations for them.
     ///
     /// Actuators are as the network gives them: not limited to -1..1, and NaN not replaced by 0. That is less work, and

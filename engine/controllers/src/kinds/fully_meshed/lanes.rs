@@ -47,6 +47,26 @@ impl LaneKind for FullyMeshed {
                 large(self, weights, state, scratch, sensors);
             }
         }
+        self.actuate(state, actuators);
+    }
+
+    #[inline(always)]
+    fn step_slice_in_lanes<L: Lanes>(
+        &self,
+        (weights, _): (&[L], &[&[f32]]),
+        state: &mut [L],
+        scratch: &mut [L],
+        sensors: &[L],
+        actuators: &mut [L],
+    ) {
+        large(self, weights, state, scratch, Inputs::of_numbers(sensors));
+        self.actuate(state, actuators);
+    }
+}
+
+impl FullyMeshed {
+    #[inline(always)]
+    fn actuate<L: Lanes>(&self, state: &[L], actuators: &mut [L]) {
         for (actuator, output) in actuators.iter_mut().zip(&state[self.hidden..]) {
             *actuator = stretched(self.output_range, *output);
         }

@@ -34,12 +34,38 @@ impl LaneKind for Layered {
         (bits, order): (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
+        // A copy, since networks go through sensors in a loop: others may keep theirs in registers.
+        let copy = numbers;
+        let inputs = Inputs::new(&copy, bits, &order);
+        self.forward(weights, scratch, inputs, actuators);
+    }
+
+    #[inline(always)]
+    fn step_slice_in_lanes<L: Lanes>(
+        &self,
+        (weights, _): (&[L], &[&[f32]]),
+        _state: &mut [L],
+        scratch: &mut [L],
+        sensors: &[L],
+        actuators: &mut [L],
+    ) {
+        self.forward(weights, scratch, Inputs::of_numbers(sensors), actuators);
+    }
+}
+
+impl Layered {
+    #[inline(always)]
+    fn forward<L: Lanes>(
+        &self,
+        weights: &[L],
+        scratch: &mut [L],
+        sensors: Inputs<'_, L>,
+        actuators: &mut [L],
+    ) {
         let (mut below, mut above) = scratch.split_at_mut(scratch.len() / 2);
         let mut width = self.sensors;
         let mut rest = weights;
-        // A copy, since networks go through sensors in a loop: others may keep theirs in registers.
-        let copy = numbers;
-        let mut inputs = Inputs::new(&copy, bits, &order);
+        let mut inputs = sensors;
         for nodes in self.layers() {
             let (rows, behind) = rest.split_at(nodes * (width + 1));
             layer(self.activation, rows, inputs, &mut above[..nodes]);

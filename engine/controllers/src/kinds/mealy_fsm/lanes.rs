@@ -42,6 +42,18 @@ impl LaneKind for MealyFsm {
         }
         self.look_up(genomes, &mut state[0], scratch, actuators);
     }
+
+    #[inline(always)]
+    fn step_slice_in_lanes<L: Lanes>(
+        &self,
+        (_, genomes): (&[L], &[&[f32]]),
+        state: &mut [L],
+        _scratch: &mut [L],
+        sensors: &[L],
+        actuators: &mut [L],
+    ) {
+        self.look_up(genomes, &mut state[0], sensors, actuators);
+    }
 }
 
 impl MealyFsm {

@@ -33,4 +33,15 @@ impl LaneKind for ParameterSet {
         _: &mut [L],
     ) {
     }
+    /// Not called either.
+    #[inline(always)]
+    fn step_slice_in_lanes<L: Lanes>(
+        &self,
+        _: (&[L], &[&[f32]]),
+        _: &mut [L],
+        _: &mut [L],
+        _: &[L],
+        _: &mut [L],
+    ) {
+    }
 }
