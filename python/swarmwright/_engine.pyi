@@ -464,6 +464,20 @@ class Search:
     ) -> Search:
         """Differential evolution in a box; first: (n, genes), n >= 4, the first members."""
 
+    @staticmethod
+    def evostick(
+        seed: int,
+        kind: str,
+        *,
+        first: NDArray[np.float32],
+        elites: int,
+        middle: NDArray[np.float64],
+        step: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> Search:
+        """EvoStick's algorithm; first: (n, genes), n >= elites >= 1; middle, step: where and how far genes are drawn."""
+
     def ask(self) -> NDArray[np.float32]:
         """(n, genes): genomes to be evaluated; the same ones until their fitness is told."""
 

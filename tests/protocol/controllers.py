@@ -16,6 +16,7 @@ _TANH_P = [Single(c) for c in ("0.5", "0.015736774", "7.970824e-5", "4.2581547e-
 _TANH_Q = [Single(c) for c in ("1", "0.11480684", "0.0013933508", "2.7218455e-6")]
 _SIN = [Single(c) for c in ("3.1415927", "-5.167707", "2.5500288", "-0.59804523", "0.077220164")]
 _LIMIT = Single("9.15")
+_STEEPNESS = Single("4.924273")
 ZERO, HALF, ONE, TWO = (Single(c) for c in ("0", "0.5", "1", "2"))
 
 
@@ -96,7 +97,12 @@ class Controller:
 
     def step(self, sensors: Sequence[Single]) -> list[Single]:
         """The actuators for what is sensed."""
-        kinds = {"layered": self._layered, "fully_meshed": self._fully_meshed, "mealy_fsm": self._mealy_fsm}
+        kinds = {
+            "layered": self._layered,
+            "fully_meshed": self._fully_meshed,
+            "mealy_fsm": self._mealy_fsm,
+            "evostick": self._evostick,
+        }
         return kinds[self.specification["kind"]](list(sensors))
 
     def _node(self, row: Sequence[Single], inputs: Sequence[Single]) -> Single:
@@ -132,6 +138,18 @@ class Controller:
         else:
             a = ((o - low) / (high - low)) * TWO - ONE
         return ZERO if np.isnan(a) else _within(a, -ONE, ONE)
+
+    def _evostick(self, sensors: list[Single]) -> list[Single]:
+        length = len(sensors) + 1
+        actuators = []
+        for at in range(0, len(self.weights), length):
+            *row, bias = self.weights[at : at + length]
+            total = ZERO
+            for weight, value in zip(row, sensors, strict=True):
+                total = total + weight * value
+            a = TWO * sigmoid(_STEEPNESS * (total + bias)) - ONE
+            actuators.append(ZERO if np.isnan(a) else _within(a, -ONE, ONE))
+        return actuators
 
     def _mealy_fsm(self, sensors: list[Single]) -> list[Single]:
         row = self.state

@@ -14,12 +14,14 @@ from swarmwright import Experiment, optimize
 EXPERIMENTS = {
     "minisim": ("minisim", {"kind": "layered", "hidden": [8]}),
     "minisim, sigmoid": ("minisim", {"kind": "layered", "hidden": [5, 3], "activation": "sigmoid"}),
+    "minisim, evostick": ("minisim", {"kind": "evostick"}),
     "emergency_exit": ("emergency_exit", {"kind": "fully_meshed", "hidden": 2}),
 }
 METHODS = [
     "cea2d",
     "cma_es",
     "de",
+    "evostick",
     "nnga",
     "openai_es",
     "pgpe",

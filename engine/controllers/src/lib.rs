@@ -17,7 +17,8 @@ mod specification;
 pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
-    Architecture, FullyMeshed, KINDS, Layered, MealyFsm, Parameter, ParameterKind, ParameterSet,
+    Architecture, Evostick, FullyMeshed, KINDS, Layered, MealyFsm, Parameter, ParameterKind,
+    ParameterSet,
 };
 pub use lanes::LaneController;
 pub use output_range::OutputRange;

@@ -110,21 +110,21 @@ fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
     let machine = (1usize..5, prop::collection::vec(thresholds(), 5)).prop_map(
         |(states, thresholds)| json!({"kind": "mealy_fsm", "states": states, "thresholds": thresholds}),
     );
-    (prop_oneof![2 => network, 1 => machine], 1usize..4).prop_map(
-        move |(mut specification, actuators)| {
-            specification["version"] = json!(1);
-            specification["sensors"] = json!(sensors);
-            specification["actuators"] = json!(actuators);
-            if let Some(thresholds) = specification.get_mut("thresholds") {
-                // Those behind the fifth are not looked at.
-                thresholds
-                    .as_array_mut()
-                    .unwrap()
-                    .resize(sensors, json!([]));
-            }
-            specification
-        },
-    )
+    let evostick = Just(json!({"kind": "evostick"}));
+    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick];
+    (any, 1usize..4).prop_map(move |(mut specification, actuators)| {
+        specification["version"] = json!(1);
+        specification["sensors"] = json!(sensors);
+        specification["actuators"] = json!(actuators);
+        if let Some(thresholds) = specification.get_mut("thresholds") {
+            // Those behind the fifth are not looked at.
+            thresholds
+                .as_array_mut()
+                .unwrap()
+                .resize(sensors, json!([]));
+        }
+        specification
+    })
 }
 
 /// At most three, whole multiples of a half, so that readings meet them exactly.

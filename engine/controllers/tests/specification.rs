@@ -19,13 +19,22 @@ fn machine() -> Value {
         "weights": vec![0.25; 36]})
 }
 
+fn evostick() -> Value {
+    json!({"version": 1, "kind": "evostick", "sensors": 24, "actuators": 2, "weights": vec![0.5; 50]})
+}
+
 fn refusal(text: &str) -> String {
     Specification::from_json(text).unwrap_err().to_string()
 }
 
 #[test]
 fn accepts_and_counts() {
-    for (document, count) in [(layered(), 13), (meshed(), 18), (machine(), 36)] {
+    for (document, count) in [
+        (layered(), 13),
+        (meshed(), 18),
+        (machine(), 36),
+        (evostick(), 50),
+    ] {
         let specification = Specification::from_json(&document.to_string()).unwrap();
         assert_eq!(specification.weight_count(), count);
         assert_eq!(
@@ -73,7 +82,7 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\", \"fully_meshed\", \"mealy_fsm\" or \"parameter_set\"",
+                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\" or \"parameter_set\"",
             ],
         ),
         (

@@ -11,8 +11,9 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use swarmwright_evolution::{
-    Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Gaussian, Learning, Nes,
-    NesSettings, NoStart, Restart, Restarts, Search, Space, Starts, SwarmSettings, Swarming,
+    Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Evostick, EvostickSettings,
+    Gaussian, Learning, Nes, NesSettings, NoStart, Restart, Restarts, Search, Space, Starts,
+    SwarmSettings, Swarming,
 };
 
 use swarmwright_protocol::{F64s, GAUSSIAN, Sample};
@@ -285,6 +286,32 @@ impl PySearch {
         };
         at_least(first.shape()[0], 4)?;
         bounded(seed, kind, &first, (&lower, &upper), challenger)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, first, elites, middle, step, lower, upper))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn evostick(
+        seed: u64,
+        kind: &str,
+        first: PyReadonlyArray2<'_, f32>,
+        elites: usize,
+        middle: Row<'_>,
+        step: Row<'_>,
+        lower: Row<'_>,
+        upper: Row<'_>,
+    ) -> PyResult<Self> {
+        let genes = at_least(first.shape()[1], 1)?;
+        at_least(first.shape()[0], at_least(elites, 1)?)?;
+        let settings = EvostickSettings {
+            elites,
+            middle: of_each(&middle, genes)?,
+            step: of_each(&step, genes)?,
+            lower: of_each(&lower, genes)?,
+            upper: of_each(&upper, genes)?,
+        };
+        let search = Evostick::new((seed, kind), first.as_slice()?.to_vec(), settings);
+        Ok(Self::new(genes, search, Failure::default()))
     }
 
     fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {

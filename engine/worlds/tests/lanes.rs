@@ -79,7 +79,8 @@ fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
             network["output_range"] = json!(range);
             network
         });
-    (prop_oneof![3 => network.boxed(), 1 => machine(sensors).boxed()]).prop_map(
+    let evostick = Just(json!({"kind": "evostick"}));
+    (prop_oneof![6 => network.boxed(), 2 => machine(sensors).boxed(), 1 => evostick]).prop_map(
         move |mut controller| {
             for (key, value) in [
                 ("version", 1),

@@ -191,7 +191,8 @@ fn network() -> impl Strategy<Value = Value> {
     let machine = (1usize..4, prop::sample::select(vec![vec![0.0], vec![-0.2, 0.3]])).prop_map(
         |(states, cut)| json!({"kind": "mealy_fsm", "states": states, "thresholds": [cut, [0.1]]}),
     );
-    prop_oneof![3 => network, 1 => machine]
+    let evostick = Just(json!({"kind": "evostick"}));
+    prop_oneof![3 => network, 1 => machine, 1 => evostick]
 }
 
 fn world() -> impl Strategy<Value = (&'static str, Value, usize, usize)> {

@@ -215,10 +215,7 @@ fn presence_says_who_has_the_server() {
     );
     let announced = presence.capabilities.swarmwright.unwrap();
     assert_eq!(announced.modes, ["stepwise", "batched", "offloaded"]);
-    assert_eq!(
-        announced.controllers,
-        ["layered", "fully_meshed", "mealy_fsm", "parameter_set"]
-    );
+    assert_eq!(announced.controllers, swarmwright_controllers::KINDS);
     assert_eq!(announced.batch, Some(256));
 }
 

@@ -24,8 +24,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "layered": {"hidden": [3], "activation": "tanh"},
     "fully_meshed": {"hidden": 2, "activation": "sigmoid", "iterations": 2},
     "mealy_fsm": {"states": 3, "levels": 2},
+    "evostick": {},
 }
-"""The options with which each kind of controller that steers agents is tried; two of the three have a
+"""The options with which each kind of controller that steers agents is tried; the second and the third have a
 state."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""

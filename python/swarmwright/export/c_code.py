@@ -1,13 +1,14 @@
 """Source code of controllers in C and C++: the arithmetic of decision 002, operation by operation."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import literals, render, wrapped
 
@@ -87,6 +88,10 @@ def _layered(subject: Subject, language: dict[str, str]) -> Code:
     )
 
 
+def _evostick(subject: Subject, language: dict[str, str]) -> Code:
+    return _layered(replace(subject, specification=as_layered(subject.specification)), language)
+
+
 def _nodes(sizes: list[int]) -> Iterator[tuple[int, int, int]]:
     for layer, (below, nodes) in enumerate(pairwise(sizes), 1):
         for node in range(nodes):
@@ -146,7 +151,7 @@ def _network(subject: Subject, language: dict[str, str]) -> str:
     low, high = subject.specification["output_range"]
     words, actuator = _actuator(float(low), float(high), language)
     functions = [f"c_activation_{activation}.txt"]
-    if activation in {"tanh", "sigmoid"}:
+    if activation in {"tanh", "sigmoid", STEEP}:
         functions.insert(0, "c_tanh.txt")
     values = {
         **language,
@@ -223,6 +228,7 @@ def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
 
 
 _KINDS: dict[str, Callable[[Subject, dict[str, str]], Code]] = {
+    "evostick": _evostick,
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,

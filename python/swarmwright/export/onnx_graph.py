@@ -1,7 +1,7 @@
 """Controllers as graphs of ONNX, in the operations of decision 002."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from onnx import ModelProto, NodeProto, TensorProto, checker, helper, numpy_helper
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.export.c_code import machine_tables
 from swarmwright.export.subject import Subject
 
@@ -118,6 +119,10 @@ def _layered(subject: Subject, graph: Graph) -> None:
     _actuators(subject, graph, values)
 
 
+def _evostick(subject: Subject, graph: Graph) -> None:
+    _layered(replace(subject, specification=as_layered(subject.specification)), graph)
+
+
 def _fully_meshed(subject: Subject, graph: Graph) -> None:
     specification = subject.specification
     sensors, hidden = int(specification["sensors"]), int(specification["hidden"])
@@ -179,6 +184,7 @@ def _clamp(graph: Graph, x: str) -> str:
 _ACTIVATIONS: dict[str, Callable[[Graph, str], str]] = {
     "tanh": _tanh,
     "sigmoid": _sigmoid,
+    STEEP: lambda graph, x: _sigmoid(graph, graph.add("Mul", graph.number(STEEPNESS), x)),
     "relu": lambda graph, x: graph.limited(x, graph.number(0), None),
     "clamp": _clamp,
     "linear": lambda _, x: x,
@@ -225,6 +231,7 @@ def _mealy_fsm(subject: Subject, graph: Graph) -> None:
 
 
 _KINDS: dict[str, Callable[[Subject, Graph], None]] = {
+    "evostick": _evostick,
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,

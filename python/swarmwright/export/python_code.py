@@ -5,7 +5,7 @@ that is computed in binary64 and then rounded to binary32 is the correctly round
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from textwrap import indent
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.export.c_code import machine_tables
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
@@ -75,6 +76,10 @@ def _layered(subject: Subject, numbers: Numbers) -> PythonCode:
     )
 
 
+def _evostick(subject: Subject, numbers: Numbers) -> PythonCode:
+    return _layered(replace(subject, specification=as_layered(subject.specification)), numbers)
+
+
 def _fully_meshed(subject: Subject, numbers: Numbers) -> PythonCode:
     specification = subject.specification
     sensors, hidden = int(specification["sensors"]), int(specification["hidden"])
@@ -109,9 +114,11 @@ def _indented(lines: list[str]) -> str:
 
 def _constants(subject: Subject, numbers: Numbers) -> list[str]:
     lines = []
-    if subject.specification["activation"] in {"tanh", "sigmoid"}:
+    if subject.specification["activation"] in {"tanh", "sigmoid", STEEP}:
         values = np.array(list(_TANH.values()), np.float32)
         lines.append(f"{', '.join(f'_{name}' for name in _TANH)} = {numbers(values)}")
+    if subject.specification["activation"] == STEEP:
+        lines.append(f"(_STEEPNESS,) = {numbers(np.array([STEEPNESS], np.float32))}")
     low, high = np.array(subject.specification["output_range"], np.float32)
     if (low, high) not in ((-1, 1), (0, 1)):
         lines.append(f"_LOW, _WIDTH = {numbers(np.array([low, high - low], np.float32))}")
@@ -134,7 +141,7 @@ def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as th
             "cell[0] = cell[0] - 1.0",
             "a = cell[0]",
         ]
-    parts = [render("python_tanh.txt", {})] if activation in {"tanh", "sigmoid"} else []
+    parts = [render("python_tanh.txt", {})] if activation in {"tanh", "sigmoid", STEEP} else []
     parts.append(f"def _activation(a, cell):\n{_ACTIVATIONS[activation]}\n")
     actuator = "\n".join(f"    {line}" for line in lines)
     parts.append(render("python_network.txt", {"output_range": words, "actuator": actuator}))
@@ -145,6 +152,11 @@ _ACTIVATIONS = {
     "tanh": "    return _tanh(a, cell)",
     "sigmoid": (
         "    scaled = _rounded(0.5 * _tanh(_rounded(0.5 * a, cell), cell), cell)\n"
+        "    return _rounded(0.5 + scaled, cell)"
+    ),
+    STEEP: (
+        "    steep = _rounded(_STEEPNESS * a, cell)\n"
+        "    scaled = _rounded(0.5 * _tanh(_rounded(0.5 * steep, cell), cell), cell)\n"
         "    return _rounded(0.5 + scaled, cell)"
     ),
     "relu": "    return 0.0 if a < 0.0 else a",
@@ -186,6 +198,7 @@ def _mealy_fsm(subject: Subject, numbers: Numbers) -> PythonCode:
 
 
 _KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
+    "evostick": _evostick,
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,

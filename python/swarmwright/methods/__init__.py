@@ -12,6 +12,7 @@ METHODS: Registry[Method] = Registry(
         "cea2d": "swarmwright.methods.cea2d:Cea2d",
         "cma_es": "swarmwright.methods.cma_es:CmaEs",
         "de": "swarmwright.methods.de:De",
+        "evostick": "swarmwright.methods.evostick:Evostick",
         "nnga": "swarmwright.methods.nnga:Nnga",
         "openai_es": "swarmwright.methods.openai_es:OpenaiEs",
         "pgpe": "swarmwright.methods.pgpe:Pgpe",

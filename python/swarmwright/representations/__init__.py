@@ -12,6 +12,7 @@ REPRESENTATIONS: Registry[Representation] = Registry(
     "controller",
     "swarmwright.representations",
     {
+        "evostick": "swarmwright.representations.evostick:Evostick",
         "fully_meshed": "swarmwright.representations.fully_meshed:FullyMeshed",
         "layered": "swarmwright.representations.layered:Layered",
         "mealy_fsm": "swarmwright.representations.mealy_fsm:MealyFsm",

@@ -34,6 +34,14 @@ def network(
     return {**made, "weights": [float(text) for text in weights.astype(str)]}
 
 
+def evostick(sensors: int, actuators: int, reach: float = 1.0) -> Specification:
+    """EvoStick's network."""
+    made = {"version": 1, "kind": "evostick", "sensors": sensors, "actuators": actuators}
+    count = _engine.genome_size(made)
+    weights = np.random.default_rng(2).uniform(-reach, reach, count).astype(np.float32)
+    return {**made, "weights": [float(text) for text in weights.astype(str)]}
+
+
 def machine(thresholds: list[list[float]], states: int = 3, actuators: int = 2) -> Specification:
     """A state machine with next states and outputs beyond their limits, too."""
     made = {
@@ -53,6 +61,8 @@ ALL = {
         for kind, activations in ACTIVATIONS.items()
         for index, (activation, output_range) in enumerate(itertools.product(activations, RANGES))
     },
+    "evostick": evostick(24, 2),
+    "evostick-small": evostick(3, 1, 0.4),
     "layered-direct": network("layered", "tanh", [-1.0, 1.0], hidden=[]),
     "layered-deep": network("layered", "sigmoid", [0.0, 1.0], hidden=[2, 7, 1, 4]),
     "layered-wide": network("layered", "tanh", [-1.0, 1.0], sensors=40, actuators=9, hidden=[30]),

@@ -13,7 +13,7 @@ from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._samples import Choices
 from tests.python.methods.functions import new
 
-COMPUTING = ["cma_es", "de", "openai_es", "pgpe", "pso", "sep_cma_es", "snes", "xnes"]
+COMPUTING = ["cma_es", "de", "evostick", "openai_es", "pgpe", "pso", "sep_cma_es", "snes", "xnes"]
 
 
 class Table(Layered):

@@ -17,6 +17,7 @@ REPRESENTED: dict[str, tuple[str, dict[str, Any]]] = {
     "layered": ("layered", {"hidden": [3, 2]}),
     "one node": ("layered", {"hidden": []}),
     "fully meshed": ("fully_meshed", {"hidden": 2, "mutation": "proportional"}),
+    "evostick": ("evostick", {}),
     "machine": ("mealy_fsm", {"states": 3}),
     "continuous machine": ("mealy_fsm", {"output_levels": 0}),
     "one row": ("mealy_fsm", {"states": 1, "levels": 1}),

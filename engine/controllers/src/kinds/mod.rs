@@ -4,11 +4,13 @@
 //! servers, and what is called for a controller of the kind. Tests of the other languages compare their lists with
 //! `protocol/schemas/controller.schema.json`, as `tests/kinds.rs` does with this one.
 
+mod evostick;
 mod fully_meshed;
 mod layered;
 mod mealy_fsm;
 mod parameter_set;
 
+pub use evostick::Evostick;
 pub use fully_meshed::FullyMeshed;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
@@ -147,6 +149,8 @@ kinds! { ($)
     "fully_meshed" => FullyMeshed,
     /// A finite-state machine.
     "mealy_fsm" => MealyFsm,
+    /// EvoStick's network.
+    "evostick" => Evostick,
     /// Parameters of a simulation that steers its agents itself.
     "parameter_set" => ParameterSet,
 }

@@ -3,12 +3,14 @@
 mod adam;
 mod ahead;
 mod bounded;
+mod evostick;
 mod gaussian;
 mod nes;
 mod restarts;
 mod swarm;
 
 pub use bounded::{Bounded, Challenger};
+pub use evostick::{Evostick, EvostickSettings};
 pub use gaussian::{Gaussian, Learning, Space};
 pub use nes::{Nes, NesSettings, Restart, Shape};
 pub use restarts::{CmaSearch, CmaSettings, Restarts};

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.evostick import as_layered
 from swarmwright.figures.controllers.names import Names
 
 if TYPE_CHECKING:
@@ -31,7 +32,9 @@ def figure(
         InputError: a controller of this kind cannot be drawn.
     """
     kind = specification.get("kind")
-    if kind in {"layered", "fully_meshed"}:
+    if kind == "evostick":
+        specification = {**as_layered(specification), "kind": kind}
+    if kind in {"layered", "fully_meshed", "evostick"}:
         from swarmwright.figures.controllers.network import draw as draw_network
 
         return draw_network(specification, Names.of(specification, simulation), title)

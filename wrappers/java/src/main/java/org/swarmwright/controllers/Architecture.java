@@ -19,6 +19,7 @@ public abstract strictfp class Architecture {
     KINDS.put("layered", Layered::read);
     KINDS.put("fully_meshed", FullyMeshed::read);
     KINDS.put("mealy_fsm", MealyFsm::read);
+    KINDS.put("evostick", Evostick::read);
     KINDS.put("parameter_set", ParameterSet::read);
   }
 

@@ -2,6 +2,9 @@ package org.swarmwright.controllers;
 
 /** The interval of network outputs that is mapped to actuators from -1 to 1. */
 final strictfp class OutputRange {
+  /** Outputs from 0 to 1. */
+  static final OutputRange UNIT = new OutputRange(0f, 1f);
+
   private final float low;
   private final float high;
 
