@@ -478,6 +478,28 @@ class Search:
     ) -> Search:
         """EvoStick's algorithm; first: (n, genes), n >= elites >= 1; middle, step: where and how far genes are drawn."""
 
+    @staticmethod
+    def genetic(
+        seed: int,
+        kind: str,
+        *,
+        first: NDArray[np.float32],
+        operators: object,
+        populations: int,
+        shares: tuple[int, int, int, int],
+        severity: float,
+        probability: float,
+        partners: int,
+        exchange_interval: int,
+        exchange: float,
+    ) -> Search:
+        """A genetic algorithm, see `swarmwright.methods.nnga`.
+
+        first: (n, genes), the first members of all populations, of which each has as many. operators: a `NodeNetwork`, or a
+        representation, whose initials, mutations and matings are called. shares: members of a population that are elite, stay by
+        chance, are mutated, and are children of two; those that are left are renewed.
+        """
+
     def ask(self) -> NDArray[np.float32]:
         """(n, genes): genomes to be evaluated; the same ones until their fitness is told."""
 
@@ -488,8 +510,12 @@ class Search:
         """Take new fitness of the members."""
 
     @property
-    def members(self) -> tuple[NDArray[np.float32], NDArray[np.float64]] | None:
-        """Genomes, (k, genes), and fitness, (k,), of members that stay; None where none do."""
+    def members(self) -> NDArray[np.float32] | None:
+        """Genomes, (k, genes), of members that stay; None where none do."""
+
+    @property
+    def fitness(self) -> NDArray[np.float64] | None:
+        """Their fitness, (k,)."""
 
     @property
     def sample(self) -> Sample | None:

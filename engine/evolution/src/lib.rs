@@ -51,9 +51,9 @@ pub use ranking::{Ranks, survivors, triangular};
 pub use sample::GaussianSample;
 pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
 pub use search::{
-    Bounded, Challenger, CmaSearch, CmaSettings, Evostick, EvostickSettings, Gaussian, Learning,
-    Members, Nes, NesSettings, NoStart, Restart, Restarts, Search, Shape, Space, Starts,
-    SwarmSettings, Swarming,
+    Bounded, Challenger, CmaSearch, CmaSettings, Evostick, EvostickSettings, Gaussian, Genetic,
+    GeneticSettings, Learning, Members, Nes, NesSettings, NoStart, Operators, Restart, Restarts,
+    Search, Shape, Space, Starts, SwarmSettings, Swarming, Variation,
 };
 pub use shaping::{centered_ranks, utilities};
 pub use stream::{Stream, normal_rows, purpose_key, rows};

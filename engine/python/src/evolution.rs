@@ -14,7 +14,7 @@ use crate::streams::{PyStream, PyStreams};
 
 /// The operators of networks whose genomes are rows of nodes.
 #[pyclass(name = "NodeNetwork", module = "swarmwright._engine", frozen)]
-pub struct PyNodeNetwork(NodeNetwork);
+pub struct PyNodeNetwork(pub NodeNetwork);
 
 #[pymethods]
 impl PyNodeNetwork {

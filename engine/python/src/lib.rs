@@ -11,6 +11,7 @@ mod lanes;
 mod local;
 mod log;
 mod methods;
+mod operators;
 mod pool;
 mod producer;
 mod results;

@@ -12,14 +12,15 @@ use numpy::{
 use pyo3::prelude::*;
 use swarmwright_evolution::{
     Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Evostick, EvostickSettings,
-    Gaussian, Learning, Nes, NesSettings, NoStart, Restart, Restarts, Search, Space, Starts,
-    SwarmSettings, Swarming,
+    Gaussian, Genetic, GeneticSettings, Learning, Nes, NesSettings, NoStart, Restart, Restarts,
+    Search, Space, Starts, SwarmSettings, Swarming, Variation,
 };
 
 use swarmwright_protocol::{F64s, GAUSSIAN, Sample};
 
 use crate::errors::{engine, input};
 use crate::local::lock;
+use crate::operators::operators;
 
 /// What the candidates of a generation are made from, for servers that make them themselves.
 #[pyclass(name = "Sample", module = "swarmwright._engine", frozen)]
@@ -39,11 +40,12 @@ pub struct Conversation {
     search: Box<dyn Search>,
     genes: usize,
     asked: Option<Vec<f32>>,
-    /// Why there was no new start.
+    /// Why there was no new start, or no genomes.
     failed: Failure,
 }
 
-type Failure = Arc<Mutex<Option<PyErr>>>;
+/// Where an error of Python's goes, in whose stead there is only a [`NoStart`].
+pub type Failure = Arc<Mutex<Option<PyErr>>>;
 
 impl Conversation {
     /// The genomes to be evaluated: those asked for last, if their fitness is missing.
@@ -314,6 +316,56 @@ impl PySearch {
         Ok(Self::new(genes, search, Failure::default()))
     }
 
+    #[staticmethod]
+    #[pyo3(signature = (seed, kind, *, first, operators, populations, shares, severity, probability, partners, exchange_interval, exchange))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn genetic(
+        seed: u64,
+        kind: &str,
+        first: PyReadonlyArray2<'_, f32>,
+        operators: &Bound<'_, PyAny>,
+        populations: usize,
+        shares: [usize; 4],
+        severity: f64,
+        probability: f64,
+        partners: usize,
+        exchange_interval: u64,
+        exchange: f64,
+    ) -> PyResult<Self> {
+        let [elite, random, mutate, crossover] = shares;
+        let genes = at_least(first.shape()[1], 1)?;
+        let members = first.shape()[0] / at_least(populations, 1)?;
+        let settings = GeneticSettings {
+            populations,
+            members,
+            elite,
+            random,
+            mutate,
+            crossover,
+            variation: Variation {
+                severity,
+                probability,
+            },
+            partners: at_least(partners, 1)?,
+            exchange_interval,
+            exchange,
+        };
+        let known = shares
+            .iter()
+            .try_fold(0, |sum: usize, share| sum.checked_add(*share));
+        if members * populations != first.shape()[0] || known.is_none_or(|known| known > members) {
+            return Err(input(format!(
+                "first, shares: {} genomes and {shares:?} members do not make {populations} populations",
+                first.shape()[0]
+            )));
+        }
+        let failed = Failure::default();
+        let operators = self::operators(operators, genes, failed.clone())?;
+        let first = first.as_slice()?.to_vec();
+        let search = Genetic::new((seed, kind), first, settings, operators);
+        Ok(Self::new(genes, search, failed))
+    }
+
     fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let here = self.here()?;
         let genes = here.genes;
@@ -335,22 +387,20 @@ impl PySearch {
     }
 
     #[getter]
-    #[expect(clippy::type_complexity, reason = "genomes and their fitness")]
-    fn members<'py>(
-        &mut self,
-        py: Python<'py>,
-    ) -> PyResult<Option<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f64>>)>> {
+    fn members<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
         let here = self.here()?;
         let genes = here.genes;
         let Some(members) = here.search.members() else {
             return Ok(None);
         };
         let genomes = PyArray1::from_slice(py, members.genomes);
-        let shape = [members.fitness.len(), genes];
-        Ok(Some((
-            genomes.reshape(shape)?,
-            PyArray1::from_slice(py, members.fitness),
-        )))
+        genomes.reshape([members.fitness.len(), genes]).map(Some)
+    }
+
+    #[getter]
+    fn fitness<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        let members = self.here()?.search.members();
+        Ok(members.map(|members| PyArray1::from_slice(py, members.fitness)))
     }
 
     #[getter]

@@ -194,7 +194,12 @@ class Method(SteadyState):
             )
         self._check_not_done()
         self._asked = self._ask()
-        return self._asked.copy()
+        return self._asked if self._forgets_asked else self._asked.copy()
+
+    @property
+    def _forgets_asked(self) -> bool:
+        """Whether `_tell` does not use the genomes, so that the caller may have them."""
+        return False
 
     @property
     def sample(self) -> _engine.Sample | None:

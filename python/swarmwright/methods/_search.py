@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.errors import engine_errors
 from swarmwright.methods._base import Method
 from swarmwright.typing import Fitness, Genomes
 
@@ -44,6 +45,11 @@ class SearchMethod(Method):
         return all(getattr(kind, name) is getattr(own, name) for name in names)
 
     @property
+    def _forgets_asked(self) -> bool:
+        """The search has them; a subclass may use them."""
+        return self.ahead
+
+    @property
     def population_fitness(self) -> Fitness:
         """Fitness of the last sample."""
         return np.empty(0) if self._fitness is None else self._fitness
@@ -54,7 +60,8 @@ class SearchMethod(Method):
         return self.search.sample if self.ahead else None
 
     def _ask(self) -> Genomes:
-        return self.search.ask()
+        with engine_errors():
+            return self.search.ask()
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the search knows them
         self._fitness = fitness
@@ -70,15 +77,11 @@ class KeepsMembers(SearchMethod):
     @property
     def population_fitness(self) -> Fitness:
         """Fitness of the members."""
-        return self._kept_members[1]
-
-    @property
-    def _kept_members(self) -> tuple[Genomes, Fitness]:
-        return cast("tuple[Genomes, Fitness]", self.search.members)
+        return cast("Fitness", self.search.fitness)
 
     def kept(self) -> Genomes:
-        """Return the members that those asked for compete with, from the second generation on."""
-        return self._kept_members[0]
+        """Return the members that stay beside those asked for, from the second generation on."""
+        return cast("Genomes", self.search.members)
 
     def _rescore(self, fitness: Fitness) -> None:
         self.search.rescore(fitness)

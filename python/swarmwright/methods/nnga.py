@@ -2,21 +2,19 @@
 
 import math
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmwright import _engine
-from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._nnga_steady import SteadyMembers
+from swarmwright.methods._search import KeepsMembers
 from swarmwright.representations._base import Representation
+from swarmwright.representations._network import NodeNetwork
 from swarmwright.typing import Fitness, Genome, Genomes
 
-_TRIALS = 100  # crossovers a generation may repeat because the child exists already
 _MOST_MEMBERS = 10_000_000
 
 
@@ -105,39 +103,7 @@ class NngaOptions(MethodOptions):
         return Shares(self.population - random - mutate - crossover - renew, random, mutate, crossover, renew)
 
 
-class _Population:
-    """Members, of which the first `count` are there, and their fitness; children: new ones not known yet."""
-
-    def __init__(self, size: int, genes: int) -> None:
-        self._genomes: Genomes = np.empty((size, genes), dtype=np.float32)
-        self._fitness: Fitness = np.empty(size)
-        self.count = 0
-        self.children = size
-
-    @property
-    def genomes(self) -> Genomes:
-        """Genomes of the members."""
-        return self._genomes[: self.count]
-
-    @property
-    def fitness(self) -> Fitness:
-        """Fitness of the members."""
-        return self._fitness[: self.count]
-
-    def keep(self, members: NDArray[np.int64]) -> None:
-        """Drop all other members."""
-        genomes, fitness = self.genomes[members], self.fitness[members]
-        self.count = 0
-        self.join(genomes, fitness)
-
-    def join(self, genomes: Genomes, fitness: Fitness) -> None:
-        """Let the children be members."""
-        places = slice(self.count, self.count + len(genomes))
-        self._genomes[places], self._fitness[places] = genomes, fitness
-        self.count = places.stop
-
-
-class Nnga(Method):
+class Nnga(KeepsMembers):
     """Survival, mutation, crossover and renewal, in shares of the population.
 
     From the ranked population a generation is made so: the elite stays; some others stay, drawn at random;
@@ -167,69 +133,66 @@ class Nnga(Method):
     options_model = NngaOptions
     options: NngaOptions
     steady_state = True
-    keeps_members = True
-    start_as = "members"
 
     def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self._shares = options.shares()
-        self._populations = [
-            _Population(options.population, representation.genome_size) for _ in range(options.populations)
-        ]
         self._steady = SteadyMembers(options, representation)
 
     @property
     def budget(self) -> int:
         """Number of evaluations of the whole run, when nothing fails."""
-        if self.options.operation == "steady_state":
+        if self._one_by_one:
             return self.options.population * self.options.generations
-        new = self.options.population + (self.options.generations - 1) * self._shares.new
+        new = self.options.population + (self.options.generations - 1) * self.options.shares().new
         return self.options.populations * new
 
     @property
     def population_fitness(self) -> Fitness:
         """Fitness of all members of all populations, survivors and new ones."""
-        if self.options.operation == "steady_state":
-            return self._steady.fitness.copy()
-        return np.concatenate([population.fitness for population in self._populations])
+        return self._steady.fitness.copy() if self._one_by_one else super().population_fitness
 
     @property
     def generation_size(self) -> int:
         """Members."""
         return self.options.population
 
+    @property
+    def ahead(self) -> bool:
+        """Whether the engine may ask and tell the search by itself: it has the operators, too."""
+        return super().ahead and not self._one_by_one and self._native is not None
+
     def kept(self) -> Genomes:
         """Return the survivors of all populations."""
-        return np.concatenate([population.genomes for population in self._populations])
+        return (
+            np.empty((0, self.representation.genome_size), np.float32) if self._one_by_one else super().kept()
+        )
 
-    def _rescore(self, fitness: Fitness) -> None:
-        first = 0
-        for population in self._populations:
-            end = first + population.count
-            population.fitness[:] = fitness[first:end]
-            first = end
+    @property
+    def _one_by_one(self) -> bool:
+        return self.options.operation == "steady_state"
 
-    def _ask(self) -> Genomes:
-        if self.generation == 0:
-            return self.initials(range(self.options.populations * self.options.population))
-        for number, population in enumerate(self._populations):
-            population.keep(self._survivors(population.fitness, self.stream("nnga.survive", number)))
-        parents = _Parents.of(self._populations)
-        children: list[Genomes] = []
-        first = 0
-        for number, population in enumerate(self._populations):
-            made = self._children(parents, number, first)
-            population.children = sum(map(len, made))
-            first += population.children
-            children += made
-        return np.concatenate(children)
+    @property
+    def _native(self) -> _engine.NodeNetwork | None:
+        """The representation's operators, where they are the engine's."""
+        representation = self.representation
+        return representation.operators if isinstance(representation, NodeNetwork) else None
 
-    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        first = 0
-        for population in self._populations:
-            end = first + population.children
-            population.join(genomes[first:end], fitness[first:end])
-            first = end
+    def _begin(self) -> _engine.Search:
+        options, shares = self.options, self.options.shares()
+        first = self.initials(range(options.populations * options.population))
+        return _engine.Search.genetic(
+            self.seed,
+            self.kind,
+            first=np.ascontiguousarray(first, dtype=np.float32),
+            operators=self._native or self.representation,
+            populations=options.populations,
+            shares=(shares.elite, shares.random, shares.mutate, shares.crossover),
+            severity=options.severity,
+            probability=options.probability,
+            partners=options.partners,
+            exchange_interval=options.exchange_interval,
+            exchange=options.exchange,
+        )
 
     def _next(self, index: int) -> Genome:
         child = None
@@ -239,87 +202,3 @@ class Nnga(Method):
 
     def _told(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no order
         self._steady.join(genome, fitness)
-
-    def _survivors(self, fitness: Fitness, stream: Stream) -> NDArray[np.int64]:
-        """Return the indices of those that stay: elite, then random ones."""
-        return _engine.survivors(fitness, self._shares.elite, self._shares.random, stream)
-
-    def _children(self, parents: "_Parents", number: int, first: int) -> list[Genomes]:
-        """Return the new members of a population, in parts; `first`: the index of its first among all new."""
-        survivors = parents.of_population(number)
-        children: list[Genomes] = []
-        if len(survivors):
-            children.append(self._mutated(survivors, first))
-            children += self._crossed(parents, number, [survivors, *children])
-        made = sum(map(len, children))
-        missing = self.options.population - len(survivors) - made
-        return [*children, self.initials(range(first + made, first + made + missing))]
-
-    def _mutated(self, survivors: Genomes, first: int) -> Genomes:
-        streams = self.streams("nnga.mutate", range(first, first + self._shares.mutate))
-        chosen = streams.integers(len(survivors), 1)[:, 0]
-        severity, probability = self.options.severity, self.options.probability
-        return self.representation.mutations(
-            survivors[chosen], streams, severity=severity, probability=probability
-        )
-
-    def _crossed(self, parents: "_Parents", number: int, known: list[Genomes]) -> list[Genomes]:
-        """Return children of two, all different from each other and those known."""
-        wanted, most = self._shares.crossover, self._shares.crossover + _TRIALS
-        found: list[Genomes] = []
-        missing, trial = wanted, 0
-        while missing and trial < most:
-            last = min(trial + missing, most)
-            children = self._crossovers(parents, number, range(number * most + trial, number * most + last))
-            new = _engine.distinct(children, known + found)
-            found.append(children if len(new) == len(children) else children[new])
-            missing, trial = missing - len(new), last
-        return found
-
-    def _crossovers(self, parents: "_Parents", number: int, addresses: range) -> Genomes:
-        """Return a child for each address."""
-        streams = self.streams("nnga.crossover", addresses)
-        first, count = int(parents.first[number]), int(parents.count[number])
-        mothers = first + streams.integers(count, 1)[:, 0]
-        partners = self._partners(parents, number, addresses, streams)
-        return self.representation.matings(parents.genomes, mothers, partners, streams)
-
-    def _partners(
-        self, parents: "_Parents", number: int, addresses: range, streams: Streams
-    ) -> NDArray[np.int64]:
-        """Return the indices of those that each father is chosen from."""
-        options = self.options
-        interval = options.exchange_interval
-        if options.populations == 1 or interval == 0 or (self.generation - 1) % interval:
-            count = int(parents.count[number])
-            return int(parents.first[number]) + streams.integers(count, options.partners)
-        peopled = np.flatnonzero(parents.count)
-        exchange = self.streams("nnga.exchange", addresses)
-        drawn = peopled[exchange.integers(len(peopled), 1)[:, 0]]
-        abroad = exchange.units(1)[:, 0] < options.exchange
-        homes = np.where(abroad, drawn, number)
-        drawn = streams.integers(parents.count[homes], options.partners)
-        mine: NDArray[np.int64] = parents.first[homes][:, None] + drawn
-        return mine
-
-
-@dataclass(frozen=True)
-class _Parents:
-    """The survivors of all populations in one array; first and count: where those of each population are."""
-
-    genomes: Genomes
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, populations: list[_Population]) -> Self:
-        """Return the members of populations."""
-        counts = [population.count for population in populations]
-        members = [population.genomes for population in populations]
-        genomes = members[0] if len(members) == 1 else np.concatenate(members)
-        first = list(accumulate(counts, initial=0))[:-1]
-        return cls(genomes, np.array(first, dtype=np.int64), np.array(counts, dtype=np.int64))
-
-    def of_population(self, number: int) -> Genomes:
-        """Return the survivors of one population."""
-        return self.genomes[self.first[number] :][: self.count[number]]

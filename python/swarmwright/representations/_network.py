@@ -96,6 +96,13 @@ class NodeNetwork(Representation):
         )
 
     @property
+    def operators(self) -> _engine.NodeNetwork | None:
+        """The engine's operators; None if a subclass has others."""
+        kind, names = type(self), ("initials", "mutations", "matings")
+        known = all(getattr(kind, name) is getattr(NodeNetwork, name) for name in names)
+        return self._operators if known else None
+
+    @property
     def genome_size(self) -> int:
         """Number of genes: a bias for each node and its weights."""
         return int(self._starts[-1])

@@ -5,12 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.methods.cea2d import Cea2d
-from swarmwright.methods.nnga import Nnga
+from swarmwright.methods.nnga import Nnga, NngaOptions
 from swarmwright.rankings._base import best_first
 from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
@@ -40,29 +39,97 @@ def drawn(stream: Stream, members: int) -> int:
 
 
 class PlainNnga(Nnga):
-    """Survivors are taken out of a list, and children are known by a set."""
+    """Survivors are taken out of a list, children are known by a set, and each is made by itself."""
 
-    def _survivors(self, fitness: Fitness, stream: Stream) -> NDArray[np.int64]:
+    def __init__(self, options: NngaOptions, representation: Representation, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self._members: list[list[tuple[Genome, float]]] = [[] for _ in range(options.populations)]
+
+    @property
+    def population_fitness(self) -> Fitness:
+        if self.options.operation == "steady_state":
+            return super().population_fitness
+        return np.array([fitness for members in self._members for _, fitness in members])
+
+    def kept(self) -> Genomes:
+        return self._rows([genome for members in self._members for genome, _ in members])
+
+    def _rescore(self, fitness: Fitness) -> None:
+        values = iter(fitness.tolist())
+        self._members = [[(genome, next(values)) for genome, _ in members] for members in self._members]
+
+    def _rows(self, genomes: list[Genome]) -> Genomes:
+        return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.representation.genome_size)
+
+    def _ask(self) -> Genomes:
+        every = range(len(self._members))
+        if self.generation > 0:
+            self._members = [self._staying(number) for number in every]
+        made: list[Genome] = []
+        self._places: list[int] = []
+        for number in every:
+            made += self._new_members(number, len(made))
+            self._places += [number] * (len(made) - len(self._places))
+        return self._rows(made)
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        for number, genome, value in zip(self._places, genomes, fitness.tolist(), strict=True):
+            self._members[number].append((genome, value))
+
+    def _staying(self, number: int) -> list[tuple[Genome, float]]:
+        """The elite, and some others."""
+        members, stream = self._members[number], self.stream("nnga.survive", number)
+        fitness = np.array([value for _, value in members])
         ranked = best_first(fitness)[: int(np.isfinite(fitness).sum())].tolist()
-        staying, others = ranked[: self._shares.elite], ranked[self._shares.elite :]
-        for _ in range(min(self._shares.random, len(others))):
+        shares = self.options.shares()
+        staying, others = ranked[: shares.elite], ranked[shares.elite :]
+        for _ in range(min(shares.random, len(others))):
             staying.append(others.pop(drawn(stream, len(others))))
-        return np.array(staying, dtype=np.int64)
+        return [members[one] for one in staying]
 
-    def _crossed(self, parents: Any, number: int, known: list[Genomes]) -> list[Genomes]:
-        seen = {genome.tobytes() for genomes in known for genome in genomes}
-        wanted = self._shares.crossover
+    def _new_members(self, number: int, first: int) -> list[Genome]:
+        """The new members of a population; first: the index of its first among all."""
+        options, operators = self.options, self.representation
+        staying = [genome for genome, _ in self._members[number]]
+        made: list[Genome] = []
+        for index in range(options.shares().mutate if staying else 0):
+            stream = self.stream("nnga.mutate", first + index)
+            parent = staying[stream.integer(len(staying))]
+            made.append(
+                operators.mutate(parent, stream, severity=options.severity, probability=options.probability)
+            )
+        made += self._crossed(number, [*staying, *made]) if staying else []
+        renewed = range(first + len(made), first + options.population - len(staying))
+        return [*made, *self.initials(renewed)]
+
+    def _crossed(self, number: int, known: list[Genome]) -> list[Genome]:
+        """Children of two, all different from each other and from those known."""
+        seen = {genome.tobytes() for genome in known}
+        wanted = self.options.shares().crossover
         most = wanted + 100
         found: list[Genome] = []
         for trial in range(most):
             if len(found) < wanted:
-                child = self._crossovers(
-                    parents, number, range(number * most + trial, number * most + trial + 1)
-                )
-                if child[0].tobytes() not in seen:
-                    seen.add(child[0].tobytes())
-                    found.append(child[0])
-        return [np.array(found, dtype=np.float32).reshape(len(found), parents.genomes.shape[1])]
+                child = self._crossover(number, number * most + trial)
+                if child.tobytes() not in seen:
+                    seen.add(child.tobytes())
+                    found.append(child)
+        return found
+
+    def _crossover(self, number: int, address: int) -> Genome:
+        options, stream = self.options, self.stream("nnga.crossover", address)
+        genomes = [[genome for genome, _ in members] for members in self._members]
+        mother, home = genomes[number][stream.integer(len(genomes[number]))], number
+        interval = options.exchange_interval
+        if options.populations > 1 and interval and (self.generation - 1) % interval == 0:
+            exchange = self.stream("nnga.exchange", address)
+            peopled = [one for one, members in enumerate(genomes) if members]
+            other = peopled[exchange.integer(len(peopled))]
+            if exchange.unit(1)[0] < options.exchange:
+                home = other
+        partners = [genomes[home][stream.integer(len(genomes[home]))] for _ in range(options.partners)]
+        father = max(partners, key=lambda other: self.representation.distance(mother, other))
+        return self.representation.crossover(mother, father, stream)
 
 
 class PlainMembers(SteadyMembers):

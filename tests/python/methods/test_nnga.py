@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from swarmwright.core.errors import InputError
 from swarmwright.methods import METHODS
 from swarmwright.methods.nnga import Nnga, NngaOptions, Shares
-from swarmwright.representations import Genomes
+from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._common import representation
+from swarmwright.typing import Genome, Genomes
 
 
 def new(seed: int = 1, **options: Any) -> Nnga:
@@ -195,18 +197,18 @@ def test_exchange_happens_at_its_interval(interval: int, exchanging: list[int]) 
         size = genomes.shape[1]
         return bool((signs[0] < size).any() or (signs[1] > -size).any())
 
+    method = new(populations=2, exchange_interval=interval, mutate=0.0, crossover=0.7, renew=0.0, random=0.15)
+    first = np.abs(method.initials(range(100))) + np.float32(0.1)
+    first[50:] *= -1
+    method.start_from(first)
+    method.ask()
+    method.tell(np.arange(100.0))
     found = []
     for generation in range(1, 6):
-        method = new(
-            populations=2, exchange_interval=interval, mutate=0.0, crossover=0.7, renew=0.0, random=0.15
-        )
-        first = np.abs(method.ask()) + np.float32(0.1)
-        first[50:] *= -1
-        method._asked = first
-        method.tell(np.arange(100.0))
-        method.generation = generation
-        if foreign(method.ask()):
+        children = method.ask()
+        if foreign(children):
             found.append(generation)
+        method.tell(np.full(len(children), np.nan))  # so that the first members stay
     assert found == exchanging
 
 
@@ -214,11 +216,11 @@ def test_exchange_says_how_many_fathers_come_from_anywhere() -> None:
     def foreigners(exchange: float) -> int:
         method = new(populations=4, exchange_interval=1, exchange=exchange, elite=0.2, random=0.0, mutate=0.0,
                      crossover=0.8, renew=0.0, population=200, partners=1)  # fmt: skip
-        method.ask()
         parents = np.repeat(np.arange(1, 5, dtype=np.float32), 200)[:, None] * np.ones(
             (1, method.representation.genome_size), dtype=np.float32
         ) + np.linspace(0, 0.5, 800, dtype=np.float32)[:, None]  # fmt: skip
-        method._asked = parents
+        method.start_from(parents)
+        method.ask()
         method.tell(np.arange(800.0))
         children = np.floor(method.ask())
         return int((children.min(axis=1) != children.max(axis=1)).sum())
@@ -240,6 +242,26 @@ def test_a_population_that_failed_as_a_whole_starts_anew() -> None:
     assert np.isfinite(asked).all()
     method.tell(np.zeros(87))
     assert len(method.population_fitness) == 100
+
+
+def test_errors_of_operators_in_python_come_through() -> None:
+    class Failing(Layered):
+        def mutate(self, *_: Any, **__: Any) -> Genome:
+            raise ArithmeticError("no mutant today")
+
+    class Short(Layered):
+        def crossovers(self, mothers: Genomes, *_: Any) -> Genomes:
+            return mothers[:, 1:]
+
+    for kind, error, words in (
+        (Failing, ArithmeticError, "no mutant today"),
+        (Short, InputError, r"matings: returned the shape \[15, \d+\], expected \[15, \d+\]"),
+    ):
+        method = Nnga(NngaOptions(), kind(LayeredOptions(hidden=[2]), sensors=2, actuators=1), seed=1)
+        assert not method.ahead
+        method.tell(np.zeros(len(method.ask())))
+        with pytest.raises(error, match=words):
+            method.ask()
 
 
 def steady(fitness: Any, **options: Any) -> Nnga:

@@ -18,6 +18,14 @@ from swarmwright.store import StoreReader
 from tests.python.records import same_record
 
 KINDS = [name for name in METHODS.names() if issubclass(METHODS.get(name), SearchMethod)]
+SHARES: list[dict[str, Any]] = [
+    {"population": 1024, "generations": 6},
+    {"population": 20, "generations": 30, "populations": 3, "exchange_interval": 2, "exchange": 0.6},
+    {"population": 20, "generations": 30, "severity": 0.0},
+    {"population": 30, "generations": 20, "partners": 2, "probability": 0.3, "elite": 0.0, "random": 0.25},
+    {"population": 30, "generations": 200, "target": -1.0},
+    {"population": 30, "generations": 200, "evaluations": 333},
+]
 RESTARTS: list[dict[str, Any]] = [
     {"kind": "snes", "population": 8, "generations": 200, "step": 0.05, "rate": 0.5, "restart": "same"},
     {"kind": "xnes", "population": 8, "generations": 200, "step": 0.05, "rate": 0.5, "restart": "ipop"},
@@ -80,6 +88,23 @@ def test_every_method_has_the_same_record(
     assert run.sessions[0].outcome == "done"
     same_record(in_two_parts(made, tmp_path / "parts", 11), whole)
     assert len(used) == 3
+
+
+@pytest.mark.parametrize("controller", [{"kind": "layered"}, {"kind": "fully_meshed", "hidden": 1}], ids=str)
+@pytest.mark.parametrize("method", SHARES, ids=str)
+def test_members_that_stay_are_the_same(
+    method: dict[str, Any],
+    controller: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    used: list[Ahead],
+) -> None:
+    made = experiment({"kind": "nnga", **method}, controller=controller)
+    whole = ordinary(made, tmp_path / "whole", monkeypatch)
+    same_record(optimize(made, out=tmp_path / "run"), whole)
+    assert len(used) == 1
+    for at in {1, whole.generations // 2} - {0, whole.generations}:
+        same_record(in_two_parts(made, tmp_path / f"at-{at}", at), whole)
 
 
 @pytest.mark.parametrize("method", RESTARTS, ids=str)
@@ -228,7 +253,8 @@ def test_a_method_changed_by_a_subclass_is_asked_and_told_in_python(
     [
         {"fitness": "fitness"},
         {"ranking": {"kind": "absolute", "episodes": 2, "reevaluate": True}, "method": {"kind": "pso"}},
-        {"method": {"kind": "nnga"}},
+        {"method": {"kind": "nnga"}, "controller": {"kind": "mealy_fsm", "states": 2}},
+        {"method": {"kind": "cea2d", "width": 3, "height": 3}},
         {"servers": 1},
     ],
     ids=str,
@@ -236,7 +262,10 @@ def test_a_method_changed_by_a_subclass_is_asked_and_told_in_python(
 def test_where_python_or_a_server_has_a_part_it_is_the_ordinary_loop(
     other: dict[str, Any], tmp_path: Path, used: list[Ahead]
 ) -> None:
-    method = {"kind": "de", **other.pop("method", {}), "population": 10, "generations": 3}
+    method = {"kind": "de", "population": 10, "generations": 3, **other.get("method", {})}
+    if method["kind"] == "cea2d":
+        del method["population"]
+    other = {name: value for name, value in other.items() if name != "method"}
     run = optimize(experiment(method, **other), out=tmp_path / "run")
     assert run.state == "done"
     assert not used

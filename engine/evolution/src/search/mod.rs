@@ -5,6 +5,7 @@ mod ahead;
 mod bounded;
 mod evostick;
 mod gaussian;
+mod genetic;
 mod nes;
 mod restarts;
 mod swarm;
@@ -12,13 +13,14 @@ mod swarm;
 pub use bounded::{Bounded, Challenger};
 pub use evostick::{Evostick, EvostickSettings};
 pub use gaussian::{Gaussian, Learning, Space};
+pub use genetic::{Genetic, GeneticSettings, Operators, Variation};
 pub use nes::{Nes, NesSettings, Restart, Shape};
 pub use restarts::{CmaSearch, CmaSettings, Restarts};
 pub use swarm::{SwarmSettings, Swarming};
 
 use crate::sample::GaussianSample;
 
-/// Why there is no place to start from; whoever was asked for it knows more.
+/// Why there is no place to start from, or no genomes; whoever was asked for them knows more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoStart;
 
@@ -30,7 +32,7 @@ pub trait Search: Send + Sync {
     /// The genomes to be evaluated next, row after row.
     ///
     /// # Errors
-    /// There is no place for a new start.
+    /// There is no place for a new start, or somebody else has not made the genomes.
     fn ask(&mut self) -> Result<Vec<f32>, NoStart>;
 
     /// Takes the fitness of the genomes asked for last, in their order; NaN where an evaluation failed.
